@@ -67,105 +67,109 @@ pub use verdict::{Contradiction, Rivals, Verdict};
 
 use crate::calibrate::WarmStart;
 
-/// What a search has found.
+/// The result of a forward search over candidate effects.
 #[derive(Clone, Debug)]
 pub struct Search {
     /// Selected effects, in the order of selection.
     pub path: Vec<Score>,
     /// Scores of all candidates against the model without effects, the best one first.
     pub ranking: Vec<Score>,
-    /// The best generic hypothesis, if it explains more than the selected effects.
+    /// The generic hypothesis with the largest log Bayes factor, if it explains the residuals better than the selected
+    /// effects.
     pub generic: Option<GenericFinding>,
-    /// Effects that fit these recordings but do not predict rests and moves held out.
+    /// Effects with a large log Bayes factor on these recordings that do not predict held-out rests and moves.
     pub not_predictive: Vec<NotPredictive>,
-    /// Size and standard deviation, rad/s, of a rate with the pattern of the Earth's that cannot be it. `earth_rate`
-    /// was excluded from the candidates then.
+    /// Magnitude and standard deviation, rad/s, of an estimated constant rate that differs significantly from the
+    /// Earth's rate. If it is set, `earth_rate` was removed from the candidates.
     pub not_the_earth: Option<(f64, f64)>,
-    /// Effects that these recordings cannot show, and what each needs.
+    /// Name of each effect that is not observable in these recordings, and the data that it requires.
     pub not_observable: Vec<(String, String)>,
-    /// Smallest rms size of a parameter that is detected with 90 % probability, by effect, and its unit: relative to
-    /// the final model, and for effects in that model relative to the model without effects.
+    /// Detection limit of each effect: name, smallest rms size per parameter that is detected with 90 % probability,
+    /// and its unit. The limit is relative to the final model; for effects in the final model it is relative to the
+    /// model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
-    /// Residuals that each effect causes at its typical size.
+    /// Residuals that each effect of typical size would cause.
     pub traces: Vec<Trace>,
-    /// Kind of residual at rests whose scatter under the final model exceeds noise significantly; with effects in the
-    /// model only residuals of their sensors count.
+    /// The kind of residual at rests whose scatter under the final model exceeds noise most, if the excess is
+    /// significant. If effects were selected, only residuals of their sensors are tested.
     pub scattering_rests: Option<Scattering>,
-    /// Whether a hand moved the unit, so that the specific force inside moves is not that of gravity alone and takes no
-    /// part.
+    /// Whether the unit was translated by hand during moves. If so, the specific force inside moves is not gravity
+    /// alone, and accelerometer samples inside moves are not used.
     pub is_hand_moved: bool,
-    /// Where the search ended, as the start of fits with the effects of its path.
+    /// The final fit of the search, as start values for later fits with the selected effects.
     pub warm_start: WarmStart,
 }
 
-/// Name of a kind of residual, ratio of its scatter to noise, and probability of that under the null hypothesis.
+/// Name of a kind of residual, ratio of its standard deviation to noise, and the p-value of this ratio.
 pub type Scattering = (&'static str, f64, f64);
 
-/// The score of an effect.
+/// The score of an effect relative to a model without it (docs/model.md (23)).
 #[derive(Clone, Debug)]
 pub struct Score {
     /// Its name.
     pub name: String,
     /// Log Bayes factor of the model with the effect against the model without it, nats.
     pub log_bayes_factor: f64,
-    /// Twice the gain of the log likelihood.
+    /// Likelihood ratio statistic: twice the increase of the maximum log likelihood.
     pub statistic: f64,
     /// Number of observable directions of its parameters.
     pub dof: usize,
-    /// Probability of such a gain under the null hypothesis.
+    /// p-value of `statistic` under a chi2 distribution with `dof` degrees of freedom.
     pub p_value: f64,
-    /// Of a selected effect: names of the effects within three nats of its evidence when it was selected.
+    /// For a selected effect: names of the effects whose log evidence was within three nats of its own at its
+    /// selection. Empty for all other effects.
     pub rivals: Vec<String>,
 }
 
-/// Residuals that an effect of typical size causes after the base parameters have compensated what they can.
+/// Residuals that an effect of typical size causes after the base parameters are refitted.
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// Its name.
     pub name: String,
-    /// Kind of residual, and the rms of the residuals over their noise.
+    /// Kind of residual, and the rms of these residuals divided by their noise.
     pub times_noise: Vec<(&'static str, f64)>,
-    /// Share of its chi2 that the base parameters compensate.
+    /// Share of the effect's chi2, 0 to 1, that a refit of the base parameters removes.
     pub taken_up: f64,
 }
 
-/// An effect that does not predict data that it was not fitted to.
+/// An effect whose fit does not generalise to held-out data.
 #[derive(Clone, Debug)]
 pub struct NotPredictive {
     /// Its name.
     pub name: String,
-    /// Log Bayes factor on the data that it was fitted to, nats.
+    /// Log Bayes factor on the data of the fit, nats.
     pub log_bayes_factor: f64,
-    /// Gain of the log predictive density of rests and moves held out, nats.
+    /// Increase of the log predictive density of held-out rests and moves, nats.
     pub gain: f64,
-    /// Standard deviation of the gain.
+    /// Standard deviation of `gain`, nats.
     pub gain_std: f64,
 }
 
-/// A bias or a scale that varies in a pattern without a name in the catalogue.
+/// A variation of a bias or a scale that no effect of the catalogue describes (docs/model.md (24)).
 #[derive(Clone, Debug)]
 pub struct GenericFinding {
     /// The parameter that varies.
     pub block: Block,
-    /// The quantity that it varies with.
+    /// The quantity that the parameter varies with, and the form of their covariance.
     pub kernel: Kernel,
     /// Log Bayes factor against the model without effects, nats.
     pub log_bayes_factor: f64,
-    /// The axis that varies most: 0, 1 or 2.
+    /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
-    /// Rests with the largest deviations, the largest first.
+    /// Indices of the rests with the largest deviations, in descending order.
     pub rests: Vec<usize>,
-    /// Rms of the variation of that axis, SI units.
+    /// Rms variation of the parameter on `axis`, SI units.
     pub rms: f64,
 }
 
-/// Whitened residuals and their derivatives, row by row.
+/// Whitened residuals and their Jacobian, one row for each residual.
 #[derive(Clone, Debug)]
 pub struct Linearised {
-    /// The residuals in units of their standard deviation from noise.
+    /// Residuals divided by their standard deviation from sensor noise.
     pub residual: Vec<f64>,
-    /// Derivatives by the base parameters.
+    /// Derivatives with respect to the base parameters: a row for each residual, a column for each parameter.
     pub base: Vec<Vec<f64>>,
-    /// Derivatives by the parameters of each effect; an effect with a time constant has an entry for each trial value.
+    /// Name of each effect and derivatives with respect to its parameters, shaped like `base`. An effect with a time
+    /// constant has one entry for each trial value of the time constant.
     pub candidates: Vec<(String, Vec<Vec<f64>>)>,
 }

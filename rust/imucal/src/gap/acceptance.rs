@@ -6,40 +6,40 @@ use std::rc::Rc;
 use super::fits::{Fit, Fits};
 use crate::error::Error;
 
-/// Relative increase of chi2 per degree of freedom up to which the prediction counts as equally good.
+/// Relative increase of chi2 per degree of freedom on unseen data below which two predictions count as equally good.
 const SAME: f64 = 0.005;
-/// Relative increase of chi2 per degree of freedom above which the prediction is worse, unless so few rests and moves
-/// are held out that a larger increase is not significant.
+/// Relative increase of chi2 per degree of freedom on unseen data above which a prediction is worse. With few held-out
+/// rests and moves, the increase must also be significant.
 const MAY_BE_CHANCE: f64 = 0.1;
-/// Standard deviations by which a change of chi2 is significant.
+/// Threshold for a significant change of chi2, in standard deviations.
 const SIGNIFICANT: f64 = 3.0;
 
-/// A figure on what no fit has seen.
+/// A figure of merit on unseen data: control recordings, or held-out rests and moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnseenFigure {
-    /// Which figure.
+    /// The quantity that is compared.
     pub metric: Metric,
-    /// Without effects.
+    /// Its value without effects, in the unit of `metric`.
     pub before: f64,
-    /// With the effects that joined.
+    /// Its value with the accepted effects.
     pub after: f64,
-    /// What noise alone leaves of it.
+    /// Its expected value if noise is the only error.
     pub floor: f64,
 }
 
-/// Which figure.
+/// A quantity that measures how well unseen data are predicted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Metric {
-    /// chi2 per degree of freedom on control recordings.
+    /// chi2 per degree of freedom of control recordings, dimensionless.
     Chi2PerDof,
-    /// Rms angle between predicted and measured gravity after moves held out, deg.
+    /// Rms angle between predicted and measured gravity direction after held-out moves, deg.
     HeldOutDirection,
-    /// Rms of |f| - g at rests held out, m/s^2.
+    /// Rms of `|f| - g` at held-out rests, m/s^2.
     HeldOutNorm,
 }
 
 impl Metric {
-    /// Its name in documents.
+    /// Name of the figure in JSON documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::Chi2PerDof => "chi2_per_dof",
@@ -49,38 +49,38 @@ impl Metric {
     }
 }
 
-/// An effect that was found and did not join.
+/// An effect that the search selected and that was rejected.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refusal {
-    /// No fit with it has an acceptable end.
+    /// The fit with the effect does not converge to an acceptable solution.
     NotFitted {
         /// Name of the effect.
         name: String,
-        /// Why.
+        /// Error message of the fit.
         error: String,
     },
-    /// It predicts what no fit has seen worse than the model without it.
+    /// Unseen data are predicted worse with the effect than without it.
     PredictsWorse {
         /// Name of the effect.
         name: String,
-        /// chi2 per degree of freedom without it.
+        /// chi2 per degree of freedom of unseen data without the effect.
         before: f64,
-        /// chi2 per degree of freedom with it.
+        /// chi2 per degree of freedom of unseen data with the effect.
         after: f64,
     },
 }
 
-/// Effects that have joined the model.
+/// The accepted effects.
 pub(super) struct Accepted {
     pub(super) path: Vec<String>,
-    /// The fit with them.
+    /// The fit with the accepted effects.
     pub(super) fit: Rc<Fit>,
     pub(super) refused: Vec<Refusal>,
 }
 
 impl Fits<'_> {
-    /// The effects of a path that do not make the prediction of unseen data worse, one after the other; all of them if
-    /// that predicts it better still.
+    /// Accepts, one after the other, the effects of a path that do not make the prediction of unseen data worse. All
+    /// effects are accepted if the model with all of them predicts unseen data even better.
     pub(super) fn accept(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Accepted, Error> {
         let mut accepted = Accepted { path: Vec::new(), fit: Rc::clone(before), refused: Vec::new() };
         for name in path {
@@ -100,7 +100,7 @@ impl Fits<'_> {
             accepted.path.push(name.clone());
             accepted.fit = fit;
         }
-        // Effects that do not help one by one may help together.
+        // Effects that do not improve the prediction one by one may improve it together.
         if accepted.path.len() < path.len()
             && let Ok(fit) = unless_it_fails(self.with(path))?
             && fit.unseen_chi2(before) < accepted.fit.unseen_chi2(before)
@@ -111,7 +111,7 @@ impl Fits<'_> {
     }
 }
 
-/// A fit, or why there is none; errors that are not those of a fit stay errors.
+/// The fit, or the message of the error with which it failed. Errors that are not failures of a fit are propagated.
 pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<Fit>, String>, Error> {
     match fit {
         Ok(fit) => Ok(Ok(fit)),
@@ -120,14 +120,14 @@ pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<F
     }
 }
 
-/// What noise alone leaves of a figure, and of how many numbers the figure is.
+/// Expected value of a figure if noise is the only error, and the number of residuals in the figure.
 struct Floor {
     value: f64,
     count: usize,
 }
 
 impl Fit {
-    /// chi2 per degree of freedom of what no fit has seen; `before` is the fit without effects, whose noise counts.
+    /// chi2 per degree of freedom of unseen data. The noise is that of `before`, the fit without effects.
     pub(super) fn unseen_chi2(&self, before: &Self) -> f64 {
         if let Some(control) = &self.control {
             return control.evaluation.figures.chi2_per_dof;
@@ -141,7 +141,7 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure on what no fit has seen that improves most from this fit to another one.
+    /// The figure on unseen data that improves most from this fit to the fit `after`.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
             let [before, after] = [own, other].map(|control| control.evaluation.figures.chi2_per_dof);
@@ -173,12 +173,12 @@ impl Fit {
             0 => 0.0,
             count => (values.iter().map(|value| value * value).sum::<f64>() / count as f64).sqrt(),
         };
-        // Both components of a direction have its standard deviation.
+        // A direction error has two components with equal standard deviations.
         let direction = Floor { value: std::f64::consts::SQRT_2 * rms(&moves), count: 2 * moves.len() };
         [(Metric::HeldOutDirection, direction), (Metric::HeldOutNorm, Floor { value: rms(&rests), count: rests.len() })]
     }
 
-    /// Whether what no fit has seen is predicted worse than by `other`, by more than chance; `before` is the fit
+    /// Whether unseen data are predicted significantly worse than by `other`. The noise is that of `before`, the fit
     /// without effects.
     fn is_worse_than(&self, other: &Self, before: &Self) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
@@ -189,15 +189,16 @@ impl Fit {
         let change: Vec<f64> = items.flat_map(|(own, other)| changes(&own, &other)).collect();
         let (sum, count) = (change.iter().sum::<f64>(), change.len() as f64);
         let variance = change.iter().map(|value| (value - sum / count).powi(2)).sum::<f64>() / count;
-        // Under the null hypothesis the change of chi2 has two parts: errors of the parameters change all items
-        // together, by chi2 with as many degrees of freedom as there are parameters, and each item changes by itself.
+        // Under the null hypothesis the change of chi2 has two parts. Parameter errors shift the residuals of all rests
+        // and moves together, which gives a chi2 with as many degrees of freedom as there are parameters. In addition
+        // each rest and move changes independently.
         let shared = 2.0 * self.outcome.names.len() as f64;
         let together = SIGNIFICANT * shared.sqrt();
         let all = SIGNIFICANT * (shared + if change.is_empty() { 0.0 } else { count * variance }).sqrt();
         value > least + (MAY_BE_CHANCE * least).max(together / count.max(1.0)) || sum > all
     }
 
-    /// chi2 of each rest, of each move and of the mean rate at each rest that no fit has seen.
+    /// chi2 of each unseen rest, of each unseen move, and of the mean angular rate at each unseen rest.
     fn unseen_items(&self) -> [Vec<Option<f64>>; 3] {
         let of = |errors: &mut dyn Iterator<Item = f64>, sigmas: &mut dyn Iterator<Item = f64>| {
             let chi2 = |(error, sigma): (f64, f64)| {
@@ -225,7 +226,7 @@ impl Fit {
     }
 }
 
-/// Differences of what both have.
+/// Differences of the values that are present in both lists.
 fn changes(own: &[Option<f64>], other: &[Option<f64>]) -> Vec<f64> {
     own.iter().zip(other).filter_map(|(own, other)| Some((*own)? - (*other)?)).collect()
 }

@@ -22,14 +22,14 @@ use crate::error::Error;
 use crate::finding::Finding;
 use crate::recording::Recording;
 
-/// What a search for the missing effect has found.
+/// The result of [`find_gap`].
 #[derive(Clone, Debug)]
 pub struct Gap {
-    /// The verdict.
+    /// The conclusion of the search.
     pub verdict: Verdict,
-    /// Faults of the data, if they are the verdict.
+    /// Faults of the data; empty unless the verdict is [`Verdict::DataFault`].
     pub faults: Vec<Finding>,
-    /// Fits and evidence; `None` if faults of the data prevented any fit.
+    /// Fits and evidence; `None` if faults of the data prevented the first fit.
     pub analysis: Option<Analysis>,
 }
 
@@ -38,60 +38,66 @@ pub struct Gap {
 pub struct Analysis {
     /// The fit without effects.
     pub before: Fit,
-    /// The fit with the effects that joined the model; `None` if none did.
+    /// The fit with the accepted effects; `None` if no effect was accepted.
     pub after: Option<Fit>,
-    /// The effects that joined, each with its score and its rivals.
+    /// Scores of the accepted effects, with their rivals.
     pub effects: Vec<Score>,
-    /// Rivals of the effects that joined, fitted in their place.
+    /// Fits in which a rival replaces an accepted effect.
     pub rivals: Vec<RivalFit>,
-    /// Effects that were found and did not join.
+    /// Effects that the search selected and that were then rejected.
     pub refused: Vec<Refusal>,
-    /// What has the pattern of the Earth's rate and not its size.
+    /// An estimated constant rate that is not the Earth's rate.
     pub not_the_earth: Option<NotTheEarth>,
-    /// Effects that fit the recordings too well for chance and do not predict what no fit has seen.
+    /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub not_confirmed: Vec<Score>,
-    /// Control recordings that contradict effects that had been accepted.
+    /// Evidence of the control recordings against effects that had been accepted.
     pub contradiction: Option<Contradiction>,
-    /// The figure on what no fit has seen, before and after.
+    /// A figure of merit on unseen data, without and with the accepted effects.
     pub unseen: UnseenFigure,
-    /// chi2 per degree of freedom of the given calibration, if there is one, of the fit without effects and of that
-    /// with what joined: on the control recordings, or on the recordings if there are none.
+    /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
+    /// accepted effects; on the control recordings, or on the calibration recordings if there are no control
+    /// recordings. `None` if no calibration was given.
     pub chi2_of_given: Option<[f64; 3]>,
-    /// Residuals of the fit without effects by kind and place, and what the fit with effects leaves of them.
+    /// Residuals of the fit without effects by kind, rest and move, compared with the residuals of the fit with
+    /// effects.
     pub residuals: ResidualsByPlace,
-    /// Predicted errors of signals corrected by the given calibration, or else by the fit without effects, and by the
-    /// fit with effects: on the control recordings if there are any. `None` if no effect joined.
+    /// Predicted rms errors of corrected signals (docs/model.md (35)), before and after: corrected by the given
+    /// calibration, or by the fit without effects if none was given, and corrected by the fit with effects. They are
+    /// computed on the control recordings, or on the calibration recordings if there are no control recordings. `None`
+    /// if no effect was accepted.
     pub corrected_errors: Option<PredictedErrors>,
-    /// All scores, generic hypotheses, and what the recordings could show.
+    /// Scores of all candidates, generic hypotheses and detection limits.
     pub search: Search,
 }
 
-/// A rival of an effect that joined the model, as it was estimated in the place of that effect.
+/// The estimate of a rival in a fit in which it replaces an accepted effect.
 #[derive(Clone, Debug)]
 pub struct RivalFit {
-    /// The effect that joined.
+    /// Name of the accepted effect.
     pub name: String,
-    /// The rival.
+    /// Name of the rival.
     pub rival: String,
-    /// The estimate of the rival; `None` if it cannot be fitted.
+    /// Parameters of the rival; `None` if the fit with the rival fails.
     pub estimate: Option<TermEstimate>,
 }
 
-/// A rate with the pattern of the Earth's and another size, or one that these recordings do not determine.
+/// An estimated constant rate in the world frame whose magnitude differs from the Earth's rate, or is not determined by
+/// the recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NotTheEarth {
-    /// Its size, rad/s.
+    /// Magnitude, rad/s.
     pub size_radps: f64,
-    /// Its standard deviation, rad/s.
+    /// Standard deviation of the magnitude, rad/s.
     pub sigma_radps: f64,
 }
 
-/// Finds where recordings of a unit disagree with the model, names the effect that is missing, and adds it.
+/// Finds where recordings of a unit disagree with the model, identifies the missing effect, and adds it to the model.
 ///
-/// `control` are recordings that only judge; without them rests and moves are held out, in three folds.
+/// `control` are recordings that are used only for validation. Without control recordings, rests and moves are held out
+/// in three folds.
 ///
 /// # Errors
-/// As [`calibrate`](crate::calibrate::calibrate()), but faults of the data are a verdict.
+/// As [`calibrate`](crate::calibrate::calibrate()), except that faults of the data are returned as a verdict.
 pub fn find_gap(
     recordings: &[Recording<'_>],
     control: &[Recording<'_>],
@@ -99,7 +105,7 @@ pub fn find_gap(
     gap_options: &GapOptions<'_>,
 ) -> Result<Gap, Error> {
     let refused = |faults| Ok(Gap { verdict: Verdict::DataFault, faults, analysis: None });
-    // Checks and start values belong to the first fit.
+    // Progress is reported here because the checks and start values are part of the first fit.
     gap_options.report(Progress::Fit { effects: &[] })?;
     let checked = match Checked::try_new(recordings, options) {
         Err(Error::Data(faults)) => return refused(faults),
@@ -154,18 +160,19 @@ pub fn find_gap(
     Ok(Gap { verdict: judgement.verdict, faults: judgement.faults, analysis: Some(analysis) })
 }
 
-/// Whether what was named `earth_rate` may be the rate of the Earth.
+/// Whether an effect that was selected as `earth_rate` may be the rate of the Earth.
 enum Earth {
-    /// It may be, or was not named.
+    /// The estimate is compatible with the Earth's rate, or `earth_rate` was not selected.
     Possible,
-    /// It cannot be fitted.
+    /// The fit with `earth_rate` fails, for this reason.
     NotFitted(String),
-    /// It has another size, or is not determined.
+    /// The magnitude differs from the Earth's rate, or is not determined.
     Other(NotTheEarth),
 }
 
 impl Fits<'_> {
-    /// The search, once more without `earth_rate` where that was named and is something else.
+    /// Searches for effects. If `earth_rate` is selected but its estimate is not the Earth's rate, the search is
+    /// repeated without it.
     fn search_beyond_the_earth(&mut self, before: &Rc<Fit>) -> Result<(Search, Earth), Error> {
         let choices = self.options.choices();
         let search = self.search(before, &choices, false)?;
@@ -176,7 +183,7 @@ impl Fits<'_> {
         }
         let others: Vec<EffectChoice> =
             choices.into_iter().filter(|choice| choice.effect.name != earth::NAME).collect();
-        // A motion by hand stays one, whatever fewer effects explain.
+        // The detection of hand motion is kept from the first search, because fewer candidates may explain less of it.
         let again = self.search(before, &others, search.is_hand_moved)?;
         Ok((again, earth))
     }
@@ -193,8 +200,8 @@ impl Fits<'_> {
         Ok(search)
     }
 
-    /// The direction of the Earth's rate is free, because the heading is not known and every latitude is possible; its
-    /// size is known.
+    /// Tests the magnitude of an estimated `earth_rate` against the known magnitude. The direction is not tested,
+    /// because heading and latitude are unknown.
     fn earth(&mut self, search: &Search) -> Result<Earth, Error> {
         if let Some((size_radps, sigma_radps)) = search.not_the_earth {
             return Ok(Earth::Other(NotTheEarth { size_radps, sigma_radps }));
@@ -213,7 +220,7 @@ impl Fits<'_> {
         })
     }
 
-    /// chi2 per degree of freedom of the given calibration, if there is one, and of the two fits.
+    /// chi2 per degree of freedom of the given calibration and of the two fits; `None` if no calibration was given.
     fn chi2_of_given(&self, before: &Fit, after: &Fit) -> Result<Option<[f64; 3]>, Error> {
         let Some(given) = &self.options.calibration else { return Ok(None) };
         let options = self.checked.options();
@@ -242,7 +249,7 @@ impl Fits<'_> {
         Ok(Some([of_given, of_fit(before)?, of_fit(after)?]))
     }
 
-    /// Residuals of the fit without effects by kind and place, and what the other one leaves of them.
+    /// Residuals of the fit `before` by kind, rest and move, compared with the residuals of the fit `after`.
     fn residuals(&self, before: &Fit, after: Option<&Fit>, inside_moves: bool) -> Result<ResidualsByPlace, Error> {
         let recordings = self.checked.recordings();
         let samples = |fit: &Fit| {
@@ -262,7 +269,7 @@ impl Fits<'_> {
         Ok(residuals_by_place(&before, after.as_ref(), inside_moves))
     }
 
-    /// Predicted errors of corrected signals, without and with the effects that joined.
+    /// Predicted rms errors of corrected signals, without and with the accepted effects.
     fn corrected_errors(&self, before: &Fit, after: &Fit) -> Result<PredictedErrors, Error> {
         self.options.report(Progress::PredictErrors)?;
         let calibration =
@@ -286,7 +293,7 @@ impl Fits<'_> {
         predicted_errors(calibration, &after.outcome, recordings, Some(&user))
     }
 
-    /// Each rival of an effect that joined, fitted in the place of that effect.
+    /// Fits a model for each rival in which the rival replaces its accepted effect.
     fn rivals(&mut self, path: &[String], rivals: &[Rivals]) -> Result<Vec<RivalFit>, Error> {
         let mut found = Vec::new();
         for Rivals { name, rivals } in rivals {
@@ -296,7 +303,7 @@ impl Fits<'_> {
                 let estimate = match self.with(&instead) {
                     Ok(fit) => fit.outcome.effects.iter().find(|own| own.name == *rival).cloned(),
                     Err(error @ Error::Caller(_)) => return Err(error),
-                    // A rival that cannot be fitted has no size.
+                    // The fit with the rival failed, so its parameters are unknown.
                     Err(_) => None,
                 };
                 found.push(RivalFit { name: name.clone(), rival: rival.clone(), estimate });
@@ -307,7 +314,8 @@ impl Fits<'_> {
 }
 
 impl Fit {
-    /// The size of `earth_rate` in this fit and its standard deviation.
+    /// Magnitude of `earth_rate` in this fit and its standard deviation, rad/s; `None` if the effect is not in the
+    /// model.
     fn earth_rate(&self) -> Option<NotTheEarth> {
         let values = &self.outcome.effects.iter().find(|effect| effect.name == earth::NAME)?.values;
         let first = self.outcome.names.iter().position(|name| name.starts_with("earth_rate_"))?;

@@ -13,36 +13,37 @@ use crate::error::Error;
 use crate::evaluate::{Evaluation, evaluate, evaluate_corrected};
 use crate::recording::Recording;
 
-/// Number of folds without control recordings: every third rest and move is predicted by a fit to the others.
+/// Number of cross-validation folds if there are no control recordings. Each fold holds out every third rest and move,
+/// and predicts them with a fit to the other rests and moves.
 pub const FOLDS: usize = 3;
 
 /// A model fitted to the recordings of a unit.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// Names of its effects.
+    /// Names of the effects in the model.
     pub effects: Vec<String>,
     /// The calibration.
     pub outcome: Outcome,
-    /// The calibration judged on the control recordings, if there are any.
+    /// Evaluation of the calibration on the control recordings; `None` if there are none.
     pub control: Option<Control>,
 }
 
-/// A calibration judged on control recordings.
+/// Evaluation of a calibration on control recordings.
 #[derive(Clone, Debug)]
 pub struct Control {
-    /// Figures, rests and moves.
+    /// Figures of merit, and residuals of rests and moves.
     pub evaluation: Evaluation,
-    /// chi2 of the mean angular rate of each rest about the mean of all rests of its recording, three degrees of
-    /// freedom; `None` of rests that take no part.
+    /// chi2 of the mean angular rate of each rest relative to the mean over all rests of its recording, with three
+    /// degrees of freedom; `None` for rests that are excluded from the evaluation.
     pub rate_chi2: Vec<Option<f64>>,
 }
 
-/// The fits of a search.
+/// The fits made during a search, and the data that they use.
 pub(super) struct Fits<'a> {
     pub(super) checked: &'a Checked<'a>,
     pub(super) control: &'a [Recording<'a>],
     pub(super) options: &'a GapOptions<'a>,
-    /// Where the last search ended: a fit with the effects that it found ends close to that.
+    /// Final fit of the last search, as start values: fits with the selected effects end close to it.
     pub(super) warm_start: Option<WarmStart>,
     made: Vec<Rc<Fit>>,
 }
@@ -52,7 +53,7 @@ impl<'a> Fits<'a> {
         Self { checked, control, options, warm_start: None, made: Vec::new() }
     }
 
-    /// The fit with these effects, of the catalogue or of the user's own.
+    /// The fit with these effects, which may be from the catalogue or user-defined.
     pub(super) fn with(&mut self, names: &[String]) -> Result<Rc<Fit>, Error> {
         if let Some(known) = self.made.iter().find(|fit| fit.effects == names) {
             return Ok(Rc::clone(known));
@@ -92,14 +93,14 @@ impl<'a> Fits<'a> {
             let is_finite = |recording: &Recording<'_>| {
                 recording.temperature_degc.is_none_or(|degc| degc.iter().all(|value| value.is_finite()))
             };
-            // The recordings are sound and judge the model without effects: these effects cannot be undone there.
+            // The model without effects can be evaluated on the control recordings, so these effects cause the failure.
             let effects_fail = !names.is_empty() && self.control.iter().all(is_finite);
             return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
         }
         Ok(Fit { effects: names.to_vec(), outcome, control })
     }
 
-    /// The recordings of the unit, corrected by a calibration; `None` where it has no effects.
+    /// The calibration recordings corrected by a calibration; `None` if the calibration has no effects.
     pub(super) fn corrected(&self, outcome: &Outcome) -> Result<Option<Vec<CorrectedSamples>>, Error> {
         self.corrected_set(outcome, RecordingSet::Calibration)
     }
@@ -113,7 +114,7 @@ impl<'a> Fits<'a> {
         }
     }
 
-    /// Judges a calibration on the control recordings.
+    /// Evaluates a calibration on the control recordings.
     fn judge(&self, outcome: &Outcome) -> Result<Control, Error> {
         let options = self.checked.options();
         let corrected = self.corrected_set(outcome, RecordingSet::Control)?;
@@ -125,8 +126,8 @@ impl<'a> Fits<'a> {
     }
 }
 
-/// Recordings corrected by a calibration; `None` where it has no effects, so that samples need no correction one by
-/// one.
+/// Recordings corrected by a calibration; `None` if the calibration has no effects, because samples need no individual
+/// correction then.
 pub(super) fn corrected_by(
     calibration: &Calibration<f64>,
     recordings: &[Recording<'_>],
@@ -141,7 +142,7 @@ pub(super) fn corrected_by(
     corrected.collect::<Result<_, Error>>().map(Some)
 }
 
-/// Evaluates a calibration, with corrected recordings if it has effects.
+/// Evaluates a calibration on recordings. A calibration with effects requires the corrected recordings.
 pub(super) fn judged(
     calibration: &Calibration<f64>,
     recordings: &[Recording<'_>],
@@ -165,10 +166,10 @@ pub(super) fn with_samples<'a>(recordings: &[Recording<'a>], samples: &'a [Corre
     recordings.iter().zip(samples).map(with).collect()
 }
 
-/// chi2 of the mean angular rates at the rests of control recordings.
+/// chi2 of the mean angular rate at each rest of the control recordings.
 ///
-/// Some effects of the gyroscope, an isotropic g-sensitivity for one, show there alone. The noise is that of the
-/// samples as they were recorded, because removing a delay makes samples smoother and their mean no better known.
+/// Some gyroscope effects, for example an isotropic g-sensitivity, are observable only in these means. The noise is
+/// that of the raw samples, because the correction of a delay smooths samples without improving their mean.
 fn rate_chi2(
     calibration: &Calibration<f64>,
     evaluation: &Evaluation,

@@ -20,19 +20,19 @@ use crate::joint::{Kinds, Linear, Model, Prepared};
 use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
-/// Most effects in a model.
+/// Maximum number of effects in a model.
 const MOST_EFFECTS: usize = 6;
-/// Standard deviation of the narrowest prior, in typical sizes.
+/// Smallest standard deviation of a prior, in multiples of the typical size of the parameter.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
-/// Smallest change of the temperature that shows its effects, K, in means over [`MEAN_S`].
+/// Minimum temperature range, K, of means over [`MEAN_S`] for temperature effects to be candidates.
 const LEAST_CHANGE_K: f64 = 0.5;
-/// Duration of the means of the temperature, s, which removes noise of its readings.
+/// Averaging time of the temperature, s, which suppresses the noise of the readings.
 const MEAN_S: f64 = 1.0;
 
-/// Looks for effects among `candidates` and `user_fields` in the recordings that are checked.
+/// Searches the checked recordings for effects among `candidates` and `user_fields`.
 ///
-/// `is_hand_moved` states that a search among more candidates has found that a hand moved the unit
-/// ([`Search::is_hand_moved`]); otherwise this is decided anew.
+/// `is_hand_moved` is true if an earlier search with more candidates detected hand motion ([`Search::is_hand_moved`]).
+/// If it is false, hand motion is tested here.
 ///
 /// # Errors
 /// As [`calibrate`](crate::calibrate::calibrate()).
@@ -49,7 +49,7 @@ pub fn search(
     })
 }
 
-/// The whitened residuals of the model without effects and their derivatives, for other methods of choosing effects.
+/// Whitened residuals of the model without effects and their Jacobian, for other methods of model selection.
 ///
 /// # Errors
 /// As [`search`].
@@ -74,12 +74,11 @@ pub fn linearise(
     })
 }
 
-/// Name, smallest rms size that is detected with 90 % probability, and unit of each effect; and name and missing
-/// requirement of each effect that cannot be detected.
+/// For each observable effect: name, smallest rms size per parameter that is detected with 90 % probability, and its
+/// unit. For each effect that is not observable: name, and the data that it requires.
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// The smallest size at which each of the candidates would be detected relative to the model without effects.
-/// `is_hand_moved` is as in [`search`].
+/// Detection limit of each candidate relative to the model without effects. `is_hand_moved` is as in [`search`].
 ///
 /// # Errors
 /// As [`search`].
@@ -95,7 +94,8 @@ pub fn smallest_visible(
     })
 }
 
-/// Works on the start of a search: the model without effects, and the candidates that are excluded already.
+/// Calls `work` with the start of a search: the model without effects, and the effects that are excluded because the
+/// recordings lack what they require.
 fn at_start<T>(
     checked: &Checked<'_>,
     candidates: &[EffectChoice],
@@ -111,8 +111,8 @@ fn at_start<T>(
     })
 }
 
-/// Temperatures relative to their mean over all recordings. The columns of an effect of temperature contain those of
-/// the base parameters times the difference of the mean from the reference temperature; the search must not explain
+/// Temperatures shifted so that their mean over all recordings is the reference temperature. Otherwise the columns of
+/// temperature effects would contain a multiple of the columns of the base parameters, and the search could explain
 /// noise by that part.
 fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     let (sum, count) = (recordings.iter().filter_map(|recording| recording.temperature_degc).flatten())
@@ -123,7 +123,7 @@ fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     recordings.iter().map(|recording| recording.temperature_degc.map(centred)).collect()
 }
 
-/// Whether the temperature changes enough to show its effects, apart from the noise of its readings.
+/// Whether the range of the averaged temperature is at least [`LEAST_CHANGE_K`].
 fn is_warmed(recordings: &[Recording<'_>]) -> bool {
     let warmed = recordings.iter().filter_map(|recording| Some((recording, recording.temperature_degc?)));
     let means = warmed.flat_map(|(recording, degc)| {
@@ -138,22 +138,22 @@ fn is_warmed(recordings: &[Recording<'_>]) -> bool {
 /// The state of a search.
 pub(super) struct ForwardSearch<'a> {
     pub(super) kinds: Kinds,
-    /// Whether it is known that a hand moved the unit.
+    /// Whether the unit is known to have been moved by hand.
     pub(super) is_hand_moved: bool,
-    /// Effects that cannot be detected, and what they need.
+    /// Name of each effect that is not observable, and the data that it requires.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
     pub(super) samples: Vec<usize>,
-    /// Fits made so far.
+    /// All fits of this search, by effects and kinds of residuals.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
-    /// The most recent fits, the latest first, linearised at their ends.
+    /// The most recent fits, the latest first, with the linearisation at their solution.
     pub(super) recent: RefCell<Vec<(FitKey, Arc<Linear>)>>,
-    /// The model without effects with the columns of all candidates, once it is computed.
+    /// The design of the model without effects, with the columns of all candidates; `None` until it is computed.
     pub(super) ground: RefCell<Option<Arc<Design>>>,
 }
 
 impl<'a> ForwardSearch<'a> {
-    /// The search and the candidates that it can examine.
+    /// A new search, and the candidates whose requirements the recordings meet.
     fn new(
         checked: &Checked<'_>,
         candidates: &[EffectChoice],
@@ -233,7 +233,8 @@ impl<'a> ForwardSearch<'a> {
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
-        // Relative to the final model; for effects in that model, relative to the model without effects.
+        // Detection limits relative to the final model. For effects in the final model they are relative to the model
+        // without effects.
         let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
         for entry in visible {
             if !smallest_visible.iter().any(|(name, ..)| *name == entry.0) {
@@ -256,8 +257,8 @@ impl<'a> ForwardSearch<'a> {
         })
     }
 
-    /// Adds the best candidate repeatedly, starting from the model without effects, and removes superfluous effects at
-    /// the end.
+    /// Forward selection: adds the best candidate repeatedly, starting from the model without effects. Superfluous
+    /// effects are removed at the end.
     fn select(
         &self,
         prepared: &Prepared<'_>,
@@ -292,13 +293,13 @@ impl<'a> ForwardSearch<'a> {
                 Ok(next) if next.evidence.log > stage.evidence.log => {
                     path.push(Score { rivals, ..pick.score.clone() });
                     stage = next;
-                    // Now, before a second effect compensates the residuals of a wrong one.
+                    // Aliases are compared before a second effect can compensate the residuals of a wrong first effect.
                     if self.swap(prepared, open, &mut stage, &mut path)? {
                         stage = beside(&stage, &stage.members)?;
                     }
                     last = Some(judge(&stage));
                 }
-                // An effect that is not determined, or that does not raise the evidence once it is fitted, is skipped.
+                // Candidates that cannot be fitted, or that do not increase the evidence after the fit, are skipped.
                 _ => skipped.push(pick.score.name.clone()),
             }
         }
@@ -314,6 +315,6 @@ struct Selected {
     stage: Stage,
     path: Vec<Score>,
     not_predictive: Vec<NotPredictive>,
-    /// Scores of the candidates relative to the last model; `None` if that is the model without effects.
+    /// Scores of the candidates relative to the final model; `None` if that is the model without effects.
     last: Option<Judgement>,
 }

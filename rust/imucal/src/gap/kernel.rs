@@ -1,28 +1,28 @@
-//! How deviations at two moments are correlated.
+//! Covariance kernels of a parameter that varies (docs/model.md (24)).
 
-/// Covariance of the deviations at two moments.
+/// Covariance of a parameter's deviations at two times as a function of one quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
-    /// A random walk in time.
+    /// Deviations follow a random walk in time.
     RandomWalk,
-    /// Equal at equal directions of gravity in the body.
+    /// Deviations are a smooth function of the direction of gravity in the body frame.
     GravityDirection,
-    /// Equal at equal attitudes, heading included.
+    /// Deviations are a smooth function of the attitude, including heading.
     Attitude,
-    /// Equal at equal temperatures.
+    /// Deviations are a smooth function of temperature.
     Temperature,
-    /// Equal after equal rotations.
+    /// Deviations depend on the signs of the last rotation about each axis.
     LastMotion,
-    /// Proportional to horizontal directions of the world in the body frame.
+    /// Deviations are linear in the components of two horizontal world directions in the body frame.
     Heading,
-    /// Equal at equal angular rates and angular accelerations.
+    /// Deviations are a function of the angular rate and the angular acceleration.
     Rate,
-    /// Equal at equal specific forces.
+    /// Deviations are a smooth function of the specific force.
     Force,
 }
 
 impl Kernel {
-    /// The name in results.
+    /// Name of the kernel in JSON documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::RandomWalk => "random_walk",

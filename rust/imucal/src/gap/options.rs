@@ -10,24 +10,26 @@ use crate::recording::Recording;
 /// Options of [`find_gap`](super::find_gap).
 #[derive(Clone, Default)]
 pub struct GapOptions<'a> {
-    /// Effects of the catalogue to look for; all of them if `None`.
+    /// Candidate effects from the catalogue; all of them if `None`.
     pub candidates: Option<Vec<EffectChoice>>,
-    /// Effects of the user's own, which are always looked for.
+    /// User-defined effects, which are always candidates.
     pub user_effects: Option<&'a dyn UserEffects>,
-    /// A calibration to compare with; without it the fit without effects is what others are compared with.
+    /// A calibration to compare with; if `None`, the fit without effects is the reference.
     pub calibration: Option<GivenCalibration<'a>>,
-    /// Is called before each step; an error ends the search.
+    /// Callback before each step of the search; an error from it ends the search.
     pub progress: Option<ReportProgress<'a>>,
 }
 
-/// A calibration that is judged on the control recordings, or on the recordings themselves if there are none.
+/// A calibration to be evaluated on the control recordings, or on the calibration recordings if there are no control
+/// recordings.
 #[derive(Clone, Copy)]
 pub struct GivenCalibration<'a> {
-    /// The calibration, in the symmetric frame, without effects of a user's own.
+    /// The calibration, in the symmetric body frame, without user-defined effects.
     pub calibration: &'a Calibration<f64>,
-    /// The gravity that it was made with, m/s^2.
+    /// Local gravity that the calibration was made with, m/s^2.
     pub gravity_mps2: f64,
-    /// The recordings that it is judged on, corrected by it; `None` to correct them here.
+    /// The evaluation recordings corrected by this calibration; `None` to correct them in this crate. User-defined
+    /// effects require it, because this crate cannot correct them.
     pub corrected: Option<&'a [Recording<'a>]>,
 }
 
@@ -39,12 +41,12 @@ pub type ReportProgress<'a> = &'a dyn Fn(Progress<'_>) -> Result<(), Error>;
 pub enum Progress<'a> {
     /// A model with these effects is fitted.
     Fit {
-        /// Their names; none for the model without effects.
+        /// Names of the effects; empty for the model without effects.
         effects: &'a [String],
     },
-    /// So many effects are scored.
+    /// Candidate effects are scored.
     Score {
-        /// How many.
+        /// Number of candidates.
         candidates: usize,
     },
     /// The error of corrected signals is predicted.
@@ -56,7 +58,7 @@ impl GapOptions<'_> {
         self.progress.map_or(Ok(()), |report| report(progress))
     }
 
-    /// Whether this is the name of an effect of the user's own.
+    /// Whether `name` is the name of a user-defined effect.
     pub(super) fn user_effect(&self, name: &str) -> bool {
         self.user_effects.is_some_and(|source| source.names().iter().any(|own| own == name))
     }

@@ -20,22 +20,24 @@ use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::numerics::stats::p_value;
 use crate::numerics::workers::{in_order, processors};
 
-/// Trial standard deviations of the prior, in typical sizes.
+/// Trial standard deviations of the prior of an effect's parameters, in multiples of their typical size.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
-/// A standard deviation of the prior, in typical sizes, so large that the prior has no effect.
+/// Standard deviation of the prior, in multiples of the typical size, that is large enough to make the prior
+/// ineffective.
 const NO_PRIOR: f64 = 1e4;
-/// A direction of the parameters is observable if a hundred times the typical size changes chi2 by one or more.
+/// Smallest change of chi2 for an observable direction in parameter space. The change is that of a parameter vector of
+/// one typical size; the threshold corresponds to a change of one at a hundred typical sizes.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
-/// Probability under the null hypothesis above which noise explains a scatter.
+/// p-value of a group's chi2 above which noise alone explains its scatter.
 const NOISE_CHANCE: f64 = 0.01;
-/// Probability under the null hypothesis below which the scatter of rests is significant.
+/// p-value below which the scatter of rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
-/// Factor of the scatter of rests over white noise that coloured noise or a wandering bias may cause.
+/// Maximum ratio of the standard deviation of rests to white noise that coloured noise or bias instability may cause.
 const WIDE: f64 = 2.5;
-/// Share of the variance that a large effect may leave because of its nonlinearity.
+/// Share of the variance that may remain as a linearisation error after a large effect is fitted.
 const REMAINDER: f64 = 0.05;
 
-/// A candidate with the prior width and the time constant of largest evidence.
+/// The score of a candidate at the prior width and trial time constant that maximise the evidence.
 pub(super) struct Judged {
     pub(super) score: Score,
     pub(super) width: f64,
@@ -45,9 +47,9 @@ pub(super) struct Judged {
 /// Scores of all candidates.
 pub(super) struct Judgement {
     pub(super) scores: Vec<Judged>,
-    /// Effects that cannot be detected, and what would show them.
+    /// Name of each effect that is not observable, and the data that it requires.
     pub(super) blind: Vec<(String, String)>,
-    /// The smallest size of each candidate that would be detected, and its unit.
+    /// Detection limit of each candidate: name, smallest rms size per parameter, and its unit.
     pub(super) visible: Vec<(String, f64, String)>,
 }
 
@@ -55,8 +57,8 @@ pub(super) struct Judgement {
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    // Observability is judged with noise alone: an effect that is not in the model yet widens the scatter and must not
-    // hide itself.
+    // Observability is judged with the scales fixed to one, because an effect that is missing in the model increases
+    // the scales and would make itself appear unobservable.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
@@ -100,17 +102,18 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     Judgement { scores, blind, visible }
 }
 
-/// What the recordings show of a candidate relative to a model.
+/// Observability and score of a candidate relative to a model.
 struct Look {
     /// Number of directions of its parameters that are observable with noise alone.
     dof: usize,
-    /// Change of chi2 by its typical size.
+    /// Sum over the candidate's parameters of the change of chi2 by one typical size.
     trace: f64,
     judged: Option<Judged>,
 }
 
-/// Examines a candidate with the columns `own`, with the model swept out at the scales of noise alone (`None` if these
-/// are the scales of the model) and at the scales of the model; `None` if the candidate is not observable.
+/// Scores a candidate with the columns `own`, after projection on the model. The first projection uses scales of one
+/// (`None` if the model's scales are one), the second uses the scales of the model. Returns `None` if the candidate is
+/// not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,
@@ -124,7 +127,7 @@ fn look_at(
     let unwidened = plain.as_ref().map(|plain| beside.left(&all.part_of(plain, &beside, own)));
     let dof = unwidened.as_ref().unwrap_or(&left).directions(LEAST_CHANGE);
     let judged = || {
-        // The scales hardly depend on the prior width, and the best width does not depend on that change.
+        // The scales are determined with an ineffective prior, because they hardly depend on the prior width.
         let (free, settled) = beside.evidence(NO_PRIOR, swept)?;
         let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
         let statistic = (before.deviance - free.deviance).max(0.0);
@@ -141,15 +144,15 @@ fn look_at(
     (dof > 0).then(|| Look { dof, trace: left.trace(), judged: judged() })
 }
 
-/// Gain of a candidate on rests and moves held out; `None` if noise explains the residuals with it, because its p-value
-/// is valid then.
+/// Increase of the log predictive density of held-out rests and moves by a candidate. Returns `None` if noise explains
+/// the residuals with the candidate in the model, because its p-value is valid then.
 pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
     let candidate = candidates.iter().find(same)?;
     let with: Vec<Column> = model.iter().copied().chain(candidate.columns(judged.width)).collect();
     let scales = gram.evidence_near(&with, &stage.evidence.scales)?.scales;
-    // A scale is chi2 per degree of freedom; the number of rows is slightly larger than that of the degrees of freedom.
+    // A scale is chi2 per degree of freedom. The number of rows approximates the number of degrees of freedom.
     let mut chances = scales.iter().zip(&gram.rows).map(|(scale, rows)| p_value(scale * rows, *rows as usize));
     if chances.all(|chance| chance > NOISE_CHANCE) {
         return None;
@@ -172,7 +175,7 @@ impl Candidate {
         self.columns.clone().zip(self.typical.iter().copied())
     }
 
-    /// Its columns with a prior of this width in typical sizes.
+    /// The columns of the candidate with a prior whose standard deviation is `width` typical sizes.
     pub(super) fn columns(&self, width: f64) -> impl Iterator<Item = Column> {
         self.columns.clone().zip(&self.typical).map(move |(place, typical)| Column {
             place,
@@ -182,8 +185,8 @@ impl Candidate {
     }
 }
 
-/// Residuals of each kind that each candidate of typical size causes after the model has compensated what it can; of
-/// several trial time constants the one with the largest residuals.
+/// Residuals of each kind that each candidate of typical size causes after the model is refitted. For a candidate with
+/// a time constant, the trial value with the largest residuals is used.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     const NAMES: [&str; 8] = [
         "rest_norm",
@@ -215,8 +218,8 @@ pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     traces
 }
 
-/// chi2 that a candidate of typical size, with independent signs of its parameters, adds to each group after the model
-/// is projected out, and the sum over all groups before that.
+/// chi2 of each group of residuals that a candidate of typical size causes after projection on the model, and the sum
+/// over all groups before the projection. The parameters have independent random signs.
 fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Option<(Vec<f64>, f64)> {
     let n = model.len();
     let p = candidate.typical.len();
@@ -247,10 +250,10 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
     Some((left, given))
 }
 
-/// The kind of residual at rests, or against the stand, whose scatter exceeds noise most, if that is significant. Moves
-/// are not examined, because a gyroscope with more noise in motion is no missing effect. With effects in the model only
-/// residuals of their sensors count: a real unit has several small deviations from the model, and a large effect leaves
-/// a small remainder. `before` are the scales without effects.
+/// The kind of residual at rests, or relative to the stand, with the largest significant excess over noise. Moves are
+/// not tested, because gyroscope noise that increases in motion is not a missing effect. If effects were selected, only
+/// residuals of their sensors are tested, because a real unit has several small deviations from the model. The
+/// linearisation error [`REMAINDER`] of large effects is tolerated; `before` are the scales without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),
@@ -263,7 +266,8 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
         if sensor == Sensor::Encoder && !stage.sensors.contains(&sensor) {
-            // No noise widens the residuals against the stand; the remainder of a large effect of the encoders does.
+            // Residuals relative to the stand contain no coloured noise, so only the linearisation error of encoder
+            // effects is tolerated.
             return stage.sensors.is_empty() || scale - 1.0 > REMAINDER * (before - 1.0);
         }
         let beside = stage.sensors.is_empty() || (stage.sensors.contains(&sensor) && scale > REMAINDER * before);
@@ -272,17 +276,16 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     let of = |(group, sensor, name)| {
         let place = gram.groups.iter().position(|g| *g == group)?;
         let (scale, rows) = (stage.evidence.scales[place], gram.rows[place]);
-        // The scale is chi2 per degree of freedom; the number of rows is slightly larger than that of the degrees of
-        // freedom.
+        // A scale is chi2 per degree of freedom. The number of rows approximates the number of degrees of freedom.
         let chance = p_value(scale * rows, rows as usize);
         (chance < SCATTER_CHANCE && is_meant(sensor, scale, before[place])).then(|| (name, scale.sqrt(), chance))
     };
     NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Tests whether effects of the sensors have the same size with and without the stand (Hausman, Econometrica 46, 1978,
-/// 1251-1271). If they differ, the stand is not as in the model. The variance is that of the estimate without the
-/// stand, which is the larger one.
+/// Tests whether effects of the sensors have the same size with and without the stand's angles (Hausman, Econometrica
+/// 46, 1978, 1251-1271). A significant difference means that the stand does not follow its model. The test uses the
+/// variance of the estimate without the stand, which is the larger variance.
 pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<Scattering> {
     let (mut chi2, mut dof) = (0.0, 0);
     for member in &alone.members {

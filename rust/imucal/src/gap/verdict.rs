@@ -16,12 +16,12 @@ use super::{Score, Search};
 use crate::finding::{Finding, Severity};
 use crate::recording::Recording;
 
-/// Log Bayes factor from which on an effect fits too well for chance, nats.
+/// Log Bayes factor, nats, above which an effect is significant although it does not predict unseen data.
 const CERTAIN_NATS: f64 = 8.0;
-/// Share of the chi2 of control recordings that effects must remove at least, where these recordings are still
-/// described poorly.
+/// Minimum relative decrease of chi2 of the control recordings that accepted effects must achieve. It applies only if
+/// the calibration with effects is still a poor fit to these recordings.
 const LEAST_REMOVED: f64 = 0.1;
-/// Faults of the data that come before any effect.
+/// Codes of data faults that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
     "noise_grows_in_motion",
     "gyro_saturation",
@@ -32,29 +32,30 @@ const FAULTS: [&str; 8] = [
     "rest_not_still",
     "mount_slip",
 ];
-/// Faults that are no verdict by themselves where no residual disagrees and fewer per cent of the samples are concerned
-/// than this.
+/// Code and maximum share of affected samples, %, below which the fault alone is not the verdict. It applies if no
+/// residual exceeds noise significantly.
 const FEW_PERCENT: [(&str, f64); 2] = [("samples_missing", 0.2), ("samples_duplicated", 0.2)];
 
-/// What a search concludes.
+/// The conclusion of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Noise explains the recordings.
     NothingMissing,
-    /// Effects joined the model.
+    /// Effects were accepted.
     Named,
-    /// Effects joined the model, and others explain as much.
+    /// Effects were accepted, but other effects explain the residuals equally well.
     Ambiguous,
-    /// A bias wanders at random.
+    /// A bias varies as a random walk.
     Stochastic,
-    /// Residuals that no effect of the catalogue describes, or effects that control recordings contradict.
+    /// Residuals exceed noise but no effect of the catalogue describes them, or control recordings contradict the
+    /// effects.
     Unknown,
-    /// Faults of the data come before any effect.
+    /// Faults of the data prevent conclusions about effects.
     DataFault,
 }
 
 impl Verdict {
-    /// Its name in documents.
+    /// Name of the verdict in JSON documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::NothingMissing => "nothing_missing",
@@ -66,41 +67,42 @@ impl Verdict {
         }
     }
 
-    /// Whether effects have joined the model.
+    /// Whether effects were accepted.
     pub fn has_effects(self) -> bool {
         matches!(self, Self::Named | Self::Ambiguous)
     }
 }
 
-/// An effect that joined the model, and others that explain as much.
+/// An accepted effect and the other effects that explain the residuals equally well.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rivals {
-    /// The effect that joined.
+    /// Name of the accepted effect.
     pub name: String,
-    /// Effects within three nats of its evidence that did not join.
+    /// Names of effects that were not accepted and whose log evidence is within three nats of that of the accepted
+    /// effect.
     pub rivals: Vec<String>,
 }
 
 /// chi2 per degree of freedom of control recordings that contradict effects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contradiction {
-    /// Names of the effects.
+    /// Names of the contradicted effects.
     pub effects: Vec<String>,
-    /// Without them.
+    /// chi2 per degree of freedom without the effects.
     pub before: f64,
-    /// With them.
+    /// chi2 per degree of freedom with the effects.
     pub after: f64,
 }
 
-/// The verdict and what it rests on.
+/// The verdict and its basis.
 pub(super) struct Judgement {
     pub(super) verdict: Verdict,
-    /// Faults of the data; empty unless they are the verdict.
+    /// Faults of the data; empty unless the verdict is `DataFault`.
     pub(super) faults: Vec<Finding>,
     pub(super) rivals: Vec<Rivals>,
-    /// Effects that fit the recordings too well for chance and do not predict what no fit has seen.
+    /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub(super) not_confirmed: Vec<Score>,
-    /// Why effects that had joined were removed again.
+    /// Evidence of the control recordings that led to the removal of accepted effects.
     pub(super) contradiction: Option<Contradiction>,
 }
 
@@ -126,7 +128,7 @@ impl Basis<'_> {
         let rivals = self.rivals();
         let mut contradiction = None;
         let verdict = match &search.generic {
-            // Spoilt samples may be what no effect explains.
+            // Faulty samples may cause the residuals that no effect explains.
             generic if !slips.is_empty() || (generic.is_some() && are_disturbing) => Verdict::DataFault,
             Some(generic) if generic.kernel == Kernel::RandomWalk => Verdict::Stochastic,
             Some(_) => Verdict::Unknown,
@@ -149,18 +151,18 @@ impl Basis<'_> {
         Judgement { verdict, faults, rivals, not_confirmed, contradiction }
     }
 
-    /// Faults of the data, and whether they disturb noise and moves.
+    /// Faults of the data, and whether they disturb the noise estimates and the residuals of moves.
     fn faults(&self, slips: &[Finding]) -> (Vec<Finding>, bool) {
         let Self { recordings, search, path, before, .. } = self;
         let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code);
         let mut faults: Vec<Finding> = before.outcome.findings.iter().filter(is_fault).cloned().collect();
-        // Saturated and repeated samples disturb noise and moves by themselves.
+        // Saturated and repeated samples disturb the noise estimates and the residuals of moves.
         let are_disturbing = faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
         if slips.is_empty() && path.is_empty() && search.generic.is_none() && !are_disturbing {
             faults.extend(clock_and_noise_faults(&before.outcome, recordings));
         }
         if faults.iter().any(|fault| fault.code == "clock_irregular") {
-            // With such a clock long steps are no evidence of lost samples.
+            // With an irregular clock, long sample intervals do not prove that samples were lost.
             faults.retain(|fault| fault.code != "samples_missing");
         }
         (faults, are_disturbing)
@@ -176,8 +178,8 @@ impl Basis<'_> {
         self.path.iter().map(rivals_of).collect()
     }
 
-    /// Control recordings that are described poorly with the effects, and hardly better than without them, contradict
-    /// these.
+    /// Whether the control recordings contradict the effects: the calibration with effects is a poor fit to them, and
+    /// chi2 decreases by less than [`LEAST_REMOVED`] relative to the fit without effects.
     fn contradiction(&self) -> Option<Contradiction> {
         let control = self.after.control.as_ref()?;
         if !control.evaluation.figures.is_poor() {
@@ -189,14 +191,14 @@ impl Basis<'_> {
 }
 
 impl Fit {
-    /// Whether the calibration describes its recordings, or the control recordings, poorly.
+    /// Whether the calibration is a poor fit to the calibration recordings or to the control recordings.
     fn is_poor(&self) -> bool {
         let control = self.control.as_ref().map(|control| &control.evaluation.figures);
         [Some(&self.outcome.figures), control].into_iter().flatten().any(|figures| figures.is_poor())
     }
 }
 
-/// Whether so few samples are concerned that no fit is disturbed.
+/// Whether the share of affected samples is too small to disturb a fit.
 fn are_few(fault: &Finding) -> bool {
     let limit = FEW_PERCENT.iter().find(|(code, _)| *code == fault.code).map_or(0.0, |(_, limit)| *limit);
     fault.severity == Severity::Warning && fault.value < limit
