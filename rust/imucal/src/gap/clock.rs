@@ -1,5 +1,5 @@
-//! Faults of the clock and of the noise inside moves, from fourth differences of the angular rate: motion is too smooth
-//! to show in them.
+//! Faults of the clock and excess noise inside moves, detected in fourth differences of the angular rate. Motion is too
+//! smooth to contribute to fourth differences.
 //!
 //! ```text
 //! clock_irregular         differences of the rate inside moves do not follow those of the time stamps,
@@ -15,26 +15,28 @@ use crate::finding::{Finding, general};
 use crate::numerics::stats::{median, sample_interval_s};
 use crate::recording::Recording;
 
-/// Change of chi2, or of twice a log likelihood, that is significant: 5 sigma with one degree of freedom.
+/// Threshold for a change of chi2, or of twice a log likelihood: 5 sigma with one degree of freedom.
 const SIGNIFICANT: f64 = 25.0;
-/// Time stamps that add less than this share to the variance inside moves do no harm.
+/// Errors of time stamps are ignored if they increase the variance inside moves by less than this share.
 const HARMLESS: f64 = 0.1;
-/// Half the width of a fourth difference, samples.
+/// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;
-/// Fourth differences this many samples apart share no sample.
+/// Distance of fourth differences, samples, at which they share no sample and are independent.
 const APART: usize = 2 * REACH + 1;
-/// Norm of the weights 1, -4, 6, -4, 1 of a fourth difference: divided by it, white noise keeps its standard deviation.
+/// Norm of the weights 1, -4, 6, -4, 1 of a fourth difference. Dividing by it preserves the standard deviation of white
+/// noise.
 const FOURTH: f64 = 8.366_600_265_340_756;
-/// Median of the absolute value of a standard normal variable.
+/// Median absolute value of a standard normal variable; converts a median to a standard deviation.
 const MEDIAN: f64 = 0.6745;
-/// A difference beyond this many standard deviations is a jump of a sample, not noise.
+/// Threshold in standard deviations above which a fourth difference is an outlier of a single sample and not noise.
 const JUMP: f64 = 5.0;
-/// Standard deviations of a jitter that are tried, as powers of ten of the sample interval, and how many of them.
+/// Smallest trial standard deviation of the time-stamp jitter, as a power of ten of the sample interval.
 const SMALLEST_JITTER: f64 = -3.0;
+/// Number of trial standard deviations of the time-stamp jitter.
 const JITTERS: usize = 60;
 
-/// Faults of the clock; where there are none, faults of the noise inside moves. `outcome` is a calibration without
-/// effects of these recordings.
+/// Faults of the clock, or, if the clock has none, excess noise inside moves. `outcome` is a calibration of these
+/// recordings without effects.
 pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Finding> {
     let differences: Vec<Differences> =
         (0..recordings.len()).map(|k| Differences::of(outcome, recordings, k)).collect();
@@ -51,14 +53,14 @@ pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<
     }
 }
 
-/// Fourth differences inside the moves of one recording, all three axes, scaled so that noise keeps its standard
-/// deviation.
+/// Fourth differences inside the moves of one recording, for all three axes, scaled to preserve the standard deviation
+/// of white noise.
 struct Differences {
-    /// Of the angular rate, in units of the standard deviation of its noise at rest; jumps of a sample are left out.
+    /// Fourth differences of the angular rate, divided by their standard deviation at rest; outliers are excluded.
     noise: Vec<f64>,
-    /// Derivative of the angular rate in the same units, 1/s.
+    /// Angular acceleration divided by the standard deviation of the angular rate at rest, 1/s.
     slopes: Vec<f64>,
-    /// Of the time stamps, s.
+    /// Fourth differences of the time stamps, s.
     stamps_s: Vec<f64>,
 }
 
@@ -90,9 +92,9 @@ impl Differences {
         all
     }
 
-    /// Time stamps that are not the instants of the samples: evenly spaced ones would be closer.
+    /// Reports time stamps that differ from the true sampling instants: the rate fits evenly spaced time stamps better.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // What the stamp of a sample adds to its rate, in units of noise.
+        // Change of the rate by the error of its time stamp, in standard deviations of the noise.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;
@@ -116,8 +118,8 @@ impl Differences {
         })
     }
 
-    /// Why the residuals of the moves exceed noise though no others do: samples off their time stamps, or more noise in
-    /// motion.
+    /// Reports why residuals of moves exceed noise although residuals at rests do not: jitter of the time stamps, or
+    /// gyroscope noise that increases in motion.
     fn noise_fault(&self, recording: &Recording<'_>, widened: f64) -> Option<Finding> {
         if self.noise.is_empty() {
             return None;
@@ -174,7 +176,7 @@ impl Differences {
 struct Rates<'a> {
     recording: &'a Recording<'a>,
     gyroscope: &'a Triad<f64>,
-    /// Mean sample interval, s. Slopes use even steps, because the noise of the time stamps is under test.
+    /// Mean sample interval, s. Derivatives assume equal intervals, because the time stamps are under test.
     step_s: f64,
 }
 
@@ -188,14 +190,14 @@ impl<'a> Rates<'a> {
         self.gyroscope.correct(Vector3::from(self.recording.angular_rate.at(k)))
     }
 
-    /// Of the samples from `first` on.
+    /// Fourth difference of the five samples from `first` on.
     fn fourth_difference(&self, first: usize) -> Vector3<f64> {
         let rates: [Vector3<f64>; APART] = std::array::from_fn(|i| self.at(first + i));
         Vector3::from_fn(|axis, _| fourth_difference(|i| rates[i][axis]))
     }
 
-    /// Mean of the central differences at the samples of a fourth difference; beyond the first and last ones they count
-    /// as zero.
+    /// Mean of the central differences at the five samples of a fourth difference. Differences at the first and last
+    /// sample of the recording count as zero.
     fn smooth_slope(&self, first: usize) -> Vector3<f64> {
         let last = self.recording.len() - 1;
         let centres = (first..first + APART).filter(|k| (REACH..=last - REACH).contains(k));
@@ -208,18 +210,20 @@ fn fourth_difference(value: impl Fn(usize) -> f64) -> f64 {
     (value(0) - 4.0 * value(1) + 6.0 * value(2) - 4.0 * value(3) + value(4)) / FOURTH
 }
 
-/// Up to which size a difference is noise, axis by axis, as the others show it; `None` of no differences.
+/// Threshold above which a difference is an outlier, for each axis, from the median of all differences; `None` if there
+/// are no differences.
 fn noise_limits(differences: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let limit = |axis: usize| {
         let mut sizes: Vec<f64> = differences.iter().map(|difference| difference[axis].abs()).collect();
         let typical = median(&mut sizes) / MEDIAN;
-        // Where most differences are zero, counts are so coarse that jumps are all the noise there is.
+        // If most differences are zero, quantisation dominates, and steps of one count must not be rejected as
+        // outliers.
         if typical > 0.0 { JUMP * typical } else { f64::INFINITY }
     };
     (!differences.is_empty()).then(|| Vector3::from_fn(|axis, _| limit(axis)))
 }
 
-/// Standard deviation of the differences within limits, axis by axis.
+/// Standard deviation of the differences within the limits, for each axis.
 fn deviations_within(differences: &[Vector3<f64>], limits: &Vector3<f64>) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| {
         let sizes = differences.iter().map(|difference| difference[axis]);

@@ -1,4 +1,4 @@
-//! The columns of all candidates and of the model, linearised at one model.
+//! Linearised residuals of a model, with the columns of the model and of all candidates.
 
 use std::borrow::Cow;
 use std::iter::once;
@@ -15,56 +15,56 @@ use crate::joint::{INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// One candidate in the design.
+/// A candidate effect with a fixed time constant.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
-    /// Places of its columns in the Gram matrices.
+    /// Indices of its columns in the Gram matrices.
     pub(crate) columns: Range<usize>,
-    /// Typical size of each parameter.
+    /// Typical size of each parameter, SI units.
     pub(crate) typical: Vec<f64>,
-    /// The time constant of its columns.
+    /// Trial time constant of the columns, s; `None` if the effect has no time constant.
     pub(crate) shape: Option<f64>,
 }
 
-/// Residuals at a model, with the columns of the model and of the candidates.
+/// Residuals at a model, with the Jacobian columns of the model and of the candidates.
 #[derive(Clone)]
 pub(crate) struct Design {
-    /// Gram matrices. They contain the products of the model with each candidate; products among candidates only if
-    /// some have joined.
+    /// Gram matrices by group of residuals. Products of two candidates are computed only after some candidates have
+    /// joined the model; until then these entries are NaN.
     pub(crate) gram: Gram,
-    /// Columns of the model: base parameters, effects, stand.
+    /// Columns of the model, in the order base parameters, effects, stand parameters.
     pub(crate) model: Vec<Column>,
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) residual: Vec<f64>,
     pub(crate) rows: Arc<Rows>,
 }
 
-/// Columns of one linearisation.
+/// The Jacobian of one linearisation, and the group of each row.
 pub(crate) struct Rows {
     made: Made,
-    /// All columns in one matrix, computed when first needed.
+    /// All columns in one matrix, computed on first use.
     columns: OnceLock<Mat<f64>>,
-    /// Gram matrices of all columns by group, computed when first needed.
+    /// Gram matrices of all columns by group, computed on first use.
     products: OnceLock<Vec<Mat<f64>>>,
-    /// The group of each row, and its rest or move.
+    /// Group of each row, and index of its rest or move in order of time.
     groups: Vec<usize>,
     items: Vec<usize>,
-    /// The axes that rows across gravity are defined with.
+    /// Body axes that define the two rows perpendicular to gravity at each rest and at each end of a move.
     axes: Vec<usize>,
 }
 
-/// Whitened columns, with the residual last.
+/// Whitened Jacobian columns; the last column is the residual.
 struct Made {
-    /// All rows except those inside the moves if these are kept apart.
+    /// All rows, except rows inside moves if these are stored in `inside`.
     head: Lanes,
     inside: Option<Insides>,
-    /// Place of each column among those of the rows.
+    /// Position of each column within a stored row.
     order: Vec<usize>,
 }
 
 impl Made {
-    /// All rows in one matrix, without the residual.
+    /// All rows as one matrix, without the residual.
     fn together(&self, rows: usize) -> Mat<f64> {
         let Self { head, inside, order } = self;
         let columns = &order[..order.len() - 1];
@@ -82,14 +82,14 @@ impl Made {
 }
 
 impl Rows {
-    /// All columns, without the residual.
+    /// All columns as one matrix, without the residual.
     pub(crate) fn columns(&self) -> &Mat<f64> {
         self.columns.get_or_init(|| self.made.together(self.groups.len()))
     }
 }
 
-/// Columns at a model: `own` are its effects with the precisions of their priors, `all` are its effects and the
-/// candidates, linearised there.
+/// Linearises the residuals at a model. `own` are the effects of the model with the precisions of their priors. `all`
+/// are these effects and the candidates.
 pub(crate) fn design(
     prepared: &Prepared<'_>,
     (own, precisions): (&Terms<'_>, &[f64]),
@@ -131,7 +131,7 @@ pub(crate) fn design(
     })
 }
 
-/// The columns of a model at these places, with the values of its effects.
+/// Columns of a model at these indices, with the values of its effects.
 fn columns_of(own: &Terms<'_>, precisions: &[f64], values: &[f64], places: impl Iterator<Item = usize>) -> Vec<Column> {
     let column = |(p, place): (usize, usize)| {
         let effect = p.checked_sub(BASE).filter(|p| *p < own.count);
@@ -141,17 +141,17 @@ fn columns_of(own: &Terms<'_>, precisions: &[f64], values: &[f64], places: impl 
     places.enumerate().map(column).collect()
 }
 
-/// The axes that rows across gravity are defined with. Rows of two similar models correspond to each other only if
-/// these are equal.
+/// Body axes that define the two rows perpendicular to gravity at each end of a move and at each rest. Rows of two
+/// similar models can be compared only if these axes are equal.
 pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
     let ends = linear.moves.iter().flat_map(|at_move| [&at_move.before.up, &at_move.after.up]);
     ends.chain(linear.directions().map(|(_, up)| up)).map(axis_aside).collect()
 }
 
 impl Design {
-    /// The same columns with the residuals of a model that some of the candidates have joined; `None` if the columns
-    /// differ from those of the model. The columns change by the relative size of the effects, a per cent or less,
-    /// which changes the path of the iteration and not its end.
+    /// The same columns with the residuals of a model that contains some of the candidates; `None` if the rows of the
+    /// two models cannot be compared. The columns change by the relative size of the effects, typically at most 1 %.
+    /// This changes the iteration path but not the solution.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,
@@ -179,7 +179,7 @@ impl Design {
         }))
     }
 
-    /// Gram matrices of all columns and a residual.
+    /// Gram matrices of all columns and the given residual.
     fn whole_gram(&self, residual: &[f64]) -> Gram {
         let Rows { products, groups, .. } = &*self.rows;
         self.gram.with_residual(products, self.rows.columns(), residual, groups)
@@ -192,8 +192,8 @@ impl Design {
         left
     }
 
-    /// Gram matrices in which the rows inside the moves of each recording are a group of their own, and the range of
-    /// these groups.
+    /// Gram matrices in which the rows inside moves form a separate group for each recording, and the range of these
+    /// groups.
     pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
         if prepared.recordings.len() == 1 {
             let gram = match self.candidates.is_empty() {
@@ -214,24 +214,24 @@ impl Design {
         (Cow::Owned(Gram::of(&all, &groups)), first..first + prepared.recordings.len())
     }
 
-    /// The residuals for prediction item by item.
+    /// The residuals and columns for cross-validation by rest and move.
     pub(crate) fn held(&self) -> Held<'_> {
         let Rows { groups, items, .. } = &*self.rows;
         Held { columns: self.rows.columns(), residual: &self.residual, gram: &self.gram, groups, items }
     }
 
-    /// The columns of the model, to which others can be added.
+    /// Columns and Gram matrices of this design, to which columns of generic hypotheses can be added.
     pub(crate) fn known(&self) -> Known<'_> {
         Known::new(self.rows.columns(), &self.residual, &self.rows.groups, &self.gram)
     }
 
-    /// The axes that its rows across gravity are defined with.
+    /// Body axes that define the two rows perpendicular to gravity at each rest and at each end of a move.
     pub(crate) fn axes(&self) -> &[usize] {
         &self.rows.axes
     }
 }
 
-/// The rest or move of each row of the whitened residuals, in order of time: even numbers are rests.
+/// Index of the rest or move of each whitened residual, in order of time; rests have even numbers, moves odd numbers.
 fn items_of_rows(prepared: &Prepared<'_>, linear: &Linear, kinds: Kinds) -> Vec<usize> {
     let of_move = |k: usize| 2 * prepared.moves[k].from + 1;
     let lines = linear.lines.iter().map(|line| match line.source {

@@ -1,8 +1,8 @@
-//! Generic hypotheses: a bias or a scale that varies in a pattern without a name in the catalogue (model.md (24)).
+//! Generic hypotheses: variations of a bias or a scale that no effect of the catalogue describes (docs/model.md (24)).
 //!
-//! A hypothesis consists of a block (which parameter of which sensor deviates) and a kernel (the covariance of the
-//! deviations at two moments). In the eigenvectors of the kernel it is a set of independent columns with a normal
-//! prior, and is scored like an effect.
+//! A hypothesis consists of a block (the parameter of a sensor that varies) and a kernel (the covariance of its
+//! deviations at two times). The eigenvectors of the kernel give independent columns with a normal prior, so a
+//! hypothesis is scored like an effect.
 
 use std::sync::Arc;
 
@@ -36,7 +36,8 @@ impl Block {
         }
     }
 
-    /// Typical deviation: 0.02 deg/s, half a mg, 0.2 % and 0.1 %.
+    /// Typical deviation of the parameter: gyroscope bias 0.02 deg/s, accelerometer bias 0.5 mg, gyroscope scale 0.2 %,
+    /// accelerometer scale 0.1 %. Returned in SI units.
     fn typical(self) -> f64 {
         match self {
             Self::GyroscopeBias => 3.5e-4,
@@ -46,7 +47,7 @@ impl Block {
         }
     }
 
-    /// The name in results.
+    /// Name of the block in JSON documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::GyroscopeBias => "gyro_bias",
@@ -57,7 +58,7 @@ impl Block {
     }
 }
 
-/// The quantities that deviations may depend on, for rests and moves.
+/// Combinations of block and kernel that are tested on rests and moves.
 const ALL: [(Block, Kernel); 18] = {
     use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
     use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Temperature};
@@ -82,7 +83,7 @@ const ALL: [(Block, Kernel); 18] = {
         (AccelerometerScale, Force),
     ]
 };
-/// Inside the moves the motion adds to the specific force, too.
+/// Combinations that are tested if samples inside moves are used: motion also affects the specific force there.
 const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     let mut all = [(Block::AccelerometerBias, Kernel::Rate); ALL.len() + 1];
     let mut k = 0;
@@ -93,7 +94,7 @@ const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     all
 };
 
-/// A block that varies in a pattern.
+/// A generic hypothesis: a parameter and the function that describes its variation.
 pub(crate) struct Hypothesis {
     pub(crate) block: Block,
     pub(crate) kernel: Kernel,
@@ -102,22 +103,23 @@ pub(crate) struct Hypothesis {
 }
 
 enum Shape {
-    /// The deviation depends on the quantity of the kernel.
+    /// The deviation is a combination of eigenfunctions of a kernel.
     Varies(Arc<Shares>),
-    /// The deviation depends on the input of the sensor, up to a largest one: a curve along each axis, products of
-    /// axes, and the derivative of the rate.
+    /// The deviation is a nonlinear function of the sensor's input, whose largest magnitude is the second field.
+    /// Columns are a smooth curve for each axis, products of axes, and the derivative of the rate.
     Follows(Smooth<f64>, f64),
-    /// The deviation depends on products of rates and on their derivatives.
+    /// The deviation is linear in products of angular rates and in angular accelerations.
     Turns,
 }
 
-/// Correlation length of the curve along an axis, as a share of its largest input, and its number of nodes.
+/// Correlation length of the curve along an axis, as a share of the largest input.
 const CURVE_LENGTH: f64 = 0.5;
+/// Number of equally spaced nodes of the curve along an axis.
 const CURVE_POINTS: usize = 9;
-/// Lag of a scale, s, that causes an error as large as a typical scale deviation.
+/// Time lag, s, whose error is as large as that of a typical scale deviation; it scales the columns of derivatives.
 const LAG_S: f64 = 0.1;
 
-/// All hypotheses about the selected blocks that the recordings can show.
+/// All hypotheses about the selected blocks that are observable in the recordings.
 pub(crate) fn hypotheses(
     moments: &Moments,
     inside: bool,
@@ -126,7 +128,7 @@ pub(crate) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
     let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, _)| asked(*block)).collect();
-    // Hypotheses in the quantity of the kernel, in the middle of the moves or at the rests.
+    // Hypotheses with a kernel, evaluated in the middle of the moves or at the rests.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };
@@ -161,12 +163,12 @@ fn near_on_curve(a: &f64, others: &[f64], to: &mut [f64]) {
 }
 
 impl Hypothesis {
-    /// Typical size of the parameters of its columns.
+    /// Typical size of the coefficient of each column, SI units.
     pub(crate) fn typical(&self) -> f64 {
         self.block.typical()
     }
 
-    /// Number of columns: those of axis x, then as many of y and of z.
+    /// Number of columns: equally many for axis x, y and z, in this order.
     pub(crate) fn width(&self) -> usize {
         3 * match &self.shape {
             Shape::Varies(shares) => shares.width(),
@@ -176,7 +178,7 @@ impl Hypothesis {
         }
     }
 
-    /// What each column adds to the sensor, SI units, moment by moment.
+    /// Change of the sensor's input by each column, SI units, moment by moment.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -217,7 +219,7 @@ impl Hypothesis {
         }
     }
 
-    /// Deviation of the block for each column, moment by moment.
+    /// Deviation of the parameter by each column, moment by moment.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),
@@ -226,7 +228,7 @@ impl Hypothesis {
         }
     }
 
-    /// Whether the moves show it.
+    /// Whether the hypothesis is observable in moves rather than at rests.
     pub(crate) fn is_of_moves(&self) -> bool {
         self.block == Block::GyroscopeScale || matches!(self.shape, Shape::Turns)
     }

@@ -1,4 +1,4 @@
-//! Gram matrices of the columns of a model together with further columns, group by group.
+//! Gram matrices of a design extended by the columns of a generic hypothesis, for each group of rows.
 
 use faer::Mat;
 
@@ -6,21 +6,21 @@ use super::evidence::Gram;
 use super::products::{Part, Rows, square};
 use crate::numerics::stats::dot;
 
-/// The columns and residuals of a model by group, with their Gram matrices.
+/// Columns, residuals and Gram matrices of a design, for each group of rows.
 pub(crate) struct Known<'a> {
     groups: Vec<(Rows, Part<'a>, Vec<f64>)>,
     gram: &'a Gram,
 }
 
-/// Further columns of the same rows.
+/// Additional columns with the same rows as the design, and their Gram matrices.
 pub(crate) struct Others<'a> {
-    /// For each group its rows of the columns, and their Gram matrix.
+    /// For each group, the rows of the additional columns and their Gram matrix.
     parts: Vec<(Part<'a>, Mat<f64>)>,
     width: usize,
 }
 
 impl<'a> Known<'a> {
-    /// `gram` are the Gram matrices of these columns and residuals.
+    /// `gram` must be the Gram matrices of `columns` and `residual`.
     pub(crate) fn new(columns: &'a Mat<f64>, residual: &[f64], group_of_row: &[usize], gram: &'a Gram) -> Self {
         let of_group = |rows: Rows| {
             let (part, residual) = (rows.part(columns), rows.values(residual));
@@ -29,19 +29,19 @@ impl<'a> Known<'a> {
         Self { groups: Rows::of_groups(group_of_row).into_iter().map(of_group).collect(), gram }
     }
 
-    /// Further columns of the same rows.
+    /// Splits additional columns into the groups of rows, and computes their Gram matrices.
     pub(crate) fn others<'b>(&self, columns: &'b Mat<f64>) -> Others<'b> {
         let width = columns.ncols();
         let of_group = |(rows, ..): &(Rows, Part<'_>, Vec<f64>)| {
             let part = rows.part(columns);
-            // One thread, because hypotheses are already evaluated in parallel.
+            // Single-threaded, because hypotheses are evaluated in parallel.
             let own = square(part.view(), 1);
             (part, own)
         };
         Others { parts: self.groups.iter().map(of_group).collect(), width }
     }
 
-    /// Gram matrices with the further columns, which come before the residual.
+    /// Gram matrices of the design with the additional columns, which are inserted before the residual.
     pub(crate) fn with(&self, others: &Others<'_>) -> Gram {
         let (known, width) = (self.gram.residual, others.width);
         let last = known + width;

@@ -1,4 +1,4 @@
-//! The moments that generic hypotheses refer to, and the whitened columns of a hypothesis there.
+//! The times at which generic hypotheses are evaluated, and the whitened columns of a hypothesis.
 
 use std::sync::Arc;
 
@@ -14,10 +14,10 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Step of the blocks inside a move that are used for quantities that change slowly.
+/// Every fifth block inside a move is used if samples inside moves are not compared, because biases vary slowly.
 const EVERY: usize = 5;
 
-/// A linearisation with the quantities that kernels depend on.
+/// A linearisation with the quantities that kernels depend on, at rests and inside moves.
 pub(crate) struct Setting<'a> {
     prepared: &'a Prepared<'a>,
     problem: Joint<'a>,
@@ -27,8 +27,8 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `none` are terms without any effect: the effects of a model change the columns by less than the resolution of a
-    /// pattern.
+    /// `none` are terms without effects: effects change the Jacobian by less than the resolution of a generic
+    /// hypothesis.
     pub(crate) fn new(prepared: &'a Prepared<'a>, none: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let plain = Model { values: Vec::new(), stand: Vec::new(), ..model.clone() };
         let linear = Arc::new(prepared.linearise(none, &plain.parameters())?);
@@ -38,17 +38,17 @@ impl<'a> Setting<'a> {
         Ok(Self { prepared, problem, linear, segments, moments })
     }
 
-    /// Hypotheses about the selected blocks.
+    /// All hypotheses about the selected blocks.
     pub(crate) fn hypotheses(&self, asked: impl Fn(Block) -> bool) -> Vec<Hypothesis> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }
 
-    /// Whether its rows correspond to those defined with these axes.
+    /// Whether its rows can be compared with rows that are defined with these axes.
     pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
         axes_of(&self.linear) == axes
     }
 
-    /// Whitened columns of a hypothesis.
+    /// Whitened Jacobian columns of a hypothesis.
     pub(crate) fn columns(&self, hypothesis: &Hypothesis) -> Mat<f64> {
         let (sensor, width) = (hypothesis.block.sensor(), hypothesis.width());
         let mut rests = vec![0.0; self.prepared.rests.len() * width];
@@ -63,8 +63,8 @@ impl<'a> Setting<'a> {
         self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
-    /// Each rest, or the rest before each move, with the deviation of each axis there for these weights of the columns
-    /// of a hypothesis.
+    /// Index of each rest, or of the rest before each move, and the deviation on each axis there, for the given
+    /// coefficients of a hypothesis.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
         let count = weights.len() / 3;
         let wrong = |shares: &[f64]| {
@@ -85,7 +85,7 @@ impl<'a> Setting<'a> {
     }
 }
 
-/// Quantities of the kernels at the rests in use and in the moves between them.
+/// The quantities that kernels depend on, at the rests in use and inside the moves between them.
 fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) -> Moments {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];

@@ -1,5 +1,5 @@
-//! Faults of the mount of a unit on a stand, found from the direction of gravity at the rests and the angles of the
-//! motors.
+//! Faults of the mount of a unit on a stand, detected by comparing the direction of gravity at the rests with the motor
+//! angles.
 //!
 //! ```text
 //! r_k = up_k - R(q_k)^T e_z                                  up_k measured, R the stand of model.md (21)
@@ -7,7 +7,7 @@
 //! loose_mount    r_k scatters from rest to rest by more than any stand explains
 //! ```
 //!
-//! Stand errors are its seven parameters and two harmonics of each encoder.
+//! Stand errors are the seven parameters of the stand model (docs/model.md (21)) and two harmonics of each encoder.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -21,35 +21,35 @@ use crate::numerics::stats::median;
 use crate::parameters::STAND_PARAMETERS;
 use crate::recording::Recording;
 
-/// A slip needs at least this many rests before and after it.
+/// Minimum number of rests before and after a slip.
 const FEWEST_RESTS: usize = 4;
-/// A step is a slip if it lowers chi2 by more than this factor. A steady drift that is described by a step keeps a
-/// quarter of its chi2, a factor of 4.
+/// Minimum ratio of chi2 without a step to chi2 with it for the step to count as a slip. A steady drift that is fitted
+/// by a step gives a ratio of 4.
 const SLIP_FACTOR: f64 = 10.0;
-/// Scatter of the direction of gravity against the angles of a cheap stand with a rigid mount, deg (1 sigma): more is
-/// play.
+/// Maximum scatter of gravity direction relative to the stand's angles for a rigid mount on a low-cost stand, deg (1
+/// sigma); a larger scatter is reported as play.
 const PLAY_DEG: f64 = 0.25;
-/// Step of the central differences by stand parameters and motor angles, rad.
+/// Step of the central differences with respect to stand parameters and motor angles, rad.
 const STEP_RAD: f64 = 1e-4;
-/// Singular values of the stand errors below this share of the largest are zero.
+/// Singular values of the stand-error columns below this share of the largest one count as zero.
 const RANK: f64 = 1e-6;
-/// Parameters of the mount come first among those of the stand.
+/// Number of mount parameters, which are the first parameters of the stand.
 const MOUNT: usize = 3;
-/// Numbers of a direction.
+/// Number of components of a direction.
 const AXES: usize = 3;
 
 /// A rest of a unit on a stand.
 #[derive(Clone, Copy, Debug)]
 pub struct StandRest {
-    /// Index of the recording.
+    /// Index of the recording that contains the rest.
     pub recording: usize,
-    /// First sample.
+    /// Index of the first sample.
     pub first: usize,
-    /// Index after the last sample.
+    /// Index of the last sample plus one.
     pub end: usize,
     /// Time of the first sample, s.
     pub start_s: f64,
-    /// Mean of the accelerometer, raw units.
+    /// Mean accelerometer reading, raw units.
     pub mean_specific_force: Vector3<f64>,
     /// Whether the fit used the rest.
     pub is_used: bool,
@@ -68,8 +68,8 @@ impl From<&RestReport> for StandRest {
     }
 }
 
-/// Finds rotations of the unit on its mount that stay, recording by recording. `rests` are those of a result without
-/// effects.
+/// Detects a lasting rotation of the unit relative to its mount in each recording. `rests` are the rests of a
+/// calibration without effects.
 pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let slip_of = |(index, recording): (usize, &Recording<'_>)| {
         let rests = with_angles(rests, index, recording).into_iter().filter(|rest| rest.is_used).collect();
@@ -92,8 +92,8 @@ pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: 
     recordings.iter().enumerate().filter_map(slip_of).collect()
 }
 
-/// Finds mounts with play: the attitude of the unit on the mount changes with every move. `rests` are those of a result
-/// without effects.
+/// Detects mounts with play, in which the attitude of the unit relative to the mount changes with every move. `rests`
+/// are the rests of a calibration without effects.
 pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let play_of = |(index, recording): (usize, &Recording<'_>)| {
         let residuals = Residuals::new(accelerometer, recording, with_angles(rests, index, recording))?;
@@ -110,8 +110,8 @@ pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings:
     recordings.iter().enumerate().filter_map(play_of).collect()
 }
 
-/// Median angle between measured gravity in raw samples and gravity by the angles of a perfect stand with the best
-/// mount, deg; `None` without angles.
+/// Median angle, deg, between the direction of raw accelerometer samples and the gravity direction computed from the
+/// motor angles of an error-free stand with the best-fitting mount; `None` without motor angles.
 pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
     let angles = recording.stand_rad?;
     let known = (0..recording.len()).filter(|&k| angles[k].iter().all(|angle| angle.is_finite()));
@@ -129,7 +129,7 @@ pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
         up.dot(&(mount * up_by_stand(&[0.0; STAND_PARAMETERS], angle))).clamp(-1.0, 1.0).acos()
     };
     let mut missed: Vec<f64> = angles.iter().zip(&up).map(missed).collect();
-    // The median, because inside moves the specific force is not gravity alone.
+    // The median is robust against samples inside moves, at which the specific force is not gravity alone.
     Some(median(&mut missed).to_degrees())
 }
 
@@ -151,38 +151,38 @@ fn with_angles<'a>(rests: &'a [StandRest], index: usize, recording: &Recording<'
     rests.iter().filter(|rest| rest.recording == index).filter(is_known).collect()
 }
 
-/// Direction up in the body frame by a stand with these parameters at these motor angles.
+/// Direction up in the body frame, computed from a stand with these parameters at these motor angles.
 fn up_by_stand(parameters: &[f64; STAND_PARAMETERS], angle_rad: &Vector3<f64>) -> Vector3<f64> {
     StandModel::of(parameters).attitude(angle_rad).inverse() * Vector3::z()
 }
 
-/// The rotation that turns directions up by a perfect stand into the measured ones, least squares.
+/// Least-squares rotation from the directions up of an error-free stand to the measured directions up.
 fn best_mount(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Matrix3<f64> {
     so3::exp(&mount_rotation(angles, up)).inverse().to_rotation_matrix().into_inner()
 }
 
-/// Residuals of the directions of gravity at the rests of one recording, without what the errors of the stand explain.
+/// Residuals of gravity direction at the rests of one recording, after projection on the stand errors.
 struct Residuals<'a> {
     rests: Vec<&'a StandRest>,
-    /// Three numbers for each rest.
+    /// Three components for each rest.
     values: Mat<f64>,
-    /// Orthonormal columns that span the errors of the stand.
+    /// Orthonormal basis of the stand errors.
     basis: Mat<f64>,
-    /// Derivatives of the directions by the mount.
+    /// Derivatives of the directions with respect to the three mount angles.
     by_mount: Mat<f64>,
 }
 
-/// A rotation of the unit on its mount from a rest on.
+/// A rotation of the unit relative to its mount that starts at a rest and lasts.
 struct Step {
-    /// The first rest after it.
+    /// Index of the first rest after the rotation.
     first: usize,
     turn_rad: f64,
-    /// chi2 without the step over chi2 with it.
+    /// chi2 without the step divided by chi2 with it.
     factor: f64,
 }
 
 impl<'a> Residuals<'a> {
-    /// `None` where the rests are too few.
+    /// `None` if there are too few rests or no motor angles.
     fn new(accelerometer: &Triad<f64>, recording: &Recording<'_>, rests: Vec<&'a StandRest>) -> Option<Self> {
         if rests.len() < 4 * FEWEST_RESTS {
             return None;
@@ -197,11 +197,11 @@ impl<'a> Residuals<'a> {
         let difference = |at: &dyn Fn(f64, &Vector3<f64>) -> Vector3<f64>, angle: &Vector3<f64>| {
             mount * (at(STEP_RAD, angle) - at(-STEP_RAD, angle)) / (2.0 * STEP_RAD)
         };
-        // By the parameters of the stand, then two harmonics of each encoder.
+        // Derivatives with respect to the stand parameters, then with respect to two harmonics of each encoder.
         let row = |k: usize| -> Vec<Vector3<f64>> {
             let angle = &angles[k];
             let by_parameter = |p: usize| {
-                // A small rotation of the mount, exactly: d(up) = up x m.
+                // Analytic derivative for a small rotation m of the mount: d(up) = up x m.
                 if p < MOUNT {
                     return mount * by_stand[k].cross(&Vector3::ith(p, 1.0));
                 }
@@ -233,7 +233,7 @@ impl<'a> Residuals<'a> {
         Some(Self { rests, values, basis, by_mount: errors.subcols(0, MOUNT).to_owned() })
     }
 
-    /// The step that lowers chi2 most.
+    /// The step with the largest decrease of chi2.
     fn largest_step(&self) -> Step {
         let mut best = Step { first: 0, turn_rad: 0.0, factor: 1.0 };
         let chi2 = self.values.squared_norm_l2();
@@ -241,7 +241,7 @@ impl<'a> Residuals<'a> {
             let after = |i: usize, j: usize| if i / AXES < first { 0.0 } else { self.by_mount[(i, j)] };
             let step = without(&self.basis, Mat::from_fn(self.values.nrows(), MOUNT, after));
             let Ok(svd) = step.thin_svd() else { continue };
-            // Least squares of least norm: three rotations that the rests do not tell apart are shared.
+            // Minimum-norm least squares, because the rests may not determine all three components of the rotation.
             let share =
                 |k: usize| if svd.S()[k] > f64::EPSILON * self.values.nrows() as f64 * svd.S()[0] { 1.0 } else { 0.0 };
             let seen = svd.U().transpose() * &self.values;
@@ -255,9 +255,9 @@ impl<'a> Residuals<'a> {
         best
     }
 
-    /// Standard deviation of each component of a direction.
+    /// Standard deviation of each component of the direction residuals, rad.
     fn scatter_rad(&self) -> f64 {
-        // Two of the three components of a direction are free.
+        // A unit vector has two degrees of freedom.
         let freedom = (2 * self.rests.len()).saturating_sub(self.basis.ncols()).max(1);
         (self.values.squared_norm_l2() / freedom as f64).sqrt()
     }

@@ -1,4 +1,4 @@
-//! Generic hypotheses in addition to the selected effects and in their place (model.md (24)).
+//! Generic hypotheses as an alternative to the selected effects and in addition to them (docs/model.md (24)).
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::Vector3;
@@ -13,21 +13,21 @@ use super::stage::Stage;
 use super::weighing::Weighing;
 use crate::numerics::workers::{in_order, processors};
 
-/// Trial standard deviations of the prior, in typical biases.
+/// Trial standard deviations of the prior of a generic hypothesis, in multiples of the typical size of its block.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// Nats by which the evidence of a generic hypothesis must exceed that of the selected effects.
+/// Margin, nats, by which the log evidence of a generic hypothesis must exceed that of the selected effects.
 const LEAD: f64 = 3.0;
-/// Least log Bayes factor of a generic hypothesis, nats.
+/// Minimum log Bayes factor, nats, for a generic hypothesis to be reported.
 const LEAST: f64 = 8.0;
-/// Gain at the scales of the model, nats, below which a hypothesis is not evaluated further.
+/// Increase of the log evidence at the scales of the model, nats, below which a hypothesis is not evaluated further.
 const LEAST_GAIN: f64 = 2.0;
-/// Log Bayes factor, nats, of a hypothesis in addition to the selected effects from which on these do not explain
-/// everything.
+/// Log Bayes factor, nats, of a generic hypothesis in addition to the selected effects, above which these effects do
+/// not explain all residuals.
 const NOT_ALL: f64 = 12.0;
-/// Share of the log Bayes factor of the selected effects that large effects may leave because of their nonlinearity.
+/// Tolerance for linearisation errors of large effects, as a share of the log Bayes factor of the selected effects.
 const REMAINDER: f64 = 0.02;
-/// The same share of chi2. The log Bayes factor grows with the logarithm of a size, so it alone would judge equal
-/// relative remainders of effects of different size differently.
+/// Tolerance for linearisation errors of large effects, as a share of the chi2 that the selected effects explain. Both
+/// tolerances apply, because the log Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis with the largest evidence.
@@ -35,13 +35,14 @@ pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
     pub(super) log_bayes_factor: f64,
-    /// Reduction of chi2.
+    /// Decrease of chi2 by the hypothesis.
     chi2: f64,
-    /// Rests, or rests before moves, and the deviation of each axis there, SI units.
+    /// Index of each rest, or of the rest before each move, and the deviation of the parameter there on each axis, SI
+    /// units.
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// A model that hypotheses are added to.
+/// A model, to which one generic hypothesis at a time is added.
 struct Judge<'a> {
     known: Known<'a>,
     model: &'a [Column],
@@ -53,17 +54,19 @@ impl<'a> Judge<'a> {
         Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// The evidence of the model with a hypothesis of `width` columns; `None` if the hypothesis gains next to nothing.
+    /// Evidence of the model with a hypothesis of `width` columns; `None` if the increase is at most [`LEAST_GAIN`].
     fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<Evidence> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // A hypothesis that gains next to nothing at the scales of the model gains no more at smaller scales.
+        // A hypothesis that does not raise the evidence at the scales of the model does not raise it at smaller scales
+        // either.
         let (first, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(first, swept)?;
-        // A hypothesis that explains much reduces the scales, and then a larger prior width is best.
+        // A hypothesis that explains a large part of the residuals reduces the scales, so a larger prior width may be
+        // best.
         if let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != first)
             && let Some((other, _)) = weighing.evidence(again, swept).filter(|(other, _)| other.log > evidence.log)
         {
@@ -73,7 +76,7 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// The generic hypothesis of the selected blocks with the largest evidence, for each of the models.
+/// For each model, the generic hypothesis about the selected blocks with the largest evidence.
 pub(super) fn best_generics<const N: usize>(
     setting: &Setting<'_>,
     stages: [&Stage; N],
@@ -84,7 +87,7 @@ pub(super) fn best_generics<const N: usize>(
     let found = in_order(processors(), hypotheses.len(), |place| {
         let hypothesis = &hypotheses[place];
         let columns = setting.columns(hypothesis);
-        // The rows have the same groups in all models.
+        // The Gram matrix of the hypothesis is shared, because the rows have the same groups in all models.
         let others = judges.first().map(|judge| judge.known.others(&columns));
         judges.each_ref().map(|judge| judge.evaluate(hypothesis, others.as_ref()?, columns.ncols()))
     });
@@ -106,21 +109,21 @@ pub(super) fn best_generics<const N: usize>(
     })
 }
 
-/// Log Bayes factors on the same residuals.
+/// Comparison of generic hypotheses with the selected effects on the same residuals.
 pub(super) struct Pattern {
-    /// The best hypothesis against no effect.
+    /// The best generic hypothesis, relative to the model without effects.
     pub(super) alone: Option<BestGeneric>,
-    /// The selected effects against no effect.
+    /// Log Bayes factor of the selected effects relative to the model without effects, nats.
     pub(super) path: f64,
-    /// Reduction of chi2 by the selected effects.
+    /// Decrease of chi2 by the selected effects.
     pub(super) path_chi2: f64,
-    /// The best hypothesis in addition to the selected effects, against these alone.
+    /// The best generic hypothesis in addition to the selected effects, relative to the model with only these effects.
     pub(super) on_top: Option<BestGeneric>,
 }
 
 impl Pattern {
-    /// The generic hypothesis, if it explains more than the selected effects; or the one in addition to them, if it
-    /// explains much that they do not.
+    /// The generic hypothesis to report: the one without effects, if it explains more than the selected effects; or the
+    /// one in addition to the effects, if it explains a large part of the remaining residuals.
     pub(super) fn winner(self) -> Option<BestGeneric> {
         let Self { alone, path, path_chi2, on_top } = self;
         let is_no_remainder = |chi2: f64| path_chi2 <= 0.0 || chi2 > REMAINDER_OF_CHI2 * path_chi2;

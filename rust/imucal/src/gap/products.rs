@@ -1,4 +1,4 @@
-//! Gram matrices of columns, group by group of their rows.
+//! Gram matrices of Jacobian columns, one for each group of rows.
 
 mod asked;
 mod lanes;
@@ -16,29 +16,29 @@ use crate::numerics::stats::dot;
 use crate::numerics::workers::{in_order, processors};
 use asked::Asked;
 
-/// The rows of a group, as consecutive runs.
+/// Row indices of a group, as ranges of consecutive rows.
 pub(super) struct Rows {
     group: usize,
     runs: Vec<Range<usize>>,
 }
 
-/// The columns of a group: these rows of a matrix.
+/// The rows of one group in a matrix.
 pub(super) struct Part<'a> {
     columns: Cow<'a, Mat<f64>>,
     rows: Range<usize>,
 }
 
 impl Gram {
-    /// Gram matrices of columns, of which the last one is the residual.
+    /// Gram matrices of columns; the last column is the residual.
     pub(crate) fn of(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let groups = Rows::of_groups(group_of_row);
         let sums = groups.iter().map(|rows| square(rows.part(columns).view(), processors())).collect();
         Self::of_groups(sums, &groups, columns.ncols() - 1)
     }
 
-    /// The products that scoring needs: those of a model, which has the first columns, with all others, and those
-    /// within each block of other columns. All other entries are NaN. `order` are the places of the columns among those
-    /// of the rows, the residual last; the residual inside the moves is returned, too.
+    /// Gram matrices with only the products that scoring needs: products of the model's columns, which are first, with
+    /// all columns, and products within each block of candidate columns. Other entries are NaN. `order` gives the
+    /// position of each column within a row, with the residual last. The residual inside moves is also returned.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,
@@ -61,7 +61,7 @@ impl Gram {
         Self { sums, rows, groups: groups.iter().map(|rows| rows.group).collect(), residual }
     }
 
-    /// The same groups with the products of all columns, which are computed when first needed, and with a residual.
+    /// Gram matrices of the same groups with all products, which are computed on first use, and the given residual.
     pub(crate) fn with_residual(
         &self,
         products: &OnceLock<Vec<Mat<f64>>>,
@@ -84,7 +84,7 @@ impl Gram {
 }
 
 impl Rows {
-    /// Of all groups that have rows.
+    /// Row ranges of all groups that are not empty.
     pub(super) fn of_groups(group_of_row: &[usize]) -> Vec<Self> {
         let count = group_of_row.iter().max().map_or(0, |last| last + 1);
         let mut all: Vec<Self> = (0..count).map(|group| Self { group, runs: Vec::new() }).collect();
@@ -106,7 +106,7 @@ impl Rows {
         self.runs.iter().flat_map(|run| &column[run.clone()]).copied().collect()
     }
 
-    /// These rows of a matrix; they are copied only if they are not consecutive.
+    /// The rows of this group in a matrix; copied only if they are not consecutive.
     pub(super) fn part<'m>(&self, columns: &'m Mat<f64>) -> Part<'m> {
         if let [run] = self.runs.as_slice() {
             return Part { columns: Cow::Borrowed(columns), rows: run.clone() };
@@ -130,7 +130,7 @@ impl Part<'_> {
         &self.columns.col_as_slice(j)[self.rows.clone()]
     }
 
-    /// Writes the products with a residual at this place into the Gram matrices.
+    /// Writes the products of all columns with a residual into row and column `place` of a Gram matrix.
     fn put_residual(&self, residual: &[f64], place: usize, sum: &mut Mat<f64>) {
         for j in 0..self.columns.ncols() {
             let product = dot(self.column(j), residual);
@@ -140,16 +140,16 @@ impl Part<'_> {
     }
 }
 
-/// Number of rows per partial sum; it does not depend on the number of threads, so neither does the result.
+/// Number of rows per partial sum. It is constant, so that rounding does not depend on the number of threads.
 const TOGETHER: usize = 2048;
 
-/// Applies a function to parts of the rows, in order.
+/// Applies a function to consecutive parts of the rows; the results are in the order of the parts.
 fn in_parts<R: Send>(threads: usize, rows: usize, work: impl Fn(Range<usize>) -> R + Sync) -> Vec<R> {
     let of_part = |part: usize| work(part * TOGETHER..rows.min((part + 1) * TOGETHER));
     in_order(threads, rows.div_ceil(TOGETHER), of_part)
 }
 
-/// `A^T A`, of which one half is computed and mirrored.
+/// `A^T A`; one triangle is computed and copied to the other.
 pub(super) fn square(a: MatRef<'_, f64>, threads: usize) -> Mat<f64> {
     let mut sum = Mat::zeros(a.ncols(), a.ncols());
     let of_part = |rows: Range<usize>| lower_square(a.subrows(rows.start, rows.len()));

@@ -1,34 +1,35 @@
-//! Kinds of residuals, the quantities that they may be correlated with, and the fit that they are computed from.
+//! Kinds of residuals, the quantities that they may be correlated with, and the calibration from which they are
+//! computed.
 
 use crate::calibrate::Outcome;
 use crate::recording::Recording;
 
-/// A calibration with the recordings that it was made from, corrected by it.
+/// A calibration and its recordings, corrected by the calibration.
 #[derive(Clone, Copy)]
 pub struct CorrectedFit<'a> {
-    /// The calibration, in the symmetric frame.
+    /// The calibration, in the symmetric body frame.
     pub outcome: &'a Outcome,
-    /// Its recordings after correction, SI units, body frame; in the order of the calibration.
+    /// Corrected recordings, SI units, body frame, in the order of the calibration.
     pub corrected: &'a [Recording<'a>],
-    /// Local gravity of the calibration, m/s^2.
+    /// Local gravity that the calibration used, m/s^2.
     pub gravity_mps2: f64,
 }
 
 /// Kind of a residual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualKind {
-    /// Length of the specific force at a rest less gravity, m/s^2.
+    /// Norm of the specific force at a rest minus local gravity, m/s^2.
     RestNorm,
-    /// Mean angular rate at a rest, rad/s.
+    /// Mean angular rate at a rest, rad/s; its expected value is zero.
     RestRate,
-    /// Direction of gravity after a move, predicted by the gyroscope, against the measured one, rad.
+    /// Angle between the gravity direction after a move predicted by the gyroscope and the measured direction, rad.
     MoveDirection,
-    /// Specific force inside a move less gravity, m/s^2.
+    /// Specific force inside a move minus gravity at the predicted attitude, m/s^2.
     MoveForce,
 }
 
 impl ResidualKind {
-    /// The name in documents.
+    /// Name in JSON documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::RestNorm => "rest_norm",
@@ -53,24 +54,25 @@ impl ResidualKind {
 pub enum Regressor {
     /// Angular acceleration, three components.
     AngularAcceleration,
-    /// Direction of gravity in the body frame; of moves, specific force on rate errors about each axis.
+    /// Direction of gravity in the body frame; for moves, the attitude change by a rate error proportional to the
+    /// specific force on each axis.
     Gravity,
     /// Squares and products of the components of gravity.
     GravitySquared,
-    /// Squares of the angular rate; inside the moves with the products of its components.
+    /// Squares of the angular rate; for specific force inside moves also the products of its components.
     RateSquared,
-    /// Sign of the rotation vector of the move before a rest.
+    /// Sign of each component of the rotation vector of the move before a rest.
     SignOfTheLastTurn,
-    /// Sign of the angular rate.
+    /// Sign of the angular rate on each axis.
     SignOfTheRate,
-    /// Temperature.
+    /// Temperature relative to the mean of the recording, K.
     Temperature,
-    /// Time in the recording.
+    /// Time since the start of the recording, s.
     Time,
 }
 
 impl Regressor {
-    /// The name in documents.
+    /// Name in JSON documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::AngularAcceleration => "angular_acceleration",

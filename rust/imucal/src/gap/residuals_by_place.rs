@@ -1,10 +1,10 @@
-//! Where recordings disagree with a calibration: by kind of residual and body axis, by rest and move, and by what the
-//! residuals depend on.
+//! Where recordings disagree with a calibration: residuals by kind and body axis, by rest and by move, and the
+//! quantities that they are correlated with.
 //!
-//! A channel, a rest or a move is significant if its chi2 exceeds what noise makes of it with a probability of 0.1 % in
-//! any of them. Dependence is found by linear regression of a channel on each [`Regressor`]: with `n` rests or moves
-//! and a share `r` of the sum of squares explained, `-n ln(1 - r)` has a chi2 distribution under the null hypothesis of
-//! no dependence.
+//! A channel, a rest or a move is significant if its chi2 exceeds the threshold for a family-wise false alarm
+//! probability of 0.1 %. Dependence is tested by linear regression of a channel on each [`Regressor`]: with `n` rests
+//! or moves and a share `r` of the sum of squares explained, `-n ln(1 - r)` has a chi2 distribution under the null
+//! hypothesis of no dependence.
 
 use std::collections::HashMap;
 
@@ -17,31 +17,31 @@ use crate::correct::is_left_in_data;
 use crate::numerics::lsq::singular;
 use crate::numerics::stats::{p_value, rms};
 
-/// Probability under the null hypothesis below which a channel, a rest, a move or a dependence is significant; divided
-/// by the number of channels, of rests or of moves that are tested.
+/// Significance threshold of a channel, a rest, a move or a dependence: probability under the null hypothesis. It is
+/// divided by the number of tests of the same kind (Bonferroni).
 const SIGNIFICANCE: f64 = 1e-3;
-/// Most regressors that are reported for a channel.
+/// Maximum number of regressors that are reported for a channel.
 const MOST_REGRESSORS: usize = 3;
-/// Least share of the sum of squares that a reported regressor explains.
+/// Minimum share of the sum of squares that a reported regressor explains.
 const LEAST_SHARE: f64 = 0.1;
-/// Singular values of a regressor's columns below this share of the largest one are rounding errors of dependent
-/// columns.
+/// Singular values of a regressor's columns below this share of the largest one count as zero.
 const DEPENDENT_COLUMNS: f64 = 1e-6;
-/// Moves rotate about a common body axis if at least this share of the square of each rotation vector is along it.
+/// Moves share a rotation axis if at least this share of the squared norm of each rotation vector is along that body
+/// axis.
 const ALONG_ONE_AXIS: f64 = 0.8;
 
-/// Residuals of a calibration on its own recordings, and what a second calibration leaves of them.
+/// Residuals of a calibration on its own recordings, compared with the residuals of a second calibration.
 #[derive(Clone, Debug)]
 pub struct ResidualsByPlace {
-    /// Each kind of residual on each axis.
+    /// Residuals by kind and body axis.
     pub channels: Vec<ChannelResidual>,
-    /// What the significant channels depend on, the largest share of a channel first.
+    /// Significant dependences of significant channels; for each channel in descending order of the explained share.
     pub dependences: Vec<Dependence>,
     /// Rests whose residuals are significant.
     pub rests: Vec<ItemResidual>,
     /// Moves whose residuals are significant.
     pub moves: Vec<ItemResidual>,
-    /// Body axis (0, 1 or 2) that all significant moves rotate about, if they share one.
+    /// Body axis 0, 1 or 2 about which all significant moves rotate; `None` if there is no common axis.
     pub rotation_axis: Option<usize>,
 }
 
@@ -50,15 +50,15 @@ pub struct ResidualsByPlace {
 pub struct ChannelResidual {
     /// Kind of residual, with its unit.
     pub kind: ResidualKind,
-    /// Body axis 0, 1 or 2; `None` for the length of gravity.
+    /// Body axis 0, 1 or 2; `None` for the norm of the specific force.
     pub axis: Option<usize>,
     /// Root mean square of the residuals, in the unit of the kind.
     pub rms: f64,
-    /// Root mean square of their standard deviations from sensor noise, in the same unit.
+    /// Root mean square of the standard deviations of the residuals from sensor noise, in the unit of the kind.
     pub noise_rms: f64,
-    /// Root mean square of the residuals over their standard deviations; 1 if noise is all there is.
+    /// Root mean square of the residuals divided by their standard deviations; 1 if noise is the only error.
     pub times_noise: f64,
-    /// Whether chi2 of the channel is significant.
+    /// Whether chi2 of the channel exceeds the significance threshold.
     pub is_significant: bool,
     /// `times_noise` of the second calibration; `None` if its effects cannot be removed from recorded signals.
     pub times_noise_after: Option<f64>,
@@ -69,13 +69,13 @@ pub struct ChannelResidual {
 pub struct Dependence {
     /// Kind of residual of the channel.
     pub kind: ResidualKind,
-    /// Body axis of the channel.
+    /// Body axis of the channel, as in [`ChannelResidual::axis`].
     pub axis: Option<usize>,
-    /// What the residuals depend on.
+    /// The quantity that the residuals depend on.
     pub regressor: Regressor,
-    /// Share of the sum of squares about the mean that the regression explains.
+    /// Share, 0 to 1, of the sum of squares about the mean that the regression explains.
     pub share: f64,
-    /// Probability of such a share under the null hypothesis.
+    /// p-value of `share` under the null hypothesis of no dependence.
     pub p_value: f64,
 }
 
@@ -84,28 +84,29 @@ pub struct Dependence {
 pub struct ItemResidual {
     /// Index of the recording.
     pub recording: usize,
-    /// Index in the rests or moves of the calibration.
+    /// Index of the rest or move in the calibration.
     pub index: usize,
-    /// Root of chi2 per degree of freedom.
+    /// Square root of chi2 per degree of freedom.
     pub times_noise: f64,
-    /// |f| - g of a rest, m/s^2; angle between predicted and measured gravity after a move, deg.
+    /// `|f| - g` at a rest, m/s^2; angle between predicted and measured gravity direction after a move, deg.
     pub error: f64,
-    /// Whether the fit left it out because it contradicts the others.
+    /// Whether the fit excluded the rest or move as an outlier.
     pub left_out: bool,
 }
 
-/// Residuals of `before` on its recordings, and what `after`, another calibration of the same recordings, leaves of
-/// them; `None` if there is no other one.
+/// Residuals of `before` on its recordings, compared with the residuals of `after`, a second calibration of the same
+/// recordings; without comparison if `after` is `None`.
 ///
-/// `inside_moves` says that the unit rotates in one place, so that the specific force inside the moves is gravity.
+/// `inside_moves` is true if the unit is rotated without translation, so that the specific force inside moves is
+/// gravity alone.
 pub fn residuals_by_place(
     before: &CorrectedFit<'_>,
     after: Option<&CorrectedFit<'_>>,
     inside_moves: bool,
 ) -> ResidualsByPlace {
     let last = after.unwrap_or(before);
-    // The bias instability that remains with the effects in the model: without them, their trace counts as bias
-    // instability.
+    // The bias instability of the last calibration is used, because a calibration without effects counts the residuals
+    // of missing effects as bias instability.
     let instability = last.outcome.bias_instability_radps;
     let residuals = Residuals::new(before, instability, inside_moves);
     let remaining = after.map(|after| Residuals::new(after, instability, inside_moves));
@@ -142,7 +143,7 @@ pub fn residuals_by_place(
     }
 }
 
-/// What a channel depends on, the largest share first.
+/// Significant dependences of a channel, in descending order of the explained share.
 fn dependences(channel: &Channel) -> Vec<Dependence> {
     let mut found: Vec<Dependence> = channel
         .regressors
@@ -206,7 +207,7 @@ fn significant_items(items: &[Item]) -> Vec<ItemResidual> {
         .collect()
 }
 
-/// The body axis that all of these moves rotate about.
+/// The body axis about which all of these moves rotate; `None` if there is no common axis.
 fn common_axis(moves: &[ItemResidual], rotation_vectors: &HashMap<usize, Vector3<f64>>) -> Option<usize> {
     let shares: Vec<Vector3<f64>> = moves
         .iter()

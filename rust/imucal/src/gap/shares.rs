@@ -1,4 +1,4 @@
-//! Covariances of kernels between the moments of hypotheses.
+//! Eigenfunctions of the kernels of generic hypotheses at rests and inside moves (docs/model.md (24)).
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -7,32 +7,32 @@ use super::kernel::Kernel;
 use super::smooth::Smooth;
 use crate::numerics::gaussian::gaussian_kernels;
 
-/// The quantities of a moment that kernels depend on.
+/// The quantities at one time that kernels depend on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment {
     pub(crate) recording: usize,
     /// Time since the first sample of the recording, s.
     pub(crate) time_s: f64,
-    /// Direction of gravity in the body.
+    /// Direction up in the body frame.
     pub(crate) up: Vector3<f64>,
-    /// A horizontal direction of the world in the body frame, propagated with the gyroscope.
+    /// A fixed horizontal world direction in the body frame, propagated with the gyroscope.
     pub(crate) ahead: Vector3<f64>,
     pub(crate) temperature_degc: Option<f64>,
-    /// Rotation vector of the last move before the moment, rad.
+    /// Rotation vector of the last move, rad.
     pub(crate) turn: Vector3<f64>,
     pub(crate) rate: Vector3<f64>,
     pub(crate) acceleration: Vector3<f64>,
 }
 
-/// The moments at the rests in use, and those inside each move.
+/// Quantities at the rests in use and at several times inside each move.
 pub(crate) struct Moments {
-    /// Indices of these rests.
+    /// Indices of the rests in use.
     pub(crate) used: Vec<usize>,
     pub(crate) rests: Vec<Moment>,
     pub(crate) moves: Vec<Vec<Moment>>,
 }
 
-/// Some of the moments.
+/// Selects the rests or one move.
 #[derive(Clone, Copy)]
 pub(crate) enum Place {
     Rests,
@@ -48,24 +48,26 @@ impl Moments {
     }
 }
 
-/// Functions of the quantity of a kernel, shared by all blocks.
+/// Values of the eigenfunctions of a kernel, shared by hypotheses about different blocks; one row for each function.
 pub(super) struct Shares {
-    /// A column for each rest in use.
+    /// One column for each rest in use.
     rests: Mat<f64>,
-    /// For each move, a column for each moment.
+    /// For each move, one column for each time inside it.
     moves: Vec<Mat<f64>>,
 }
 
-/// Correlation length of the kernels of directions and attitudes, as a distance of unit vectors.
+/// Correlation length of the kernels of directions and attitudes, as a distance between unit vectors.
 const LENGTH: f64 = 0.6;
-/// Smallest rotation about an axis whose sign counts, rad.
+/// Rotations about an axis by a smaller angle, rad, have sign zero.
 const LEAST_TURN_RAD: f64 = 0.01;
-/// Most functions per axis: for a random walk these are waves of a tenth of the recording and longer.
+/// Maximum number of eigenfunctions per axis for a random walk, which resolve periods down to a tenth of the recording.
 const MOST_WAVES: usize = 20;
+/// Maximum number of eigenfunctions per axis for all other kernels.
 const MOST: usize = 12;
 
 impl Shares {
-    /// Functions of a kernel in the middle of the moves, or at the rests; `None` if the kernel is constant there.
+    /// Eigenfunctions of a kernel, computed from its values in the middle of the moves or at the rests; `None` if the
+    /// kernel is constant there.
     pub(super) fn new(kernel: Kernel, in_moves: bool, moments: &Moments) -> Option<Self> {
         let points: Vec<Moment> = if in_moves {
             moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
@@ -76,7 +78,7 @@ impl Shares {
         if points.len() < 3 || (kernel == Kernel::Temperature && temperatures.len() < points.len()) {
             return None;
         }
-        // The spread of the temperatures is the correlation length of their kernel.
+        // The correlation length of the temperature kernel is proportional to the temperature range.
         let end = |fold: fn(f64, f64) -> f64, start: f64| temperatures.iter().copied().fold(start, fold);
         let spread = end(f64::max, f64::NEG_INFINITY) - end(f64::min, f64::INFINITY);
         let most = if kernel == Kernel::RandomWalk { MOST_WAVES } else { MOST };
@@ -86,12 +88,12 @@ impl Shares {
         Some(Self { rests: smooth.at(&moments.rests, alike), moves })
     }
 
-    /// Number of functions.
+    /// Number of eigenfunctions.
     pub(super) fn width(&self) -> usize {
         self.rests.nrows()
     }
 
-    /// The functions times a number for each axis at each moment.
+    /// Products of each eigenfunction with a factor for each axis, moment by moment.
     pub(super) fn times(&self, place: Place, numbers: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
         let shares = match place {
             Place::Rests => &self.rests,
@@ -107,7 +109,7 @@ impl Shares {
     }
 }
 
-/// Covariance of the deviations at a moment with those at several others.
+/// Covariances of the deviation at `a` with the deviations at several other times.
 fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
@@ -136,13 +138,13 @@ fn each(to: &mut [f64], others: &[Moment], of: impl Fn(&Moment) -> f64) {
     to.iter_mut().zip(others).for_each(|(to, other)| *to = of(other));
 }
 
-/// Computed from squared distances.
+/// Gaussian kernel of squared distances with a correlation length.
 fn near(to: &mut [f64], others: &[Moment], length: f64, square: impl Fn(&Moment) -> f64) {
     each(to, others, |other| square(other) / (length * length));
     gaussian_kernels(to);
 }
 
-/// The sign of a rotation about an axis, rad; zero below the threshold.
+/// Sign of a rotation angle; zero if its magnitude is below [`LEAST_TURN_RAD`].
 fn direction(turn_rad: f64) -> f64 {
     if turn_rad.abs() < LEAST_TURN_RAD { 0.0 } else { turn_rad.signum() }
 }

@@ -1,8 +1,8 @@
-//! Smooth functions of a kernel, from its eigenvectors at given points.
+//! Eigenfunctions of a covariance kernel, from its eigenvectors at given points (Nystroem extension).
 
 use faer::Mat;
 
-/// Eigenvalues below this share of the largest one are omitted.
+/// Eigenvalues below this share of the largest eigenvalue are omitted.
 const SMALLEST: f64 = 1e-3;
 
 /// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)` of the centred kernel k, with `k = U diag(s) U^T` at the
@@ -16,8 +16,8 @@ pub(crate) struct Smooth<T> {
 }
 
 impl<T> Smooth<T> {
-    /// At most `most` functions; `None` if the kernel is the same for all points. `kernel` writes the covariance of one
-    /// point with several others.
+    /// At most `most` functions; `None` if the kernel is constant over all points. `kernel` writes the covariances of
+    /// one point with several others.
     pub(crate) fn new(points: Vec<T>, kernel: impl Fn(&T, &[T], &mut [f64]), most: usize) -> Option<Self> {
         let n = points.len();
         let mut matrix = Mat::zeros(n, n);
@@ -37,12 +37,12 @@ impl<T> Smooth<T> {
         Some(Self { points, weights, means, mean })
     }
 
-    /// Number of functions.
+    /// Number of eigenfunctions.
     pub(crate) fn width(&self) -> usize {
         self.weights.ncols()
     }
 
-    /// All functions at some points, one column each, for the kernel that they were made with.
+    /// Values of all functions (rows) at some points (columns). `kernel` must be the kernel passed to `new`.
     pub(crate) fn at(&self, points: &[T], kernel: impl Fn(&T, &[T], &mut [f64])) -> Mat<f64> {
         let n = self.points.len();
         let mut near = Mat::zeros(n, points.len());
@@ -60,7 +60,8 @@ impl<T> Smooth<T> {
 mod tests {
     use super::*;
 
-    /// A random walk goes straight between its points, and its functions there rebuild the kernel without its mean.
+    /// The conditional mean of a random walk is linear between its points, and its eigenfunctions at the points
+    /// reproduce the centred kernel.
     #[test]
     fn functions_of_a_walk_rebuild_it_and_go_straight_between_points() {
         let points: Vec<f64> = (1..=5).map(f64::from).collect();

@@ -16,18 +16,18 @@ pub(super) const NO_EVIDENCE: &str =
 pub(super) struct Stage {
     pub(super) design: Arc<Design>,
     pub(super) evidence: Evidence,
-    /// The fit.
+    /// The fitted model.
     pub(super) model: Model,
-    /// Its effects, of the catalogue and of the user, with the standard deviation of the prior of each.
+    /// Effects in the model, from the catalogue and user-defined, each with the width of its prior.
     pub(super) members: Vec<Member>,
-    /// The sensors that these effects act on.
+    /// Sensors that these effects act on.
     pub(super) sensors: Vec<Sensor>,
-    /// Name of each effect and the places of its parameters in the model.
+    /// Name of each effect and the range of its parameters in the model.
     pub(super) places: Vec<(String, std::ops::Range<usize>)>,
 }
 
 impl Stage {
-    /// The places of the parameters of an effect in the model.
+    /// Range of an effect's parameters in the model; `None` if the effect is not in the model.
     pub(super) fn place(&self, name: &str) -> Option<std::ops::Range<usize>> {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
     }
@@ -37,7 +37,7 @@ impl Stage {
         Self { design: Arc::new(self.design.without(|own| own == name)), ..self.clone() }
     }
 
-    /// The warm start of fits with the same effects.
+    /// Start values for fits with the same effects.
     pub(super) fn warm_start(&self) -> WarmStart {
         WarmStart::new(&self.model, self.places.iter().map(|(name, place)| (name.clone(), place.len())).collect())
     }
@@ -50,14 +50,15 @@ pub(super) struct Member {
     pub(super) width: f64,
     /// Start value of its time constant, if it has one.
     pub(super) shape: Option<f64>,
-    /// Its parameters in the last fit; empty before the first one.
+    /// Parameters in the last fit, SI units; empty before the first fit.
     pub(super) values: Vec<f64>,
 }
 
-/// Kinds of residuals, number of moves, and name and prior width of each effect of a fit: equal keys have equal fits.
+/// Key of a fit: kinds of residuals, number of moves, and name and prior width of each effect. Equal keys have equal
+/// fits.
 pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
 
-/// What is linearised together with a model.
+/// The columns that are computed in addition to those of the model.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Beside {
     Candidates,

@@ -1,4 +1,4 @@
-//! The start of a search: the model without effects, and whether a hand moved the unit.
+//! The start of a search: fit of the model without effects, and detection of hand motion.
 
 use std::sync::Arc;
 
@@ -13,19 +13,19 @@ use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_unobservable_hand_held};
 
-/// Duration of the means of the specific force inside moves by which hand motion is detected, s: a hand accelerates and
-/// stops more slowly.
+/// Averaging time, s, of the specific force inside moves for the detection of hand motion. Hand motion accelerates more
+/// slowly than this.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
-/// Ratio to noise of the scatter of these means, whatever effects are in the model, from which on a hand moved the
-/// unit.
+/// Ratio of the scatter of these means to noise above which hand motion is detected, if no combination of effects
+/// reduces it.
 const HAND: f64 = 10.0;
-/// Effects that show in rotation alone explain all but this share of the variance of these means if no hand moved the
-/// unit; a long lever arm on a noisy gyroscope leaves the most.
+/// Maximum share of the variance of these means that remains, without hand motion, after effects of pure rotation are
+/// fitted. The largest remainders occur for a long lever arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 
 impl ForwardSearch<'_> {
-    /// The model without effects, and the remaining candidates. If a hand moved the unit, candidates that need the
-    /// specific force inside the moves are excluded.
+    /// Fits the model without effects and returns the remaining candidates. If hand motion is detected, candidates that
+    /// require the specific force inside moves are excluded.
     pub(super) fn start(
         &mut self,
         prepared: &Prepared<'_>,
@@ -60,7 +60,8 @@ impl ForwardSearch<'_> {
         Ok((stage, open))
     }
 
-    /// Whether the specific force inside the moves of a recording is that of a hand, whatever effect may explain it.
+    /// Whether the specific force inside the moves of any recording indicates hand motion that no combination of
+    /// effects explains.
     fn seems_hand_moved(
         &mut self,
         prepared: &Prepared<'_>,
@@ -69,12 +70,12 @@ impl ForwardSearch<'_> {
     ) -> Result<bool, Error> {
         let inside = |gram: &Gram, group: usize, columns: &[Column]| {
             let Some(place) = gram.groups.iter().position(|own| *own == group) else { return Ok(0.0) };
-            // A lower bound above the threshold decides.
+            // A lower bound above the threshold is sufficient and avoids the iteration.
             let least = gram.least_scale(group, columns).filter(|least| *least > HAND * HAND);
             let scale = least.or_else(|| gram.evidence(columns).map(|evidence| evidence.scales[place]));
             scale.ok_or_else(|| Error::Fit(NO_EVIDENCE.into()))
         };
-        // Specific force by a hand would bias the fit.
+        // Accelerometer samples inside moves are not fitted, because hand motion would bias the fit.
         let kinds = self.kinds;
         self.kinds.in_motion = false;
         let plain = self.stage(prepared, triads, open, &[], Beside::Nothing);
@@ -84,7 +85,7 @@ impl ForwardSearch<'_> {
         let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
-        // More columns can only lower the scatter.
+        // Additional columns can only reduce the scatter, so only recordings above the threshold are tested further.
         let (gram, groups) = seen.insides_apart(prepared);
         let scales = groups.map(|group| Ok((group, inside(&gram, group, &seen.model)?)));
         let mut scattered: Vec<(usize, f64)> = scales.collect::<Result<_, Error>>()?;
@@ -105,7 +106,8 @@ impl ForwardSearch<'_> {
             let (gram, _) = seen.insides_apart(prepared);
             let mut is_hand_moved = false;
             for (group, plain) in &scattered {
-                // Scatter that rotation explains so well is not that of a hand, whatever remains.
+                // Hand motion cannot be explained by effects of pure rotation, so a scatter that they explain almost
+                // completely is not hand motion.
                 is_hand_moved |= inside(&gram, *group, &all_columns)? > HAND * HAND
                     && inside(&gram, *group, &of_rotation)? > UNEXPLAINED * plain;
             }

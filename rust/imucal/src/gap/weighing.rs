@@ -1,15 +1,15 @@
-//! The evidence of a model with further columns, for several widths of their prior.
+//! The evidence of a model with additional columns, for several widths of their prior (docs/model.md (23)).
 //!
-//! At fixed scales the model is swept out of the Gram matrix first. The remainder of the columns then gives the gain of
-//! every width:
+//! At fixed scales the model is swept out of the Gram matrix first. The Schur complement S of the additional columns
+//! then gives the increase of the log evidence for every prior width s:
 //!
 //! ```text
 //! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, all sums over s_g^2
 //! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
 //! ```
 //!
-//! At the scales at which the evidence settles this is the gain of the evidence; at other scales it shows which widths
-//! to evaluate.
+//! At the scales that maximise the evidence this is the increase of the maximum. At other scales it indicates which
+//! prior widths are worth evaluating.
 
 mod left;
 
@@ -22,39 +22,40 @@ use crate::numerics::symmetric::SymmetricMatrix;
 
 pub(crate) use left::Left;
 
-/// Most rounds of scales and parameters, which depend on each other; the last round is used as it is.
+/// Maximum number of alternations between scales and parameters, which depend on each other. The result of the last
+/// round is used even if it has not converged.
 const SCALE_ROUNDS: usize = 20;
-/// Change of the log evidence, nats, below which the parameters are not updated to the new scales: their gain is at
-/// most three hundredths of that.
+/// Convergence threshold: change of the log evidence by an update of the scales, nats, below which the parameters are
+/// not refitted. A refit would increase the log evidence by at most 3 % of this value.
 const FORESEEN: f64 = 0.05;
 
-/// A further column: its place in the Gram matrices, and the typical size of its parameter.
+/// An additional column: its index in the Gram matrices, and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
-/// Columns of a model and further columns, each divided by its length.
+/// Columns of a model and additional columns, each normalised to unit length.
 pub(super) struct Columns<'a> {
     pub(super) gram: &'a Gram,
     pub(super) model: &'a [Column],
     pub(super) beside: Vec<Aside>,
-    /// Reciprocal lengths; the residual comes last and is not scaled.
+    /// Reciprocal length of each column; the last entry is that of the residual, which is not normalised.
     pub(super) unit: Vec<f64>,
 }
 
-/// A model and further columns.
+/// The Gram matrices of a model with additional columns.
 pub(crate) struct Weighing<'a> {
     pub(super) columns: Columns<'a>,
-    /// Their Gram matrices by group.
+    /// Gram matrix of the normalised columns and the residual for each group of residuals.
     pub(super) parts: Vec<SymmetricMatrix>,
 }
 
-/// The Gram matrix at some scales, with the model swept out.
+/// The sum of the Gram matrices divided by their scales, after the model is swept out.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
     pub(super) sums: SymmetricMatrix,
-    /// Squared length of each further column before the sweep.
+    /// Squared length of each additional column before the sweep.
     whole: Vec<f64>,
-    /// Log determinant of the model.
+    /// Log determinant of the model's normal matrix.
     pub(super) volume: f64,
 }
 
@@ -62,23 +63,23 @@ impl<'a> Columns<'a> {
     pub(super) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let faint = |&(place, typical): &Aside| Column { place, precision: typical.powi(-2) * RIDGE, value: 0.0 };
         let columns: Vec<Column> = model.iter().copied().chain(beside.iter().map(faint)).collect();
-        // Columns of unit length: otherwise sums of squares lose the small columns.
+        // Normalised, because rounding errors of long columns would exceed the squares of short columns.
         let unit = gram.sizes(&columns).iter().map(|size| 1.0 / size).chain([1.0]).collect();
         Self { gram, model, beside, unit }
     }
 
-    /// Number of further columns.
+    /// Number of columns of the model and additional columns.
     pub(super) fn count(&self) -> usize {
         self.model.len() + self.beside.len()
     }
 
-    /// Their places in the Gram matrices, and that of the residual.
+    /// Index of each column in the Gram matrices, and of the residual, which is last.
     fn places(&self) -> Vec<usize> {
         let columns = self.model.iter().map(|column| column.place).chain(self.beside.iter().map(|(place, _)| *place));
         columns.chain([self.gram.residual]).collect()
     }
 
-    /// Writes some rows of their Gram matrices.
+    /// Writes the given rows of the normalised Gram matrices.
     pub(super) fn fill(&self, sums: &mut [SymmetricMatrix], rows: &Range<usize>) {
         let (place, unit) = (self.places(), &self.unit);
         for (part, sum) in sums.iter_mut().zip(&self.gram.sums) {
@@ -90,7 +91,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Adds the Gram matrices divided by their scales, from a row on, and the known part of the model.
+    /// Adds the Gram matrices divided by their scales, and the prior precisions of the model, from row `from` on.
     #[inline(always)] // With the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
@@ -119,12 +120,12 @@ impl<'a> Weighing<'a> {
         Self { columns, parts }
     }
 
-    /// Sweeps the model out at these scales; `None` if the model is not determined.
+    /// Sweeps the model out at these scales; `None` if the normal matrix of the model is singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<Swept> {
         Arch::new().dispatch(Sweep(self, scales))
     }
 
-    /// The remainder after the sweep.
+    /// The Schur complement of the additional columns, in units of their typical sizes.
     pub(crate) fn left(&self, swept: &Swept) -> Left {
         let Columns { model, beside, unit, .. } = &self.columns;
         let (n, k) = (model.len(), beside.len());
@@ -139,13 +140,14 @@ impl<'a> Weighing<'a> {
         Left { sums, whole }
     }
 
-    /// The evidence with a prior of this many typical sizes for the further columns, starting at the scales of a sweep,
-    /// and the sweep at the scales where they have settled; `None` if the columns are not determined.
+    /// The evidence with a prior whose standard deviation is `width` typical sizes for the additional columns. The
+    /// iteration starts at the scales of `swept`; the second value is the sweep at the converged scales. Returns `None`
+    /// if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Arch::new().dispatch(Settle(self, width, swept))
     }
 
-    /// The Gram matrix at some scales from a row on, before any sweep.
+    /// The sum of the Gram matrices divided by their scales, from row `from` on, before any sweep.
     #[inline(always)] // With the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
@@ -175,10 +177,11 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // The remaining residual is the residual minus its projection on each column.
+            // The residual of the fit is the initial residual minus its projection on the columns.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // The evidence at these scales, its gain up to its maximum with fixed parameters, and the deviance there.
+            // Terms of the evidence at the present scales, its increase when the scales are optimised with fixed
+            // parameters, and the deviance at the optimised scales.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {
@@ -196,7 +199,8 @@ impl<'a> Weighing<'a> {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
-                // The lengths of the base columns are equal in all models; those of the other columns cancel.
+                // Normalisation does not affect comparisons: lengths of base columns are equal in all models, and those
+                // of other columns cancel between `volume` and `given`.
                 let evidence = Evidence {
                     log: gain - 0.5 * (held + prior + volume - given),
                     deviance,
@@ -235,12 +239,12 @@ impl WithSimd for Sweep<'_> {
 }
 
 impl Gram {
-    /// The evidence of a model with these columns; `None` if the columns are not determined.
+    /// The evidence of a model with these columns; `None` if its normal matrix is singular.
     pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
     }
 
-    /// The same, with the scales of a similar model as start values.
+    /// The evidence of a model with these columns, starting at the scales `near` of a similar model.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
         weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)
@@ -253,7 +257,7 @@ mod tests {
 
     use super::*;
 
-    /// With scales of one the gain is the difference of two evidences, whatever the width.
+    /// If all scales are one, the computed increase is the difference of two log evidences, for any prior width.
     #[test]
     fn the_gain_is_that_of_the_evidence() {
         let rows = 60;

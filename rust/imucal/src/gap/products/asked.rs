@@ -1,18 +1,18 @@
-//! The products of columns that are needed.
+//! The set of column products that scoring needs.
 
 use std::ops::Range;
 
 use faer::Mat;
 
-/// The products of a model, which has the first columns, with all columns, and of each block of other columns with
-/// itself and with the last column.
+/// Products of the model's columns, which are first, with all columns, and products within each block of candidate
+/// columns and of the block with the last column.
 pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,
     pub(super) blocks: &'a [Range<usize>],
-    /// Further products: columns, and the later columns that each is multiplied by.
+    /// Additional products: index of a column, and indices of the later columns by which it is multiplied.
     pairs: Vec<(usize, Vec<usize>)>,
-    /// Zero where a product is needed, and NaN elsewhere.
+    /// Initial Gram matrix: zero for products that are needed, NaN for others.
     nothing_yet: Mat<f64>,
 }
 
@@ -29,16 +29,16 @@ impl<'a> Asked<'a> {
         Self { model, last, blocks, pairs, nothing_yet }
     }
 
-    /// Sums of no rows: zero where a product is needed, and NaN elsewhere.
+    /// Initial Gram matrix: zero for products that are needed, NaN for others.
     pub(super) fn nothing_yet(&self) -> Mat<f64> {
         let size = self.last + 1;
         let mut sums = Mat::zeros(size, size);
-        // Column by column, because copying a matrix copies number by number.
+        // Copied by column slices, because `Mat::clone` copies element by element.
         (0..size).for_each(|j| sums.col_as_slice_mut(j).copy_from_slice(self.nothing_yet.col_as_slice(j)));
         sums
     }
 
-    /// Mirrors the products of the model into its rows, and the others across the diagonal.
+    /// Copies the computed products to the transposed entries.
     pub(super) fn mirror(&self, sum: &mut Mat<f64>) {
         for j in self.model..=self.last {
             (0..self.model).for_each(|i| sum[(i, j)] = sum[(j, i)]);

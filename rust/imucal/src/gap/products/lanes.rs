@@ -1,4 +1,4 @@
-//! Products of columns that are stored side by side in rows.
+//! Gram matrices of columns that are stored row by row, computed with SIMD registers.
 
 use std::iter::once;
 use std::ops::Range;
@@ -11,15 +11,17 @@ use super::{Rows, in_parts};
 use crate::joint::{Insides, Lanes};
 use crate::numerics::workers::{in_order, processors};
 
-/// Number of moves per partial sum; it does not depend on the number of threads, so neither does the result.
+/// Number of moves per partial sum. It is constant, so that rounding does not depend on the number of threads.
 const MOVES: usize = 8;
-/// Columns that are multiplied by a register at once: of a model, which has three times as many, and of all others.
+/// Number of the model's columns that are multiplied by one register in one job. The model has about three times as
+/// many columns.
 const OF_MODEL: usize = 7;
+/// Number of columns other than the model's that are multiplied by one register in one job.
 const OF_OTHERS: usize = 4;
-/// Number of rows that fit into the first-level cache.
+/// Number of rows per block, so that a block fits into the first-level cache.
 const NEAR: usize = 32;
 
-/// The requested products of each group of rows. `order` are the places of the columns in the lanes.
+/// The requested products for each group of rows. `order` gives the position of each column within a row.
 pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: &Asked<'_>) -> Vec<Mat<f64>> {
     let plan = Plan::new(lanes, order, asked);
     let of_group = |group: &Rows| {
@@ -37,7 +39,7 @@ pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: 
     groups.iter().map(of_group).collect()
 }
 
-/// The requested products of all rows inside the moves, and their residual.
+/// The requested products summed over all rows inside moves, and the residual of these rows.
 pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();
@@ -60,29 +62,29 @@ pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) 
     (sum, residual)
 }
 
-/// Some columns, by which a register of each row is multiplied.
+/// Multiplications of one register of each row by some of the columns.
 struct Job {
     columns: Vec<usize>,
-    /// Their places; one place is repeated if there are fewer columns.
+    /// Positions of the columns within a row; the last position is repeated if there are fewer columns.
     places: [usize; OF_MODEL],
-    /// The first place of the register, and the columns that stand in it.
+    /// Position of the register's first value within a row, and range of the positions whose products are used.
     first: usize,
     with: Range<usize>,
 }
 
-/// All multiplications.
+/// All jobs of a Gram matrix.
 struct Plan {
-    /// The column at each place.
+    /// Index of the column at each position of a row; `None` for padding.
     columns: Vec<Option<usize>>,
     of_model: Vec<Job>,
     of_others: Vec<Job>,
-    /// Number of values in a register.
+    /// Number of values in a SIMD register.
     register: usize,
 }
 
 impl Plan {
-    /// The products of the model with all columns, of each block with itself, and of the residual with each block and
-    /// with itself.
+    /// Plans the products of the model with all columns, of each block with itself, and of the residual with each block
+    /// and with itself.
     fn new(lanes: &Lanes, order: &[usize], asked: &Asked<'_>) -> Self {
         let register = Arch::new().dispatch(Register);
         let places: Vec<Option<usize>> = order.iter().map(|column| lanes.place(*column)).collect();
@@ -115,17 +117,17 @@ impl Plan {
         Self { columns, of_model, of_others, register }
     }
 
-    /// Sums of each job: by column, one for each place of its register.
+    /// Initial sums of all jobs: for each column one register of zeros.
     fn nothing_yet(&self) -> Vec<f64> {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }
 
-    /// Adds the products of some rows.
+    /// Adds the products of the given rows to the sums.
     fn add<'r>(&self, rows: impl Iterator<Item = &'r [f64]> + Clone, sums: &mut [f64]) {
         Arch::new().dispatch(Add { plan: self, rows, sums });
     }
 
-    /// Writes the sums to the requested entries.
+    /// Writes the sums to the requested entries of a Gram matrix.
     fn take(&self, sums: &[f64], to: &mut Mat<f64>) {
         let (of_model, of_others) = sums.split_at(self.of_model.len() * OF_MODEL * self.register);
         let of_model = self.of_model.iter().zip(of_model.chunks_exact(OF_MODEL * self.register));
@@ -174,7 +176,7 @@ impl<'r, R: Iterator<Item = &'r [f64]> + Clone> WithSimd for Add<'_, R> {
     }
 }
 
-/// Adds the products of the first N columns of a job with its register, row by row.
+/// Adds the products of the first `N` columns of a job with its register, row by row.
 #[inline(always)]
 fn add<'r, S: Simd, const N: usize>(simd: S, rows: impl Iterator<Item = &'r [f64]>, job: &Job, sums: &mut [S::f64s]) {
     let (places, first) = (&job.places, job.first);
@@ -197,7 +199,7 @@ mod tests {
 
     #[test]
     fn what_stands_side_by_side_has_the_products_of_columns() {
-        // The model's columns stand apart, the third block is not seen, and the order is another one.
+        // The model's columns are not contiguous, the third block is not requested, and the columns are permuted.
         let (rows, model, blocks) = (420, 6, [6..7, 7..12, 12..14, 14..17]);
         let places: Vec<Option<usize>> =
             (0..18).map(|j| if (12..14).contains(&j) { None } else { Some(if j < 3 { j } else { j + 10 }) }).collect();

@@ -1,14 +1,14 @@
-//! The remainder of columns after a model is projected out.
+//! Schur complement of additional columns after projection on a model.
 
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Relative to the value before the projection.
+/// Rounding error of a squared length after the projection, relative to its value before the projection.
 const ROUNDING: f64 = 1e-9;
 
-/// Remainder of the further columns, in typical sizes, and of the residual, which comes last.
+/// Schur complement of the additional columns, in units of their typical sizes, and of the residual, which is last.
 pub(crate) struct Left {
     pub(super) sums: SymmetricMatrix,
     /// Squared length of each column before the projection.
@@ -20,13 +20,13 @@ impl Left {
         self.sums.size() - 1
     }
 
-    /// The width of the prior, in typical sizes, with the largest gain of the log evidence, and that gain; `None` if no
-    /// gain can be computed.
+    /// The prior width, in typical sizes, with the largest increase of the log evidence, and this increase in nats;
+    /// `None` if the normal matrix is singular for all widths.
     pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
         Arch::new().dispatch(BestWidth(self, widths))
     }
 
-    /// The gain of a width; `sums` are overwritten.
+    /// Increase of the log evidence for a prior width, nats; `sums` is a work array.
     #[inline(always)]
     fn gain<S: Simd>(&self, simd: S, width: f64, sums: &mut SymmetricMatrix) -> Option<f64> {
         let k = self.columns();
@@ -37,11 +37,11 @@ impl Left {
         Some(0.5 * (residual - *sums.at(k, k) - volume))
     }
 
-    /// Number of directions of the parameters that change chi2 by at least this much, apart from rounding errors of the
-    /// projection.
+    /// Number of directions in parameter space, in units of typical sizes, that change chi2 by at least `least` and by
+    /// more than the rounding errors of the projection.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
-        // Usually all directions do, which is tested first.
+        // Fast path: usually all eigenvalues exceed the threshold, which a factorisation can test.
         if Arch::new().dispatch(AreAllAbove(self, least)) {
             return self.columns();
         }
@@ -52,13 +52,13 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// Change of chi2 by all directions together.
+    /// Sum over all columns of the change of chi2 by one typical size.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }
 }
 
-/// Whether all eigenvalues of the remainder are above this value.
+/// Tests whether all eigenvalues of the Schur complement exceed a value.
 struct AreAllAbove<'a>(&'a Left, f64);
 
 impl WithSimd for AreAllAbove<'_> {
@@ -82,7 +82,7 @@ impl WithSimd for BestWidth<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let (mut best, mut sums): (Option<(f64, f64)>, _) = (None, self.0.sums.clone());
-        // Not in a closure, which would be compiled for other registers.
+        // A closure would not be compiled for the widest registers.
         for &width in self.1 {
             if let Some(gain) =
                 self.0.gain(simd, width, &mut sums).filter(|gain| best.is_none_or(|(_, most)| *gain > most))
@@ -106,7 +106,7 @@ mod tests {
         sums.row_mut(1).copy_from_slice(&[2.0, -0.2]);
         let of = |whole: f64| Left { sums: sums.clone(), whole: vec![whole; 2] };
         assert_eq!([0.9, 1.1, 2.9, 3.1].map(|least| of(2.0).directions(least)), [2, 1, 1, 0]);
-        // So much was subtracted that one is rounding.
+        // With squared lengths of 1e9 before the projection, an eigenvalue of one is a rounding error.
         assert_eq!(of(1e9).directions(0.9), 1);
         let mut unknown = of(2.0);
         *unknown.sums.at(0, 1) = f64::NAN;
