@@ -204,8 +204,10 @@ def test_figures_that_are_missed_are_printed_so():
 def result(rests, moves):
     """What a calibration says of rests (start, end, reason) and of moves between them (reason)."""
     return SimpleNamespace(
-        rests=[{"start_s": a, "end_s": b, "excluded": reason} for a, b, reason in rests],
-        moves=[{"from_rest": k, "to_rest": k + 1, "excluded": reason} for k, reason in enumerate(moves)],
+        rests=[SimpleNamespace(start_s=a, end_s=b, excluded=reason) for a, b, reason in rests],
+        moves=[
+            SimpleNamespace(from_rest=k, to_rest=k + 1, excluded=reason) for k, reason in enumerate(moves)
+        ],
         findings=[],
     )
 

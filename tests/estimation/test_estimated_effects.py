@@ -200,7 +200,7 @@ def test_the_command_writes_judges_and_shows_effects(two_runs, tmp_path, capsys)
     after = json.loads((tmp_path / "judged.json").read_text())["control_set"]["after"]
     assert after == result["control_set"]
     plain = imucal.calibrate(imucal.read(run), control=imucal.read(control)).control_set
-    assert after.gravity_norm_rms_mps2 < 0.2 * plain.gravity_norm_rms_mps2
+    assert after["gravity_norm_rms_mps2"] < 0.2 * plain.gravity_norm_rms_mps2
     assert main(["apply", paths["cal.json"], control, "-o", str(tmp_path / "corrected.parquet")]) == 0
     assert "effects compensated: accel_bias_temperature" in capsys.readouterr().out
 

@@ -361,10 +361,12 @@ recorder.SYNC_S = 0.005
 program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(50)))
 clock = VirtualClock()
 stand = SimulatedStand(program, SimulatedUnit(), seed=1, speed=100.0, clock=clock)
-for name in sys.stdin:
+for line in sys.stdin:
+    # The number of acknowledgements after which the child waits to be killed, and the file.
+    limit, name = line.split(maxsplit=1)
     child = os.fork()
     if child == 0:
-        told, left = 0, 60
+        told, left = 0, int(limit)
         def tell(moment):
             global told, left
             if moment.acknowledged > told:
@@ -407,15 +409,15 @@ def test_killed_at_fifty_moments_every_acknowledged_sample_is_recovered(tmp_path
         env={**os.environ, "PYTHONPATH": str(Path(virtual_clock.__file__).parent)},
     )
     for moment in range(50):
-        output = tmp_path / f"{moment}.csv"
-        parent.stdin.write(f"{output}\n")
+        output, limit = tmp_path / f"{moment}.csv", draw.randrange(1, 60)
+        parent.stdin.write(f"{limit} {output}\n")
         parent.stdin.flush()
         said, acknowledged = parent.stdout.readline().split(), 0
         # Killed a random time after a random number of acknowledgements.
         while said[0] != "child":
             acknowledged = int(said[0])
             said = parent.stdout.readline().split()
-        for _ in range(draw.randrange(0, 40)):
+        for _ in range(draw.randrange(0, limit)):
             acknowledged = int(parent.stdout.readline())
         time.sleep(draw.uniform(0.0, 0.02))
         os.kill(int(said[1]), signal.SIGKILL)
