@@ -10,11 +10,11 @@ A bad stretch of a move is dealt with if no move overlaps it unnamed, or a findi
 or move must not be named; a move to or from a bad rest is neither good nor bad.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import imucal
+from imucal.estimation.rests import Move, Rest
 
 # Rests are found to a few hundredths of a second.
 EDGE_S = 0.06
@@ -79,5 +79,5 @@ def score(result: imucal.CalibrationResult, bad: Sequence[Bad]) -> Named:
     return Named(len(to_see), sum(map(found, to_see)), len(good), sum(good))
 
 
-def is_named(item: Mapping[str, Any]) -> bool:
+def is_named(item: Rest | Move) -> bool:
     return item.excluded is not None
