@@ -1,4 +1,4 @@
-//! The search for the missing effect for Python.
+//! Python bindings of the search for the missing effect.
 
 mod residuals;
 
@@ -20,7 +20,7 @@ use crate::options::CalibrateOptions;
 use crate::results::{EffectEstimate, Evaluation, Outcome};
 use crate::user_effects::PythonEffects;
 
-/// How an effect scores.
+/// Score of an effect relative to a model without it; see `imucal::gap::Score`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct EffectScore {
     name: String,
@@ -31,7 +31,7 @@ pub(crate) struct EffectScore {
     rivals: Vec<String>,
 }
 
-/// A bias or a scale that varies in a pattern that no named effect explains.
+/// A variation of a bias or a scale that no named effect describes; see `imucal::gap::GenericFinding`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GenericFinding {
     block: &'static str,
@@ -39,37 +39,38 @@ pub(crate) struct GenericFinding {
     log_bayes_factor: f64,
     axis: usize,
     rests: Vec<usize>,
-    /// SI units.
+    /// Rms variation of the parameter on `axis`, SI units.
     rms: f64,
 }
 
-/// Name of an effect, by kind of residual how many times the noise it leaves there, and the share that the parameters
-/// which are always there explain.
+/// Name of an effect, ratio to noise of the residuals that it causes for each kind of residual, and share of its chi2
+/// that the base parameters absorb.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
-/// Scores, generic hypotheses, and what the recordings could show.
+/// Scores of all candidates, generic hypotheses and detection limits; see `imucal::gap::Search`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
-    /// Name, log Bayes factor, gain on what is held out and its standard deviation, nats.
+    /// Name, log Bayes factor, increase of the log predictive density of held-out rests and moves, and its standard
+    /// deviation; all but the name in nats.
     not_predictive: Vec<(String, f64, f64, f64)>,
-    /// Name, and what would show the effect.
+    /// Name of an effect that is not observable, and the data that it requires.
     not_observable: Vec<(String, String)>,
-    /// Name, smallest size that would have been seen, and its unit.
+    /// Name of an effect, its detection limit as rms size per parameter, and the unit.
     smallest_visible: Vec<(String, f64, String)>,
     traces: Vec<Trace>,
-    /// Kind of residual, factor over noise, and the probability of it under the null hypothesis.
+    /// Kind of residual, ratio of its scatter to noise, and the p-value of this ratio.
     scattering_rests: Option<(&'static str, f64, f64)>,
     is_hand_moved: bool,
 }
 
-/// Name of an effect that did not join, why it cannot be fitted, or else chi2 per degree of freedom of unseen data
-/// without and with it.
+/// Name of a rejected effect, the message of its failed fit or None, and otherwise chi2 per degree of freedom of unseen
+/// data without and with the effect.
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>);
 
-/// A model fitted to the recordings of a unit, and judged on the control recordings if there are any.
+/// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GapFit {
     effects: Vec<String>,
@@ -77,38 +78,42 @@ pub(crate) struct GapFit {
     control: Option<Py<Evaluation>>,
 }
 
-/// Fits and evidence of a search.
+/// Fits and evidence of a search; see `imucal::gap::Analysis`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GapAnalysis {
     before: Py<GapFit>,
-    /// None if no effect joined.
+    /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
-    /// An effect that joined, a rival, and the estimate of the rival in its place, None if that cannot be fitted.
+    /// Name of an accepted effect, name of a rival, and parameters of the rival if it replaces that effect; None if the
+    /// fit with the rival fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
-    /// Size and standard deviation, rad/s, of a rate with the pattern of the Earth's.
+    /// Magnitude and standard deviation, rad/s, of an estimated constant rate that is not the Earth's rate.
     not_the_earth: Option<(f64, f64)>,
     not_confirmed: Vec<Py<EffectScore>>,
-    /// Names, and chi2 per degree of freedom of the control recordings without and with these effects.
+    /// Names of contradicted effects, and chi2 per degree of freedom of the control recordings without and with these
+    /// effects.
     contradiction: Option<(Vec<String>, f64, f64)>,
-    /// Name of the figure on unseen data, before, after, and what noise leaves of it.
+    /// Name of the figure of merit on unseen data, its value without and with effects, and its expected value from
+    /// noise.
     unseen: (&'static str, f64, f64, f64),
-    /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of that with what joined.
+    /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
+    /// accepted effects.
     chi2_of_given: Option<[f64; 3]>,
-    /// Residuals of the fit without effects by kind and place.
+    /// Residuals of the fit without effects by kind, rest and move.
     residuals: Fields,
-    /// Predicted errors of corrected signals, None if no effect joined.
+    /// Predicted errors of corrected signals; None if no effect was accepted.
     corrected_errors: Option<Fields>,
     search: Py<Search>,
 }
 
-/// What a search has found.
+/// Result of a search; see `imucal::gap::Gap`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GapResult {
     verdict: &'static str,
     faults: Vec<Py<PyAny>>,
-    /// None if faults of the data prevented any fit.
+    /// Fits and evidence; None if faults of the data prevented the first fit.
     analysis: Option<Py<GapAnalysis>>,
 }
 
@@ -146,7 +151,7 @@ impl Search {
     }
 }
 
-/// The recordings of a unit and those that judge.
+/// The calibration recordings and the control recordings.
 struct Sets<'a> {
     recordings: &'a [Recording<'a>],
     control: &'a [Recording<'a>],
@@ -189,24 +194,24 @@ impl Sets<'_> {
     }
 }
 
-/// A calibration to compare with, the gravity that it was made with, and the recordings that judge it as it corrects
-/// them if the library cannot.
+/// A calibration to compare with, the local gravity that it used, m/s^2, and the evaluation recordings corrected by it
+/// if it has user-defined effects.
 type Given<'py> = (CalibrationArrays<'py>, f64, Option<Vec<RecordingColumns<'py>>>);
 
-/// The question of a search, taken by attribute.
+/// Input of a search, read from the attributes of a Python object.
 #[derive(FromPyObject)]
 pub(crate) struct GapQuestion<'py> {
     recordings: Vec<RecordingColumns<'py>>,
     control: Vec<RecordingColumns<'py>>,
     options: CalibrateOptions<'py>,
-    /// Names of the catalogue, all of it if None.
+    /// Names of candidate effects from the catalogue; None for all effects.
     candidates: Option<Vec<String>>,
     user_effects: Option<PythonEffects>,
     given: Option<Given<'py>>,
 }
 
-/// Finds the missing effect. `stage` is called with the names of the effects before each fit, with the number of
-/// candidates before a search, and without either before errors are predicted.
+/// Finds the missing effect. `stage(effects, candidates)` is called before each step: with the names of the effects
+/// before a fit, with the number of candidates before a search, and with None for both before errors are predicted.
 #[pyfunction]
 pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAny>) -> PyResult<GapResult> {
     let GapQuestion { recordings, control, options, candidates, user_effects, given } = question;
@@ -253,11 +258,11 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
     })
 }
 
-/// First sample, index after the last one, start in s, mean of the accelerometer in raw units, and whether the fit used
-/// the rest.
+/// A rest: index of the first sample, index of the last sample plus one, start time in s, mean accelerometer reading in
+/// raw units, and whether the fit used the rest.
 type RestTuple = (usize, usize, f64, [Option<f64>; 3], bool);
 
-/// Slips of the unit on its mount and, where there are none, play of the mount, from the rests of one recording.
+/// Slips of the unit on its mount in one recording, or, if there are none, play of the mount.
 #[pyfunction]
 pub(crate) fn mount_faults(
     py: Python<'_>,
@@ -283,17 +288,18 @@ pub(crate) fn mount_faults(
     found.iter().map(|fault| finding(py, fault)).collect()
 }
 
-/// Median angle between gravity in raw samples and gravity by the angles of the stand, deg; None without angles.
+/// Median angle, deg, between the direction of raw accelerometer samples and the gravity direction from the stand's
+/// angles; None without angles.
 #[pyfunction]
 pub(crate) fn stand_mismatch_deg(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<Option<f64>> {
     let recordings = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
     Ok(py.detach(|| library::stand_mismatch_deg(&recordings[0])))
 }
 
-/// Residuals (m,), base columns (m, n) and those of each effect, (name, (m, p)).
+/// Residuals (m,), base columns (m, n), and name and columns (m, p) of each effect.
 type Columns<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Vec<(String, Bound<'py, PyArray2<f64>>)>);
 
-/// Whitened residuals of the model without effects, and what they depend on.
+/// Whitened residuals of the model without effects, and their Jacobian.
 #[pyfunction]
 pub(crate) fn gap_design<'py>(
     py: Python<'py>,

@@ -1,4 +1,4 @@
-//! Residuals by place and predicted errors, as mappings that go into documents.
+//! Residuals by kind, rest and move, and predicted errors, as mappings for JSON documents.
 
 use imucal::gap as library;
 use imucal::recording::Recording;
@@ -8,7 +8,7 @@ use crate::mappings::{Fields, fields, known};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Residuals of one kind on one axis.
+/// Residuals of one kind on one body axis; see `imucal::gap::ChannelResidual`.
 #[derive(IntoPyObject)]
 struct Channel {
     channel: &'static str,
@@ -21,7 +21,7 @@ struct Channel {
     times_noise_after: Option<f64>,
 }
 
-/// A significant dependence of a channel.
+/// A significant correlation of a channel with a regressor.
 #[derive(IntoPyObject)]
 struct Dependence {
     channel: &'static str,
@@ -60,7 +60,7 @@ struct Where {
     turns_about: Option<&'static str>,
 }
 
-/// Residuals by kind and place on these recordings.
+/// Residuals by kind, rest and move on these recordings.
 pub(super) fn residuals(
     py: Python<'_>,
     found: &library::ResidualsByPlace,
@@ -120,7 +120,7 @@ struct PredictedErrors {
     specific_force_rms_mps2: Fields,
 }
 
-/// Predicted errors of both signals.
+/// Predicted errors of the corrected angular rate and specific force.
 pub(super) fn predicted_errors(py: Python<'_>, found: &library::PredictedErrors) -> PyResult<Fields> {
     let signal = |error: &library::PredictedError| {
         let library::PredictedError { before, after, factor, factor_low, factor_high } = *error;

@@ -1,4 +1,4 @@
-//! A model that is swept out once for many further columns.
+//! A model that is swept out once for many candidate columns.
 
 use std::ops::Range;
 
@@ -8,17 +8,18 @@ use super::evidence::{Column, Gram};
 use super::weighing::{Aside, Columns, Swept, Weighing};
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// A model and many candidate columns, of which a few are evaluated at a time: only products with the model are known.
+/// Gram matrices of a model with many candidate columns, of which a few are evaluated at a time. Only the rows of the
+/// model are stored.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// The first rows of the Gram matrices.
+    /// The model's rows of the normalised Gram matrices, for each group.
     parts: Vec<SymmetricMatrix>,
 }
 
-/// A model that is swept out at some scales, with the results that all candidate columns share.
+/// The model swept out at some scales, with the results that all candidate columns share.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// The Gram matrix at these scales, and the result of the sweep.
+    /// The sum of the Gram matrices at these scales, before and after the sweep.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -33,12 +34,12 @@ impl<'a> Common<'a> {
         Self { columns, parts }
     }
 
-    /// Sweeps the model out at these scales; `None` if the model is not determined.
+    /// Sweeps the model out at these scales; `None` if the normal matrix of the model is singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
         Arch::new().dispatch(SweepCommon(self, scales))
     }
 
-    /// The model with some of the columns.
+    /// The Gram matrices of the model with the candidate columns `own`.
     pub(crate) fn weighing(&self, own: Range<usize>) -> Weighing<'a> {
         let Columns { gram, model, ref beside, ref unit } = self.columns;
         let runs = self.runs(own.clone());
@@ -53,7 +54,7 @@ impl<'a> Common<'a> {
         Weighing { columns, parts }
     }
 
-    /// The part of a sweep that a weighing of some of the columns needs.
+    /// The part of a sweep that belongs to the candidate columns `own`.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);
@@ -61,7 +62,7 @@ impl<'a> Common<'a> {
         Arch::new().dispatch(SweepAs { weighing, common: swept, known, columns: own.chain(last).collect() })
     }
 
-    /// Places of the columns of the model, of some candidates, and of the residual.
+    /// Index ranges of the model's columns, of the candidate columns `own`, and of the residual.
     fn runs(&self, own: Range<usize>) -> [Range<usize>; 3] {
         let (n, last) = (self.columns.model.len(), self.columns.count());
         [0..n, n + own.start..n + own.end, last..last + 1]
@@ -88,9 +89,9 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// The part of the sweep of all columns that the weighing needs.
+    /// The part of the shared sweep that belongs to the columns of `weighing`.
     known: SymmetricMatrix,
-    /// Places of the columns of the weighing among all candidate columns.
+    /// Index of each column of `weighing` among all candidate columns.
     columns: Vec<usize>,
 }
 

@@ -1,24 +1,24 @@
-//! The smallest size at which an effect would have been detected.
+//! Detection limit: the smallest size at which an effect would have been detected.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
 
-/// Nominal family-wise probability of a false alarm by the chi2 distribution. The noise is estimated from the same
-/// rests, which makes small probabilities about three times larger than nominal: the aim is one false alarm in a
-/// hundred clean runs.
+/// Nominal family-wise false alarm probability of the chi2 test. The actual probability is about three times larger,
+/// because the noise is estimated from the same rests; the target is one false alarm in a hundred recordings without
+/// effects.
 pub(crate) const FALSE_ALARM: f64 = 0.003;
-/// Probability of detection that defines the smallest visible size.
+/// Probability of detection that defines the detection limit.
 const POWER: f64 = 0.9;
 
-/// First trial of the non-centrality.
+/// First upper bound of the bracket for the non-centrality.
 const FIRST: f64 = 16.0;
-/// Upper bound of the non-centrality: no effect has enough parameters to need more.
+/// Maximum non-centrality; no effect has enough parameters to exceed it.
 const MOST: f64 = 1024.0;
 /// Relative change of the non-centrality below which the iteration ends.
 const LAST_STEP: f64 = 1e-9;
 
-/// Non-centrality at which chi2 exceeds its threshold with 90 % probability; the threshold is corrected for the number
-/// of `tests`.
+/// Non-centrality at which a chi2 test with `dof` degrees of freedom detects with 90 % probability. The threshold is
+/// corrected for the number of `tests` (Bonferroni).
 pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     let Ok(central) = ChiSquared::new(dof as f64) else { return f64::INFINITY };
     let limit = central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64);
@@ -27,7 +27,7 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     while high < MOST && exceeds(&mut tails, high)[0] < POWER {
         (low, high) = (high, 2.0 * high);
     }
-    // Newton steps, or bisection where they leave the bracket.
+    // Newton steps; bisection if a step leaves the bracket.
     let mut at = high;
     loop {
         let [power, slope] = exceeds(&mut tails, at);
@@ -45,12 +45,12 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     }
 }
 
-/// Probabilities that chi2 with 0, 2, 4, ... additional degrees of freedom exceeds a limit, computed when first needed.
+/// Probabilities that chi2 with 0, 2, 4, ... additional degrees of freedom exceeds a limit, computed on first use.
 struct Tails {
     dof: usize,
     limit: f64,
     known: Vec<f64>,
-    /// Difference of the next probability and the last one.
+    /// Difference between the next probability and the last computed probability.
     step: f64,
 }
 
@@ -71,8 +71,8 @@ impl Tails {
     }
 }
 
-/// The probability that chi2 with this non-centrality exceeds the limit, and its derivative: a mixture of central chi2
-/// distributions with Poisson weights, of which those below rounding are omitted.
+/// Probability that a non-central chi2 variable exceeds the limit, and its derivative with respect to the
+/// non-centrality. It is a Poisson-weighted mixture of central chi2 distributions; weights below rounding are omitted.
 fn exceeds(tails: &mut Tails, noncentrality: f64) -> [f64; 2] {
     let mean = noncentrality / 2.0;
     let (mut weight, mut sum, mut slope, mut k) = ((-mean).exp(), 0.0, 0.0, 0);

@@ -1,4 +1,4 @@
-//! The evidence of a model, from sums over groups of residuals.
+//! The evidence of a model from Gram matrices of groups of residuals (docs/model.md (23)).
 //!
 //! ```text
 //! r(theta) = r + J delta,   theta = theta_0 + delta,   prior theta_p ~ N(0, (s typical_p)^2), none for the base
@@ -6,28 +6,29 @@
 //! N = sum_g J_g^T J_g / s_g^2,   s_g^2 = max(1, chi2_g / free_g)
 //! ```
 //!
-//! A group is a kind of residual: norms, moves, rates of one axis, ... Residuals of real recordings exceed noise, and
-//! by different factors in different groups: s_g is their scatter under the model that is evaluated. For a simulation
-//! and a complete model it is one, and the evidence is the Laplace approximation with the given noise.
+//! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
+//! of real recordings exceed sensor noise by a different factor in each group. The scale s_g^2 of a group is its chi2
+//! per degree of freedom under the evaluated model, and at least one. For a simulation and a complete model it is one,
+//! and the evidence is the Laplace approximation with the given noise.
 
 use std::ops::Range;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-/// Gram matrices `[J r]^T [J r]` of the groups, and the number of residuals of each.
+/// Gram matrices `[J r]^T [J r]` of the groups, and the number of residuals in each group.
 #[derive(Clone)]
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,
     pub(crate) rows: Vec<f64>,
-    /// Index of each group; groups without residuals are left out.
+    /// Index of each group; groups without residuals are omitted.
     pub(crate) groups: Vec<usize>,
-    /// Place of the column of the residual.
+    /// Index of the residual in the Gram matrices.
     pub(crate) residual: usize,
 }
 
-/// One column of a model: its place in the Gram matrices, the precision of its prior (0: none), and the value of its
-/// parameter at the linearisation.
+/// One column of a model: its index in the Gram matrices, the precision of its prior (0 without prior), and the value
+/// of its parameter at the linearisation.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column {
     pub(crate) place: usize,
@@ -35,28 +36,28 @@ pub(crate) struct Column {
     pub(crate) value: f64,
 }
 
-/// The evidence of a model, and the fit that it belongs to.
+/// The evidence of a model, and the corresponding linear fit.
 #[derive(Clone, Debug)]
 pub(crate) struct Evidence {
-    /// Natural logarithm of the evidence, up to a constant that all models of the same residuals share.
+    /// Natural logarithm of the evidence, up to a constant that is equal for all models of the same residuals.
     pub(crate) log: f64,
-    /// -2 times the maximum log likelihood, with the scales.
+    /// -2 times the maximum log likelihood at the optimal scales.
     pub(crate) deviance: f64,
-    /// chi2 of all residuals with scales of one.
+    /// chi2 of all residuals, relative to sensor noise alone.
     pub(crate) chi2: f64,
-    /// The scales s_g^2.
+    /// Scale s_g^2 of each group.
     pub(crate) scales: Vec<f64>,
-    /// The parameters.
+    /// Parameter values of the fit.
     pub(crate) theta: Vec<f64>,
 }
 
-/// Added to the diagonal of a normal matrix of unit columns: larger than rounding errors, smaller than any observable
-/// direction.
+/// Regularisation of normal matrices with normalised columns: larger than rounding errors, and smaller than the
+/// eigenvalue of any observable direction.
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// Lower bound of the scale of a group in any model with these columns: the smallest chi2 of that group alone, over
-    /// its number of rows.
+    /// Lower bound of the scale of a group for any model with these columns: the minimum chi2 of the group fitted
+    /// alone, divided by its number of rows. `None` if it cannot be computed.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
         let place = self.groups.iter().position(|own| *own == group)?;
         let (sum, n) = (&self.sums[place], columns.len());
@@ -70,7 +71,7 @@ impl Gram {
         Some((sum[(self.residual, self.residual)] - explained).max(0.0) / self.rows[place])
     }
 
-    /// Covariance of the parameters of some of the columns.
+    /// Covariance of the parameters with indices `own` among the columns; `None` if the normal matrix is singular.
     pub(crate) fn covariance(&self, columns: &[Column], scales: &[f64], own: &[usize]) -> Option<Mat<f64>> {
         let n = columns.len();
         let size = self.sizes(columns);
@@ -84,8 +85,8 @@ impl Gram {
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
     }
 
-    /// Sums over the groups, each divided by its scale, of the rows of the first `count` places and the columns
-    /// `columns`.
+    /// Submatrix of the sum of all Gram matrices divided by their scales: the first `count` indices given by `place`,
+    /// and the columns `columns` of these.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],
@@ -105,7 +106,7 @@ impl Gram {
         all
     }
 
-    /// Factors that scale each column, with its prior, to unit length.
+    /// Length of each column, or the square root of its prior precision if that is larger; for normalisation.
     pub(super) fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
         columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()
@@ -116,7 +117,7 @@ impl Gram {
 mod tests {
     use super::*;
 
-    /// Two columns and residuals of one group; the evidence against numerical integration over the parameter.
+    /// Compares the evidence for two columns and one group with numerical integration over the parameter.
     #[test]
     fn the_evidence_is_the_integral_over_the_prior() {
         let rows = 40;
@@ -132,7 +133,7 @@ mod tests {
         let with = gram.evidence(&[base, effect]).unwrap();
         let without = gram.evidence(&[base]).unwrap();
         assert_eq!(with.scales, vec![1.0]);
-        // For each value of the parameter the base column is integrated out in closed form: its maximum.
+        // The base column is integrated out in closed form for each value of the parameter.
         let chi2 = |theta: f64| {
             let r: Vec<f64> = (0..rows).map(|i| columns[(i, 2)] + theta * columns[(i, 1)]).collect();
             let mean = r.iter().sum::<f64>() / rows as f64;

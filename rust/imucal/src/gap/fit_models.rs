@@ -12,14 +12,15 @@ use crate::error::Error;
 use crate::joint::{self, Linear, Model, Prepared, SHAPE_SHARES, Term, Terms};
 use crate::parameters::BASE;
 
-/// Standard deviation of the prior of a time constant, in typical sizes.
+/// Standard deviation of the prior of a time constant, in multiples of its typical size.
 const SHAPE_WIDTH: f64 = 3.0;
 
-/// Most linearisations that are kept, because each is as large as the moves; others are recomputed when needed.
+/// Maximum number of cached linearisations; each needs as much memory as the Jacobian of all moves.
 const MOST_RECENT: usize = 3;
 
 impl ForwardSearch<'_> {
-    /// Fits the model with these effects, starting from the triads `near`, and linearises it together with `beside`.
+    /// Fits a model with the effects `members`, starting from the triads `near`, and linearises it together with the
+    /// columns selected by `beside`.
     pub(super) fn stage(
         &self,
         prepared: &Prepared<'_>,
@@ -38,7 +39,7 @@ impl ForwardSearch<'_> {
         for term in &terms.all {
             let Some(member) = members.iter().find(|m| m.name == term.name()) else { continue };
             for (k, typical) in term.typical().iter().enumerate() {
-                // The width of the prior of a time constant does not depend on the size of the effect.
+                // The prior of a time constant has a fixed width, which does not depend on the size of the effect.
                 let width = if k < term.linear { member.width } else { SHAPE_WIDTH };
                 precisions[term.first + k] = 1.0 / (width * typical).powi(2);
             }
@@ -49,7 +50,7 @@ impl ForwardSearch<'_> {
                 own[term.linear] = shape;
             }
         }
-        // A user's own effect is refitted as it is.
+        // User-defined effects have no prior width in the key of the fit.
         let width = |term: &Term<'_>| {
             let member = members.iter().find(|m| m.name == term.name());
             term.effect().and(member).map(|member| member.width)
@@ -80,7 +81,7 @@ impl ForwardSearch<'_> {
         Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// The linearisation at the end of a fit, which several stages share.
+    /// The linearisation at the solution of a fit; cached, because several stages use it.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,
@@ -107,8 +108,8 @@ impl ForwardSearch<'_> {
         Ok(linear)
     }
 
-    /// Linearises a model together with all candidates. One pass computes all columns, because those of the candidates
-    /// are evaluated at the corrected state.
+    /// Linearises a model together with all candidates. One pass computes all columns, because the candidates' columns
+    /// are evaluated at the corrected signals of that pass.
     pub(super) fn with_candidates<T>(
         &self,
         prepared: &Prepared<'_>,

@@ -1,4 +1,4 @@
-//! Compares generic hypotheses with the effects that the forward search has selected.
+//! Compares generic hypotheses with the selected effects (docs/model.md (24)).
 
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
@@ -15,9 +15,9 @@ use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 
 impl ForwardSearch<'_> {
-    /// Generic hypotheses alone and in addition to the selected effects: on rests and moves from rest to rest, and
-    /// inside the moves if these are used. With a stand, also whether these residuals contradict it: name, factor, and
-    /// probability under the null hypothesis.
+    /// Evaluates generic hypotheses alone and in addition to the selected effects: on rests and rest-to-rest moves, and
+    /// also on samples inside moves if these are used. With stand angles, the second result is a significant difference
+    /// between the effects estimated with and without the stand.
     pub(super) fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -29,7 +29,8 @@ impl ForwardSearch<'_> {
         let (mut patterns, mut contradiction) = (Vec::new(), None);
         for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
             self.kinds = Kinds { in_motion, encoders: false };
-            // Inside the moves a scale is better observable, and so are the effects that resemble it.
+            // Samples inside moves determine the gyroscope scale, and effects that resemble it, better than
+            // rest-to-rest moves.
             let is_selected = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
             let found = self.pattern(prepared, triads, open, &stage.members, is_selected);
             self.kinds = kinds;
@@ -42,7 +43,8 @@ impl ForwardSearch<'_> {
         Ok((patterns, contradiction))
     }
 
-    /// The same on the residuals of `self.kinds`; effects that these do not determine are left out.
+    /// Evaluates generic hypotheses on the residuals of `self.kinds`, and returns the model with the selected effects
+    /// that these residuals determine.
     fn pattern(
         &self,
         prepared: &Prepared<'_>,
@@ -56,7 +58,7 @@ impl ForwardSearch<'_> {
         let seen: Vec<EffectChoice> =
             inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
         let without = self.stage(prepared, triads, &[], &[], Beside::Nothing)?;
-        // Effects that show inside moves may be hardly determined from rest to rest, or not at all.
+        // Effects that act inside moves may be poorly determined by rest-to-rest moves, or not at all.
         let with = [inertial, seen].into_iter().find_map(|choices| {
             let own = |m: &&Member| {
                 choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)

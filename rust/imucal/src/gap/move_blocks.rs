@@ -1,7 +1,7 @@
-//! A move in blocks of 40 ms: attitudes at the edges and in the middle of each block, and means over it.
+//! A move divided into blocks of 40 ms, with attitudes at the edges and centre of each block, and means over the block.
 //!
-//! Inside a move a single sample of the accelerometer is dominated by noise. Means over 40 ms are not, and within 40 ms
-//! the motion changes little, so residuals inside the moves are residuals of these means.
+//! Noise dominates single accelerometer samples, so residuals inside moves are computed from means over 40 ms. The
+//! motion changes little within 40 ms.
 
 use std::ops::Range;
 
@@ -12,15 +12,15 @@ use super::residual_kinds::Regressor;
 use crate::evaluate::MoveReport;
 use crate::recording::{Recording, Samples};
 
-/// Length of a block, s: short against a move of a second, long enough for at least two samples at 50 Hz.
+/// Length of a block, s: short compared with a move of one second, and long enough for two samples at 50 Hz.
 const BLOCK_S: f64 = 0.04;
 
-/// A temperature column that changes by less over its recording is not used as an explanation of residuals, K.
+/// Minimum temperature range over a recording, K, for temperature to be used as a regressor of residuals.
 pub(super) const LEAST_TEMPERATURE_CHANGE_K: f64 = 0.5;
 
-/// One move of a corrected recording.
+/// One move of a corrected recording, divided into blocks.
 pub(super) struct MoveBlocks {
-    /// Rotation from the body at the end of the move to the body at its start.
+    /// Rotation from the body frame at the end of the move to the body frame at its start.
     pub(super) rotation: UnitQuaternion<f64>,
     /// Consecutive blocks from the first sample of the move to its last one.
     pub(super) blocks: Vec<Block>,
@@ -28,8 +28,8 @@ pub(super) struct MoveBlocks {
 
 /// Consecutive samples inside a move; the last sample of a block is the first one of the next.
 pub(super) struct Block {
-    /// Rotations from the body at the first sample, half-way and at the last sample to the body at the start of the
-    /// move.
+    /// Rotations from the body frame at the first sample, at half time and at the last sample to the body frame at the
+    /// start of the move.
     rotations: [Matrix3<f64>; 3],
     /// Time of the first sample, s.
     start_s: f64,
@@ -37,18 +37,19 @@ pub(super) struct Block {
     pub(super) since_start_s: f64,
     /// Time from the first sample to the last one, s.
     pub(super) length_s: f64,
-    /// Mean over the block, rad/s, body frame.
+    /// Mean angular rate over the block, rad/s, body frame.
     pub(super) angular_rate: Vector3<f64>,
-    /// Mean over the block, m/s^2, body frame.
+    /// Mean specific force over the block, m/s^2, body frame.
     pub(super) specific_force: Vector3<f64>,
-    /// Mean over the block, rad/s^2, body frame.
+    /// Mean angular acceleration over the block, rad/s^2, body frame.
     pub(super) angular_acceleration: Vector3<f64>,
-    /// Temperature of the first sample less the mean over the recording, K, if the temperature is used.
+    /// Temperature at the first sample minus the mean over the recording, K; `None` if temperature is not used as a
+    /// regressor.
     temperature_k: Option<f64>,
 }
 
 impl MoveBlocks {
-    /// The blocks of a move of a corrected recording (SI units, body frame).
+    /// Divides a move of a corrected recording (SI units, body frame) into blocks.
     pub(super) fn new(
         corrected: &Recording<'_>,
         span: &MoveReport,
@@ -79,19 +80,19 @@ impl MoveBlocks {
         Self { rotation, blocks }
     }
 
-    /// Rotation from the body at the end of the move to the body at its start as a rotation vector of at most half a
-    /// turn, rad.
+    /// Rotation vector from the body frame at the end of the move to the body frame at its start, rad; its norm is at
+    /// most pi.
     pub(super) fn rotation_vector(&self) -> Vector3<f64> {
         self.rotation.scaled_axis()
     }
 
-    /// Whether the temperature of the recording may explain residuals.
+    /// Whether temperature is used as a regressor of residuals.
     pub(super) fn has_temperature(&self) -> bool {
         self.blocks.iter().all(|block| block.temperature_k.is_some())
     }
 
-    /// By what errors of the angular rate, one unit of each, rotate the attitude at the end of the move: for each
-    /// regressor, one row per body axis at the end of the move and one column per unit error.
+    /// Attitude change at the end of the move by one unit of each error of the angular rate. For each regressor: one
+    /// row for each body axis at the end of the move, one column for each unit error.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
         let to_end = self.rotation.inverse().to_rotation_matrix();
         let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotations[1] * block.length_s));
@@ -103,7 +104,7 @@ impl MoveBlocks {
                 }
             }
         }
-        // An error of the rate about each body axis that is proportional to a factor of that axis.
+        // A rate error about each body axis that is proportional to a factor for that axis.
         let by_axis = |factor: &dyn Fn(&Block) -> Vector3<f64>| -> [Vec<f64>; 3] {
             let sum = blocks().fold(Matrix3::zeros(), |sum: Matrix3<f64>, (block, change)| {
                 sum + change * Matrix3::from_diagonal(&factor(block))
@@ -125,22 +126,23 @@ impl MoveBlocks {
 }
 
 impl Block {
-    /// Mean over the block of a direction that is constant in the world and `at_start` in the body at the start of the
-    /// move, by Simpson's rule.
+    /// Mean over the block, in the body frame, of a direction that is constant in the world and equals `at_start` in
+    /// the body frame at the start of the move; by Simpson's rule.
     pub(super) fn mean_of_constant(&self, at_start: &Vector3<f64>) -> Vector3<f64> {
         let [first, middle, last] = self.rotations.map(|rotation| rotation.tr_mul(at_start));
         (first + 4.0 * middle + last) / 6.0
     }
 }
 
-/// A temperature column that changes enough to explain residuals, less its mean.
+/// A temperature column whose range is sufficient for a regressor, and its mean.
 pub(super) struct RelativeTemperature<'a> {
     temperature_degc: &'a [f64],
     mean_degc: f64,
 }
 
 impl<'a> RelativeTemperature<'a> {
-    /// `None` if the recording has no temperature, one that is not known throughout, or one that hardly changes.
+    /// `None` if the temperature is missing, contains values that are not finite, or has a range below
+    /// [`LEAST_TEMPERATURE_CHANGE_K`].
     pub(super) fn of(recording: &Recording<'a>) -> Option<Self> {
         let temperature_degc = recording.temperature_degc?;
         let least = temperature_degc.iter().copied().fold(f64::INFINITY, f64::min);
@@ -154,14 +156,14 @@ impl<'a> RelativeTemperature<'a> {
         self.temperature_degc[sample] - self.mean_degc
     }
 
-    /// Mean over samples, degC.
+    /// Mean temperature over samples relative to the mean of the recording, K.
     pub(super) fn mean_over(&self, samples: Range<usize>) -> f64 {
         let count = samples.len() as f64;
         self.temperature_degc[samples].iter().sum::<f64>() / count
     }
 }
 
-/// First and last samples of the blocks of a move; the last block is the longest.
+/// Indices of the samples at the edges of the blocks; the last block is the longest.
 fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
     let (first, last) = (span.first, span.last);
     let samples = BLOCK_S * (last - first) as f64 / (time_s[last] - time_s[first]);
@@ -174,7 +176,7 @@ fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
     edges
 }
 
-/// Rotation from the body at sample `last` to the body at sample `first`.
+/// Rotation from the body frame at sample `last` to the body frame at sample `first`.
 fn rotation_over(recording: &Recording<'_>, first: usize, last: usize) -> UnitQuaternion<f64> {
     let mut integrator = Integrator::new();
     for sample in first..=last {
@@ -184,7 +186,7 @@ fn rotation_over(recording: &Recording<'_>, first: usize, last: usize) -> UnitQu
     integrator.rotation()
 }
 
-/// Mean over time by the trapezoidal rule, both ends included.
+/// Time average from sample `first` to sample `last`, by the trapezoidal rule.
 fn mean(time_s: &[f64], values: Samples<'_>, first: usize, last: usize) -> Vector3<f64> {
     let area: Vector3<f64> = (first..last)
         .map(|k| (Vector3::from(values.at(k)) + Vector3::from(values.at(k + 1))) * (0.5 * (time_s[k + 1] - time_s[k])))

@@ -1,5 +1,4 @@
-//! Errors that the parameters of a calibration may have, and what these do to corrected signals averaged over one
-//! second.
+//! Expected errors of calibration parameters, and the resulting errors of corrected signals averaged over one second.
 
 use std::ops::Range;
 
@@ -14,35 +13,35 @@ use crate::error::Error;
 use crate::frame::Frame;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
 
-/// Corrected signals are averaged over windows of this length, s: errors of a calibration are as slow as the motion,
-/// and white noise of density N leaves N / sqrt(1 s).
+/// Length of the windows, s, over which corrected signals are averaged. Errors of a calibration change as slowly as the
+/// motion, and white noise of density N contributes N / sqrt(1 s).
 pub(super) const WINDOW_S: f64 = 1.0;
-/// Least size of an effect in typical sizes: a smaller estimate counts as this size.
+/// Lower bound of the estimated size of an effect, in multiples of its typical size.
 const LEAST_SIZE: f64 = 0.01;
-/// Iterations of the size of an effect, which settles in a few.
+/// Number of fixed-point iterations for the size of an effect; a few are sufficient for convergence.
 const SIZE_ITERATIONS: usize = 30;
-/// Relative step of the difference quotient by a time constant.
+/// Relative step of the difference quotient with respect to a time constant.
 const SHAPE_STEP: f64 = 0.01;
 
-/// Corrected rate and force, rad/s and m/s^2: gyroscope x, y, z, accelerometer x, y, z.
+/// Corrected angular rate x, y, z, rad/s, and specific force x, y, z, m/s^2.
 pub(super) type Signals = [f64; 6];
 
-/// The estimated parameters of a calibration: those with a standard deviation above zero.
+/// The estimated parameters of a calibration, which are those with a standard deviation above zero.
 pub(super) struct Parameters {
-    /// Place of each in the parameters of the calibration.
+    /// Index of each parameter in the calibration.
     places: Vec<usize>,
     /// Standard deviations, in the units of the parameters.
     sigma: Vec<f64>,
     correlation: Mat<f64>,
 }
 
-/// A recording, and windows of one second of it.
+/// Windows of one second of a recording, as ranges of samples.
 pub(super) struct Windows {
     samples: Vec<Range<usize>>,
 }
 
 impl Windows {
-    /// Whole windows from the first sample on; at least one.
+    /// Divides a recording into complete windows from the first sample on; at least one window.
     pub(super) fn of(time_s: &[f64]) -> Self {
         let (Some(&start), Some(&end)) = (time_s.first(), time_s.last()) else {
             return Self { samples: Vec::new() };
@@ -56,7 +55,7 @@ impl Windows {
         self.samples.len()
     }
 
-    /// Means over each window; NaN where there is no sample.
+    /// Mean over each window; NaN for windows without samples.
     pub(super) fn means(&self, row: impl Fn(usize) -> Vector3<f64>) -> Vec<Vector3<f64>> {
         let mean = |samples: &Range<usize>| samples.clone().map(&row).sum::<Vector3<f64>>() / samples.len() as f64;
         self.samples.iter().map(mean).collect()
@@ -79,8 +78,9 @@ impl Parameters {
 
     /// Change of the corrected signals in each window by one standard deviation of each parameter, (P, windows).
     ///
-    /// `corrected` is `recording` after correction; `user_fields` are columns of the user's effects at its samples. How
-    /// the effects themselves change with the corrected signals is neglected: effects are small against the signals.
+    /// `corrected` is `recording` after correction; `user_fields` are the columns of user-defined effects at its
+    /// samples. The dependence of the effects on errors of the corrected signals is neglected, because effects are
+    /// small compared with the signals.
     pub(super) fn slopes(
         &self,
         outcome: &Outcome,
@@ -97,12 +97,11 @@ impl Parameters {
         Ok(self.places.iter().zip(&self.sigma).map(scaled).collect())
     }
 
-    /// Expected errors of the parameters, and the covariance of these errors, in standard deviations; `typical` are the
+    /// Expected errors of the parameters and the covariance of these errors, in standard deviations. `typical` are the
     /// typical sizes of the linear parameters of each effect.
     ///
-    /// The prior of the fit takes an effect for at least as large as is typical, model.md (23). If all parameters of an
-    /// effect together are smaller, a prior of that smaller size applies as well to the directions that the recordings
-    /// do not show.
+    /// The prior in the fit has at least the typical size of an effect (docs/model.md (23)). If the estimated effect is
+    /// smaller, the prior is narrowed to the estimated size, also in directions that are not observable.
     pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
         let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
         let mut first = 21;
@@ -126,8 +125,8 @@ impl Parameters {
     }
 }
 
-/// By how much parameters are too large, and their covariance, with the estimated size of the effect in its prior if
-/// that is below typical.
+/// Expected errors and covariance of the parameters if the prior of an effect is narrowed to its estimated size. The
+/// size is the common factor of all parameters of the effect and is at most typical.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());
@@ -147,7 +146,7 @@ fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64
     (shift, narrowed)
 }
 
-/// Derivatives of the corrected signals by the 21 parameters of both triads.
+/// Derivatives of the corrected signals with respect to the 21 parameters of both triads.
 fn sensor_slopes(outcome: &Outcome, recording: &Recording<'_>, windows: &Windows) -> Vec<Vec<Signals>> {
     let seen = |raw: Samples<'_>, triad: &imucal_core::sensor::Triad<f64>| {
         windows.means(|sample| triad.correct(Vector3::from(raw.at(sample))))
@@ -192,7 +191,8 @@ fn by_sensitivity(
     corrected.iter().map(|corrected| signals(-inverse.column(i) * corrected[j], sensor)).collect()
 }
 
-/// Derivatives by the parameters of each effect: the linear ones, and the time constant.
+/// Derivatives of the corrected signals with respect to the parameters of each effect: linear parameters, then the time
+/// constant.
 fn effect_slopes(
     outcome: &Outcome,
     corrected: &Recording<'_>,
@@ -252,8 +252,8 @@ fn catalogue_slopes(
     slopes
 }
 
-/// The states at which the fields of the effects are taken: corrected signals, time since the first sample,
-/// temperature.
+/// The states at which the fields of the effects are evaluated: corrected signals, time since the first sample in s,
+/// and temperature.
 fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     let rate: Vec<[f64; 3]> = corrected.angular_rate.iter().collect();
     let acceleration = angular_acceleration(corrected.time_s, &rate);
@@ -271,7 +271,7 @@ fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     (0..corrected.len()).map(state).collect()
 }
 
-/// A change of one sensor's corrected signal.
+/// A change of one sensor's corrected signal; the other sensor has zeros.
 fn signals(change: Vector3<f64>, sensor: Sensor) -> Signals {
     let [x, y, z] = change.into();
     match sensor {
@@ -281,7 +281,7 @@ fn signals(change: Vector3<f64>, sensor: Sensor) -> Signals {
     }
 }
 
-/// Typical sizes of the linear parameters of each effect of a calibration.
+/// Typical sizes of the linear parameters of each effect of a calibration, SI units.
 pub(super) fn typical_sizes(outcome: &Outcome, user_fields: &[UserField<'_>]) -> Vec<Vec<f64>> {
     let mut user_fields = user_fields.iter();
     let of = |term: &TermEstimate| match Effect::<f64>::find(&term.name).filter(|_| term.in_catalogue) {
@@ -351,7 +351,7 @@ mod tests {
             for (k, ((above, below), slope)) in above.iter().zip(&below).zip(slope).enumerate() {
                 for axis in 0..6 {
                     let numeric = (above[axis] - below[axis]) / (2.0 * step) * sigma;
-                    // Effects are neglected in the slopes of other parameters, 1 % of them.
+                    // The slopes of other parameters neglect the effect, which is about 1 % of them.
                     assert!(
                         (numeric - slope[axis]).abs() < 0.02 * size + 1e-12,
                         "{} window {k} axis {axis}: {numeric:e} {:e}",
@@ -366,7 +366,7 @@ mod tests {
     #[test]
     fn an_effect_smaller_than_typical_narrows_its_prior_in_all_directions() {
         let covariance = Mat::from_fn(3, 3, |i, j| if i == j { 1.0 } else { 0.0 });
-        // The first parameter is visible and zero; the second one is as uncertain as its prior.
+        // The first parameter is observable and zero. The second parameter has the standard deviation of its prior.
         let (shift, narrowed) = narrowed(&covariance, &[0, 1], &[0.1, 0.0], &[10.0, 1.0]);
         assert!(narrowed[(1, 1)] < 0.1 && narrowed[(2, 2)] == 1.0, "{}", narrowed[(1, 1)]);
         assert!(shift[0].abs() < 0.1 && shift[2] == 0.0, "{shift:?}");

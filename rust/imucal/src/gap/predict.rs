@@ -1,4 +1,4 @@
-//! Whether an effect predicts rests and moves that it was not fitted to.
+//! Tests by cross-validation whether an effect predicts held-out rests and moves.
 //!
 //! ```text
 //! delta_f = -(sum over rows not in fold f: J^T J / s_g^2 + P)^-1 (sum: J^T r / s_g^2 + P theta_0)
@@ -6,23 +6,24 @@
 //! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = l_i with the effect - l_i without
 //! ```
 //!
-//! Where residuals scatter by more than noise, p-values based on the noise are too small. An effect that only fits such
-//! scatter does not predict: a parameter without meaning costs half a nat or more here. The standard deviation is that
-//! of the items themselves (Vuong, Econometrica 57, 1989, 307-333), so a few bad rests or moves cannot make an effect
-//! significant. An item is a rest or a move. A fold is a stretch of time, because biases wander: neighbours would
-//! predict a rest whatever the model is.
+//! If residuals exceed sensor noise, p-values based on the noise are too small. An effect that only fits such excess
+//! scatter does not improve the prediction: each parameter without meaning decreases the log predictive density by
+//! about half a nat. The standard deviation of the gain is estimated from the gains of the individual items (Vuong,
+//! Econometrica 57, 1989, 307-333), so a few outliers cannot make an effect significant. An item is a rest or a move. A
+//! fold is a contiguous period of time: because biases wander, the neighbours of a rest would predict it whatever the
+//! model is.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
 use super::evidence::{Column, Gram, RIDGE};
 
-/// Number of folds: stretches of time, each of which is predicted from the others.
+/// Number of cross-validation folds, each of which is a contiguous period of the recordings.
 const FOLDS: usize = 6;
-/// Number of standard deviations by which a gain must exceed zero.
+/// Number of standard deviations by which a gain must exceed zero to be significant.
 const SURE: f64 = 2.0;
 
-/// Gain of the log predictive density by an effect, nats, and its standard deviation.
+/// Increase of the log predictive density by an effect and its standard deviation, nats.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gain {
     pub(crate) nats: f64,
@@ -35,20 +36,20 @@ impl Gain {
     }
 }
 
-/// Residuals to be predicted.
+/// Residuals and Jacobian for cross-validation.
 pub(crate) struct Held<'a> {
-    /// All columns of a design without the residual.
+    /// Jacobian of all columns of a design, without the residual.
     pub(crate) columns: &'a Mat<f64>,
     pub(crate) residual: &'a [f64],
     pub(crate) gram: &'a Gram,
-    /// The group of each row, and the item, in order of time.
+    /// Group of each row, and index of its rest or move in order of time.
     pub(crate) groups: &'a [usize],
     pub(crate) items: &'a [usize],
 }
 
 impl Held<'_> {
-    /// Gain of a model with more columns over a model; each has its own scales. `None` if a fold does not determine a
-    /// model.
+    /// Increase of the log predictive density of the model `with` over the model `without`, each given by its columns
+    /// and scales. `None` if the other folds do not determine one of the models.
     pub(crate) fn gain(&self, without: (&[Column], &[f64]), with: (&[Column], &[f64])) -> Option<Gain> {
         let (without, with) = (self.log_densities(without)?, self.log_densities(with)?);
         let gains: Vec<f64> =
@@ -59,7 +60,7 @@ impl Held<'_> {
         Some(Gain { nats, std: (n * variance).sqrt() })
     }
 
-    /// Log predictive density of each item, predicted from all other folds.
+    /// Log predictive density of each item, from a fit to all other folds.
     fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
         let scale_of = |group: usize| {
@@ -70,7 +71,7 @@ impl Held<'_> {
         let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
         let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
         let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
-        // Columns scaled to unit length, including the scales of their rows; the residual is the last column.
+        // Columns normalised to unit length after weighting of the rows; the residual is the last column.
         let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
         let size: Vec<f64> = (0..=n).map(length).collect();
         for (j, of_column) in size.iter().enumerate() {
@@ -116,7 +117,8 @@ mod tests {
 
     const ROWS: usize = 60;
 
-    /// A constant, a sine, and residuals of noise plus `size` of the sine; `spike` is added to one of them.
+    /// Gain of a sine column over a constant, for residuals of noise plus `size` times the sine; `spike` is added to
+    /// one row.
     fn gain_of(size: f64, spike: f64) -> Gain {
         let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;
         let columns = Mat::from_fn(ROWS, 3, |i, j| match j {
@@ -137,7 +139,7 @@ mod tests {
     #[test]
     fn what_is_there_predicts_and_what_is_not_costs_half_a_nat_or_so() {
         let there = gain_of(2.0, 0.0);
-        // A quarter of the sum of squares, 2^2 60 / 2, is what is expected.
+        // The expected gain is about a quarter of the sum of squares of the sine, which is `2^2 60 / 2`.
         assert!(there.is_sure() && (30.0..90.0).contains(&there.nats), "{there:?}");
         let absent = gain_of(0.0, 0.0);
         assert!(!absent.is_sure() && (-2.0..1.0).contains(&absent.nats), "{absent:?}");

@@ -1,12 +1,12 @@
-//! Errors of corrected signals with and without the effects that were found, predicted without any truth.
+//! Predicted errors of corrected signals with and without effects, computed without knowledge of the true signals.
 //!
 //! ```text
 //! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
 //! ```
 //!
-//! All averaged over one second: white noise of density N leaves N / sqrt(1 s), `e` are the errors that the parameters
-//! may have, `D` their derivatives in the corrected signals, and `d` the difference of the signals corrected by the two
-//! calibrations.
+//! All quantities are averages over one second, so white noise of density N contributes N / sqrt(1 s). `e` is the
+//! vector of parameter errors, `D` the Jacobian of the corrected signals, and `d` the difference between the signals
+//! corrected by the two calibrations.
 
 use faer::Mat;
 use imucal_core::calibration::Calibration;
@@ -23,45 +23,47 @@ use crate::error::Error;
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Length of the means that are corrected instead of samples, s: errors of a calibration are as slow as the motion.
+/// Averaging time, s, of the means that are corrected in place of samples to save time. Errors of a calibration change
+/// as slowly as the motion.
 const BRIEF_MEAN_S: f64 = 0.1;
-/// Number of random draws for the interval of the factor, and the seed of the draws.
+/// Number of random draws for the interval of the factor.
 const DRAWS: usize = 1000;
+/// Seed of the random draws, fixed so that results are reproducible.
 const SEED: u64 = 1;
-/// Probabilities of the ends of the interval: 95 % lie within.
+/// Quantiles at the ends of the 95 % interval.
 const INTERVAL: [f64; 2] = [0.025, 0.975];
-/// Relative variance of a mean squared noise density, times seconds of rest: the density is half the mean square of
-/// differences of means over 0.25 s on three axes, model.md (10).
+/// Relative variance of the squared noise density times the total duration of rests, s. The density is estimated as
+/// half the mean square of differences of means over 0.25 s on three axes (docs/model.md (10)).
 const NOISE_VARIANCE_S: f64 = 0.25;
-/// Least mean square in a draw, and least noise in a draw, in mean squares of the noise: a draw of the products of
-/// noise and errors may otherwise be negative.
+/// Lower bound of the mean squared error in a draw, and of the noise in a draw, relative to the mean squared noise.
+/// Otherwise the random cross terms of noise and errors could make a draw negative.
 const LEAST_MEAN_SQUARE: f64 = 0.1;
 
-/// Predicted errors of both corrected signals.
+/// Predicted errors of the corrected angular rate and specific force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PredictedErrors {
-    /// Of the angular rate, rad/s.
+    /// Error of the angular rate, rad/s.
     pub angular_rate: PredictedError,
-    /// Of the specific force, m/s^2.
+    /// Error of the specific force, m/s^2.
     pub specific_force: PredictedError,
 }
 
-/// Root mean square over samples and axes of the error of a corrected signal that is averaged over one second.
+/// Root mean square error over samples and axes of a corrected signal averaged over one second (docs/model.md (35)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PredictedError {
-    /// Without the effects.
+    /// Error after correction without the effects, in the unit of the signal.
     pub before: f64,
-    /// With them.
+    /// Error after correction with the effects, in the unit of the signal.
     pub after: f64,
     /// `before / after`.
     pub factor: f64,
     /// Lower end of the 95 % interval of the factor on these recordings.
     pub factor_low: f64,
-    /// SymmetricMatrix end.
+    /// Upper end of the 95 % interval of the factor on these recordings.
     pub factor_high: f64,
 }
 
-/// What a caller computes itself of a calibration with effects of its own, on the [`BriefMeans`] of each recording.
+/// Corrected [`BriefMeans`] of each recording and fields of user-defined effects, computed by the caller.
 #[derive(Clone, Copy)]
 pub struct UserCorrection<'a> {
     /// Brief means corrected by the first calibration, SI units, body frame.
@@ -72,10 +74,10 @@ pub struct UserCorrection<'a> {
     pub fields: &'a [UserField<'a>],
 }
 
-/// Means over consecutive stretches of 0.1 s of a recording.
+/// Means over consecutive intervals of 0.1 s of a recording.
 #[derive(Clone, Debug)]
 pub struct BriefMeans {
-    /// Number of samples of each mean; what is left at the end is dropped.
+    /// Number of samples in each mean; an incomplete last interval is omitted.
     pub samples: usize,
     time_s: Vec<f64>,
     specific_force: Vec<[f64; 3]>,
@@ -84,7 +86,7 @@ pub struct BriefMeans {
 }
 
 impl BriefMeans {
-    /// Of the time, the force, the rate and the temperature of a recording.
+    /// Averages time, specific force, angular rate and temperature of a recording.
     pub fn of(recording: &Recording<'_>) -> Self {
         let samples = brief_samples(recording.time_s);
         let mean = |values: &[f64]| -> Vec<f64> {
@@ -103,7 +105,7 @@ impl BriefMeans {
         }
     }
 
-    /// The means as a recording in the units of the one that they are of.
+    /// The means as a recording with the units of `of`.
     pub fn recording<'a>(&'a self, of: &Recording<'a>) -> Recording<'a> {
         Recording {
             time_s: &self.time_s,
@@ -116,13 +118,13 @@ impl BriefMeans {
     }
 }
 
-/// Sum with little rounding: evenly spaced brief means coincide with the edges of the windows, so rounding of their
-/// times decides between two windows.
+/// Sum with small rounding errors. Times of the means can coincide with window edges, so rounding would decide in which
+/// window a mean falls.
 fn sum(values: &[f64]) -> f64 {
     values.split_first().map_or(0.0, |(first, others)| first + pairwise_sum(others))
 }
 
-/// Sum by halves, and of a few values in eight partial sums (Higham, SIAM Journal on Scientific Computing 14, 1993,
+/// Pairwise summation with eight partial sums for short ranges (Higham, SIAM Journal on Scientific Computing 14, 1993,
 /// 783-799).
 fn pairwise_sum(values: &[f64]) -> f64 {
     const EIGHT: usize = 8;
@@ -145,15 +147,15 @@ fn pairwise_sum(values: &[f64]) -> f64 {
     others.iter().fold(of_eights, |sum, value| sum + value)
 }
 
-/// Number of samples of a brief mean.
+/// Number of samples in a mean over [`BRIEF_MEAN_S`].
 fn brief_samples(time_s: &[f64]) -> usize {
     let (Some(first), Some(last)) = (time_s.first(), time_s.last()) else { return 1 };
     let step_s = (last - first) / time_s.len().saturating_sub(1).max(1) as f64;
     if step_s > 0.0 { ((BRIEF_MEAN_S / step_s).round_ties_even() as usize).max(1) } else { 1 }
 }
 
-/// Predicted errors of signals corrected by `before` and by `after`, on raw recordings. With effects of a user's own,
-/// `user` has what these change.
+/// Predicted errors of signals corrected by `before` and by `after`, on raw recordings. `user` is required if a
+/// calibration has user-defined effects.
 ///
 /// # Errors
 /// [`Error::Input`] if `user` does not fit the recordings and the effects of `after`.
@@ -164,8 +166,8 @@ pub fn predicted_errors(
     user: Option<&UserCorrection<'_>>,
 ) -> Result<PredictedErrors, Error> {
     let parameters = Parameters::of(after);
-    // Of each window: the change by one standard deviation of each parameter, and the difference of the two
-    // calibrations last.
+    // For each window: the change of the corrected signals by one standard deviation of each parameter, and, as the
+    // last column, the difference between the two calibrations.
     let mut columns: Vec<Vec<Signals>> = vec![Vec::new(); parameters.count() + 1];
     for (index, recording) in recordings.iter().enumerate() {
         let means = BriefMeans::of(recording);
@@ -203,7 +205,7 @@ pub fn predicted_errors(
     Ok(PredictedErrors { angular_rate: signal(angular_rate, 0..3)?, specific_force: signal(specific_force, 3..6)? })
 }
 
-/// Difference of the signals corrected by the first and by the second calibration, in each window.
+/// Difference between the signals corrected by the two calibrations, in each window.
 fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) -> Vec<Signals> {
     let means = |recording: &Recording<'_>| {
         let [rate, force] = [recording.angular_rate, recording.specific_force];
@@ -219,8 +221,8 @@ fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) 
         .collect()
 }
 
-/// Mean products of the columns over all windows and some axes, and over how many: those at which all columns are
-/// known.
+/// Mean products of the columns over all windows and the given axes, and the number of averaged values. Values at which
+/// any column is not finite are omitted.
 fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
     let windows = columns.first().map_or(0, Vec::len);
     let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);
@@ -238,9 +240,10 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
     (sums * faer::Scale(1.0 / count as f64), count)
 }
 
-/// Mean squares over one second of what no correction removes, of rate and of force.
+/// Mean squared error of one-second averages that no correction removes, of angular rate and specific force.
 ///
-/// The rate of the Earth stays in the rate; about an axis of the unit it changes with the attitude.
+/// The Earth's rate counts as an error of the angular rate, because it is not removed and its components in the body
+/// frame change with attitude.
 fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
     let (accelerometer, gyroscope) = noise_densities(after);
     let mean_square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64;
@@ -258,30 +261,30 @@ fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
     ]
 }
 
-/// One signal on these recordings.
+/// Error statistics of one signal on these recordings.
 struct Signal<'a> {
-    /// Mean square of the noise of an average over one second.
+    /// Mean squared noise of a one-second average.
     noise: f64,
-    /// (P+1, P+1) mean products of the changes by each parameter's standard deviation, and of the difference of the
-    /// calibrations, which is last.
+    /// (P+1, P+1) mean products of the signal changes by one standard deviation of each parameter; the last row and
+    /// column are for the difference between the calibrations.
     gram: Mat<f64>,
     /// (P,) expected errors of the parameters, in standard deviations.
     errors: &'a [f64],
     /// (P, P) covariance of these errors.
     covariance: &'a Mat<f64>,
-    /// Number of averages.
+    /// Number of one-second averages, over all windows and axes.
     count: usize,
     /// Relative variance of `noise`.
     relative_variance: f64,
 }
 
-/// Standard normal numbers, the same for both signals.
+/// Standard normal random numbers, shared by both signals.
 struct Draws {
-    /// (P, draws), errors of the parameters.
+    /// (P, draws) normalised errors of the parameters.
     parameters: Mat<f64>,
-    /// (P+1, draws), products of the noise with each column.
+    /// (P+1, draws) normalised cross terms of noise and each column.
     products: Mat<f64>,
-    /// Mean square of the noise.
+    /// (draws,) normalised deviation of the mean squared noise.
     noise: Vec<f64>,
 }
 
@@ -309,14 +312,15 @@ impl Signal<'_> {
         Ok(PredictedError { before, after, factor: before / after, factor_low, factor_high })
     }
 
-    /// Mean square of the change by these errors of the parameters, and `difference` times that of the calibrations.
+    /// Mean squared change of the signal by these parameter errors plus `difference` times the difference between the
+    /// calibrations.
     fn square(&self, errors: &[f64], difference: f64) -> f64 {
         let at = |i: usize| errors.get(i).copied().unwrap_or(difference);
         let all = 0..=errors.len();
         all.clone().map(|i| at(i) * all.clone().map(|j| self.gram[(i, j)] * at(j)).sum::<f64>()).sum()
     }
 
-    /// The factor of units and recordings that these may be draws of.
+    /// Random draws of the improvement factor over parameter errors and noise.
     fn factors(&self, draws: &Draws) -> Result<Vec<f64>, Error> {
         let parameters = self.errors.len();
         let errors = root(self.covariance)? * &draws.parameters;
@@ -338,7 +342,7 @@ impl Signal<'_> {
     }
 }
 
-/// The symmetric root of a covariance, which may be singular.
+/// Symmetric square root of a positive semidefinite covariance.
 fn root(covariance: &Mat<f64>) -> Result<Mat<f64>, Error> {
     let eigen = covariance
         .self_adjoint_eigen(faer::Side::Lower)
@@ -376,7 +380,8 @@ mod tests {
         let PredictedErrors { angular_rate: rate, specific_force: force } = found;
         assert!(rate.factor > 2.0 && rate.factor_low < rate.factor && rate.factor < rate.factor_high, "{rate:?}");
         assert!(force.factor_low < 1.02 && force.factor_high > 0.98, "{force:?}");
-        // 3e-4 rad/s per m/s^2 under gravity, a third of its square on each axis.
+        // g-sensitivity of 3e-4 rad/s per m/s^2 times gravity, of whose squared norm each axis has one third on
+        // average.
         assert!((rate.before - 3e-4 * 9.8 / 3f64.sqrt()).abs() < 0.3 * rate.before, "{rate:?}");
     }
 

@@ -7,7 +7,8 @@
 //! move_force       f(t) - g R(t)^T u_before inside the moves, means over 40 ms
 //! ```
 //!
-//! All of corrected signals, SI units, body frame. `u` are directions of gravity, `R` the attitude from the gyroscope.
+//! All residuals are of corrected signals, in SI units and in the body frame. `f` is the specific force, `g` local
+//! gravity, `u` a unit vector up, and `R` the attitude change from integrated angular rates.
 
 use std::collections::HashMap;
 
@@ -18,68 +19,70 @@ use super::residual_kinds::{CorrectedFit, Regressor, ResidualKind};
 use crate::evaluate::{MoveReport, RestReport};
 use crate::recording::Samples;
 
-/// Bound of the noise densities from below, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): a simulation without noise has no
-/// scatter, and its residuals are compared with these instead of zero.
+/// Lower bound of the noise densities, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). Simulations without noise have a measured
+/// density of zero, by which residuals cannot be divided.
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
-/// Smallest share of a direction error that counts as visible along an axis: an error about gravity itself is not
-/// visible, so its standard deviation would be zero.
+/// Lower bound of the visible share of a direction error on an axis. An error about the direction of gravity itself is
+/// not visible, so its standard deviation would be zero.
 const LEAST_VISIBLE_SHARE: f64 = 1e-4;
 
-/// Residuals of one kind on one axis.
+/// Residuals of one kind on one body axis.
 pub(super) struct Channel {
     pub(super) kind: ResidualKind,
-    /// Body axis 0, 1 or 2; `None` for a length.
+    /// Body axis 0, 1 or 2; `None` for the norm of the specific force.
     pub(super) axis: Option<usize>,
-    /// In the unit of the kind.
+    /// Residuals, in the unit of the kind.
     pub(super) values: Vec<f64>,
-    /// Standard deviation of each value that sensor noise explains.
+    /// Standard deviation of each residual from sensor noise, in the unit of the kind.
     pub(super) sigma: Vec<f64>,
-    /// Number of rests or moves that the values are of: blocks of one move share its error.
+    /// Number of rests or moves that contribute. Residuals of all blocks of one move share its errors, so blocks are
+    /// not independent.
     pub(super) items: usize,
-    /// Rows of numbers, one for each value, that the values may be a linear function of.
+    /// Regressors of the channel, with one row for each residual.
     pub(super) regressors: Vec<(Regressor, Vec<Vec<f64>>)>,
 }
 
-/// chi2 of a rest or move.
+/// Residual of a rest or move.
 pub(super) struct Item {
     pub(super) recording: usize,
-    /// Index of the rest or move in the result.
+    /// Index of the rest or move in the calibration.
     pub(super) index: usize,
     pub(super) chi2: f64,
     /// Degrees of freedom of chi2.
     pub(super) dof: usize,
-    /// |f| - g, m/s^2, of a rest; angle between predicted and measured gravity, deg, of a move.
+    /// `|f| - g`, m/s^2, at a rest; angle between predicted and measured gravity direction, deg, after a move.
     pub(super) error: f64,
-    /// Whether the fit left it out because it contradicts the others.
+    /// Whether the fit excluded the rest or move as an outlier.
     pub(super) left_out: bool,
 }
 
-/// All residuals of a fit on the recordings that it was made from: of the rests and moves in the fit, and of those that
-/// were left out because they contradict the others.
+/// All residuals of a calibration on its own recordings: of the rests and moves in the fit, and of those that were
+/// excluded as outliers.
 pub(super) struct Residuals {
     pub(super) channels: Vec<Channel>,
     pub(super) rests: Vec<Item>,
     pub(super) moves: Vec<Item>,
-    /// Rotation vector of each move from its end to its start, rad, by the index of the move in the result.
+    /// Rotation vector of each move from the body frame at its end to the body frame at its start, rad, by index of the
+    /// move in the calibration.
     pub(super) rotation_vectors: HashMap<usize, Vector3<f64>>,
 }
 
-/// White noise and bias instability of the sensors by axis, and the tremor of the hand that holds them.
+/// Noise of the sensors for each axis, and hand tremor.
 struct Noise {
-    /// m/s^2/sqrt(Hz)
+    /// White noise density, m/s^2/sqrt(Hz).
     accelerometer: Vector3<f64>,
-    /// rad/s/sqrt(Hz)
+    /// White noise density, rad/s/sqrt(Hz).
     gyroscope: Vector3<f64>,
-    /// rad/s
+    /// Bias instability of the gyroscope, rad/s.
     bias_instability: Vector3<f64>,
-    /// Standard deviation, rad.
+    /// Standard deviation of the attitude by hand tremor, rad.
     tremor: f64,
 }
 
 impl Residuals {
-    /// `bias_instability` of the gyroscope, rad/s. The force inside the moves is compared with gravity if
-    /// `inside_moves` says that the unit rotates in one place.
+    /// `bias_instability` is that of the gyroscope, rad/s. `inside_moves` is true if the unit is rotated without
+    /// translation; the specific force inside moves is compared with gravity only then.
     pub(super) fn new(fit: &CorrectedFit<'_>, bias_instability: Option<[f64; 3]>, inside_moves: bool) -> Self {
         let outcome = fit.outcome;
         let (accelerometer, gyroscope) = noise_densities(outcome);
@@ -131,7 +134,8 @@ impl Residuals {
             let (norm, up, duration_s) = (force.norm(), force.normalize(), rest.end_s - rest.start_s);
             let squared = |v: &Vector3<f64>| v.component_mul(v);
             let sigma_norm = (squared(&up).dot(&squared(&noise.accelerometer)) / duration_s).sqrt();
-            // A trembling hand rotates the unit by a random angle between the two ends of the rest.
+            // Hand tremor gives the attitude an independent random error at each end of the rest, and their difference
+            // divided by the duration is an error of the mean rate.
             let by_tremor = 2.0 * (noise.tremor / duration_s).powi(2);
             let sigma_rate = (squared(&noise.gyroscope) / duration_s + squared(&noise.bias_instability))
                 .map(|variance| (variance + by_tremor).sqrt());
@@ -203,7 +207,7 @@ impl Residuals {
                     (Regressor::RateSquared, products(&block.angular_rate).to_vec()),
                 ];
                 for (axis, channel) in channels.iter_mut().enumerate() {
-                    // The attitude error from the gyroscope's noise grows with time, and tilts gravity.
+                    // The attitude error from gyroscope noise grows with time and tilts the predicted gravity.
                     let tilt = (gravity * noise.gyroscope[axis]).powi(2) * block.since_start_s;
                     let across = 1.0 - up[axis] * up[axis];
                     let variance = noise.accelerometer[axis].powi(2) / block.length_s + across * tilt;
@@ -231,15 +235,15 @@ impl Channel {
         }
     }
 
-    /// Root mean square of the values over their standard deviations.
+    /// Root mean square of the residuals divided by their standard deviations.
     pub(super) fn times_noise(&self) -> f64 {
         crate::numerics::stats::rms(self.values.iter().zip(&self.sigma).map(|(value, sigma)| value / sigma))
     }
 }
 
 impl CorrectedFit<'_> {
-    /// Directions of gravity in the body frame before and after a move: those of the fit, or those of the rests if the
-    /// fit left the move out.
+    /// Directions up in the body frame before and after a move: those of the fit, or those measured at the rests if the
+    /// fit excluded the move.
     fn gravity_at_ends(&self, span: &MoveReport) -> [Vector3<f64>; 2] {
         [(span.gravity_before, span.from_rest), (span.gravity_after, span.to_rest)].map(|(known, rest)| {
             if known.iter().all(|value| value.is_finite()) {
@@ -251,7 +255,7 @@ impl CorrectedFit<'_> {
     }
 }
 
-/// White noise of accelerometer and gyroscope by axis, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz).
+/// White noise densities of accelerometer and gyroscope for each axis, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz).
 pub(super) fn noise_densities(outcome: &crate::calibrate::Outcome) -> (Vector3<f64>, Vector3<f64>) {
     let noise = &outcome.noise_density;
     let [accelerometer, gyroscope] = LEAST_DENSITY;
@@ -261,18 +265,19 @@ pub(super) fn noise_densities(outcome: &crate::calibrate::Outcome) -> (Vector3<f
     )
 }
 
-/// Standard deviation of each component of a direction after a move that noise explains, rad.
+/// Standard deviation of each component of the direction residual after a move from sensor noise, rad.
 fn direction_sigma(span: &MoveReport, noise: &Noise, gravity_mps2: f64) -> f64 {
     let sigma = span.direction_sigma_deg.to_radians();
     if sigma > 0.0 {
         return sigma;
     }
-    // The fit left the move out: angle random walk over the move, and a second of accelerometer at either end.
+    // The fit excluded the move, so the standard deviation is computed from the angle random walk over the move and one
+    // second of accelerometer noise at either end.
     let ends = 2.0 * noise.accelerometer.norm_squared() / 3.0 / (gravity_mps2 * gravity_mps2);
     (noise.gyroscope.norm_squared() / 3.0 * span.duration_s + ends).sqrt()
 }
 
-/// Whether a rest or move is in the fit, or was left out only because it contradicts the others.
+/// Whether a rest or move is in the fit, or was excluded only as an outlier.
 fn is_examined(excluded: Option<&str>) -> bool {
     excluded.is_none_or(|reason| reason.starts_with("contradicts"))
 }
@@ -285,7 +290,7 @@ fn sign(value: f64) -> f64 {
     if value == 0.0 { 0.0 } else { value.signum() }
 }
 
-/// Squares and products of three components.
+/// The squares and pairwise products of three components.
 fn products(v: &Vector3<f64>) -> [f64; 6] {
     [v.x * v.x, v.y * v.y, v.z * v.z, v.x * v.y, v.x * v.z, v.y * v.z]
 }

@@ -11,16 +11,16 @@ use crate::error::Error;
 use crate::joint::Prepared;
 use crate::numerics::stats::p_value;
 
-/// Effects whose log evidence is within this many nats of the best one are its rivals.
+/// Maximum difference of log evidence, nats, between a selected effect and its rivals.
 const RIVAL_NATS: f64 = 3.0;
-/// Log Bayes factor, nats, from which on the nonlinearity of large effects decides between candidates more than their
-/// columns do.
+/// Log Bayes factor, nats, above which linearisation errors of large effects exceed the differences between candidates,
+/// so that candidates must be fitted to compare them.
 const VERY_MUCH: f64 = 2000.0;
-/// Share of the best log Bayes factor that a contender needs.
+/// Minimum log Bayes factor of a candidate to be fitted for this comparison, as a share of the largest one.
 const CLOSE: f64 = 0.9;
 
 impl Judged {
-    /// The effects of a model and this candidate.
+    /// The effects of a model, and this candidate as an additional effect.
     pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
         let own = Member { name: self.score.name.clone(), width: self.width, shape: self.shape, values: Vec::new() };
         members.iter().cloned().chain([own]).collect()
@@ -28,9 +28,10 @@ impl Judged {
 }
 
 impl ForwardSearch<'_> {
-    /// The `good` candidate with the largest evidence, and the names of its rivals.
+    /// The candidate with the largest evidence among those that satisfy `good`, and the names of its rivals.
     ///
-    /// Candidates with very large and nearly equal evidence are fitted, and the fit with the largest evidence decides.
+    /// Candidates with very large and similar log Bayes factors are fitted, and the fit with the largest evidence is
+    /// chosen.
     pub(super) fn best<'j>(
         &self,
         prepared: &Prepared<'_>,
@@ -66,9 +67,9 @@ impl ForwardSearch<'_> {
         Some((pick, rivals))
     }
 
-    /// Replaces an effect by an alias with a time constant if that has an evidence larger by more than [`RIVAL_NATS`],
-    /// because candidates are scored at a few trial time constants only. An alias with nearly the same evidence becomes
-    /// a rival. Returns whether an effect was replaced.
+    /// Replaces an effect by an alias with a time constant if the log evidence of the alias is larger by more than
+    /// [`RIVAL_NATS`]. This comparison is needed because candidates are scored only at a few trial time constants. An
+    /// alias with similar evidence becomes a rival. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -92,7 +93,8 @@ impl ForwardSearch<'_> {
                 let typical = &other.effect.parameters[..other.effect.plain];
                 let mut members = stage.members.clone();
                 members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
-                // The first fit shows the size of the effect, which is the width of the prior in the second one.
+                // The first fit determines the size of the effect, which becomes the width of the prior in the second
+                // fit.
                 let mut fit = || {
                     let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
                     let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
@@ -101,7 +103,8 @@ impl ForwardSearch<'_> {
                     Some(found)
                 };
                 let Some(found) = fit().and_then(|_| fit()) else { continue };
-                // Candidates are scored at a fixed time constant, and so is this alias.
+                // The time constant of the alias is fixed for the comparison, because candidates are also scored at a
+                // fixed time constant.
                 let shape = found.place(other.effect.name).map_or(0, |place| place.end - 1);
                 let mut columns = found.design.model.clone();
                 columns.remove(shape);
@@ -131,7 +134,7 @@ impl ForwardSearch<'_> {
         Ok(swapped)
     }
 
-    /// Removes effects without which the evidence is as large; returns whether there were any.
+    /// Removes effects whose removal does not reduce the evidence. Returns whether an effect was removed.
     pub(super) fn eliminate(
         &self,
         prepared: &Prepared<'_>,

@@ -13,8 +13,7 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Number of moves per partial sum. It is constant, so that rounding does not depend on the number of threads.
 const MOVES: usize = 8;
-/// Number of the model's columns that are multiplied by one register in one job. The model has about three times as
-/// many columns.
+/// Number of the model's columns that are multiplied by one register in one job: a third of the 21 base columns.
 const OF_MODEL: usize = 7;
 /// Number of columns other than the model's that are multiplied by one register in one job.
 const OF_OTHERS: usize = 4;
