@@ -378,7 +378,7 @@ def test_an_effect_that_a_strange_control_run_does_not_confirm_is_not_named():
     other = simulated(CONTROL_SEED, unit="random:bmi088:3").recording
     gap = imucal.find_gap(run, control=other, candidates=["gyro_g_sensitivity"])
     assert (gap.verdict, gap.effects) == ("unknown", ())
-    assert any("gyro_g_sensitivity was found and left out" in note for note in gap.notes)
+    assert any("gyro_g_sensitivity was selected but rejected" in note for note in gap.notes)
 
 
 def test_what_helps_a_control_run_that_does_not_fit_stays_named_and_it_is_said():
@@ -425,7 +425,7 @@ def test_a_given_calibration_in_another_frame_is_refused():
     run = imucal.simulate("random", seed=1, rate_hz=50).recording
     triangular = imucal.calibrate(run, frame="triangular").calibration
     with pytest.raises(
-        imucal.InputError, match=r"in the triangular body frame.* make it with frame='symmetric'"
+        imucal.InputError, match=r"in the triangular body frame.* calibrate with frame='symmetric'"
     ):
         imucal.find_gap(run, calibration=triangular)
 
@@ -466,7 +466,8 @@ def test_what_was_asked_for_and_cannot_be_seen_is_said():
     shown = gap.summary()
     assert "none of the tested effects is observable in these recordings" in shown
     assert (
-        "gyro_bias_temperature was requested and these recordings cannot show it: it needs a temp_" in shown
+        "gyro_bias_temperature was requested but is not observable in these recordings: it needs a temp_"
+        in shown
     )
 
 

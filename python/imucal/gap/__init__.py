@@ -1,11 +1,11 @@
-"""Where recordings and model disagree, which effect is missing, what it is worth, and what would decide.
+"""Find the missing effect: its evidence, its size, and a motion to distinguish between rivals.
 
-find             options, and the question that the compiled library answers
-question         the recordings, the options, and the call
-translation      from what the library finds to the result
-result           the result
-notes, text      sentences on it
-motion_library, next_motion     the motion that would decide between rivals
+find             public function, checks of its arguments
+question         input of the compiled library, and the call
+translation      conversion of the library's result to a `Gap`
+result           the `Gap`
+notes, text      sentences about a result
+motion_library, next_motion     the motion that distinguishes between rivals
 """
 
 from imucal.gap.find import find_gap

@@ -1,4 +1,4 @@
-"""The fields of the result of a search, which its text reads."""
+"""Fields of the result of a search, separate from `Gap` so that the text module can import them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["GapFields"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GapFields:
-    """The fields of a `Gap`, which documents them."""
+    """Fields of a `Gap`; the docstring of `Gap` describes them."""
 
     verdict: str
     effects: tuple[Mapping[str, Any], ...] = ()

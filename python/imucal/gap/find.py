@@ -1,11 +1,12 @@
-"""Finding the missing effect: where simulation and measurement disagree, what explains it, and what is left.
+"""Find the missing effect that explains the disagreement between recordings and model.
 
     gap = imucal.find_gap(run, control=control)
     gap.verdict, gap.effects, gap.calibration, gap.next_motion
 
-The recordings are calibrated with the 21 parameters alone; every effect of the catalogue, and every effect of
-one's own, is scored by its evidence (docs/model.md (23)); the best one joins, all is fitted again, until
-nothing is left. Recordings that no fit has seen decide whether an effect may stay.
+First the recordings are calibrated with the 21 base parameters. Each effect of the catalogue and each
+user-defined effect is then scored by its log Bayes factor (docs/model.md (23)). The best effect is added and
+the model is refitted, until no significant effect remains. An effect is rejected if it makes the prediction
+of control recordings, or of held-out rests and moves, worse.
 """
 
 from __future__ import annotations
@@ -45,23 +46,29 @@ def find_gap(
     exclude_saturated: bool = False,
     stage: Callable[[str], None] = lambda _: None,
 ) -> Gap:
-    """Find where the recordings disagree with the model, name the effect that is missing, and add it.
+    """Find where recordings disagree with the model, identify the missing effect, and add it to the model.
 
-    control       recordings that only judge; without them rests and moves are held out, in three folds
-    calibration   the calibration that is judged; without it one is made of the recordings
-    candidates    names of the catalogue to look for; all of them if not given. Names of one's own effects may
-                  stand there, too: alone, nothing of the catalogue is looked for
-    user_effects  effects of one's own, which are always looked for
-    stage         is told what is being done
+    recordings          recordings of one unit, for the fits
+    control             recordings of the same unit that are used only for validation; without them, rests and
+                        moves are held out in three folds
+    calibration         existing calibration to compare with; without it, the fit without effects is the
+                        reference
+    candidates          names of candidate effects from the catalogue; all effects if None. Names of
+                        user-defined effects are also allowed; a list with only these excludes the catalogue
+    user_effects        user-defined effects, which are always candidates
+    gravity_mps2        local gravity, m/s^2; default: that of `calibration`, else standard gravity
+    min_rest_s          minimum duration of a rest, s
+    exclude_saturated   whether to exclude saturated samples
+    stage               callback with a description of each step before it starts
 
-    Raises as `calibrate`, but for faults of the data: those are a verdict.
+    Raises the errors of `calibrate`, except that faults of the data are returned as a verdict.
     """
     if calibration is not None:
         require_calibration(calibration)
         if calibration.frame != "symmetric":
             raise InputError(
-                f"the calibration is in the {calibration.frame} body frame, and effects are defined by the "
-                "axes of the symmetric one: make it with frame='symmetric', or leave it out"
+                f"the calibration is in the {calibration.frame} body frame, but effects are defined in the "
+                "symmetric body frame: calibrate with frame='symmetric', or omit the calibration"
             )
     gravity = (
         gravity_mps2
@@ -86,17 +93,17 @@ def find_gap(
 
 
 def _nominal(recording: Recording) -> SensorModel:
-    """Sensors without errors in the raw units of a recording."""
+    """Sensor model without errors, in the raw units of a recording."""
     triad = Triad(np.eye(3), np.zeros(3))
     return SensorModel(triad, triad, accel_unit=recording.accel_unit, gyro_unit=recording.gyro_unit)
 
 
 def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> list[str] | None:
-    """The names of the catalogue to look for; None for all of them."""
+    """Names of candidate effects from the catalogue; None for all effects."""
     if candidates is None:
         return None
     if isinstance(candidates, str):
         raise InputError(f"candidates is the string {candidates!r}: give a list of names, [{candidates!r}]")
     if not candidates:
-        raise InputError("candidates is empty, so there is nothing to look for: give names, or leave it out")
+        raise InputError("candidates is empty: give names of effects, or omit it to test all effects")
     return [find(name).name for name in candidates if name not in own]

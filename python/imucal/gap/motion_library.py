@@ -15,18 +15,23 @@ if TYPE_CHECKING:
 
 __all__ = ["Suggestion", "suggestions"]
 
-# Seed of the random turns, other than the default seed 1, with which the recordings were probably made.
+# Seed of the random rotations. It differs from the default seed 1 of the present recordings, so that the
+# motions differ.
 SEED: Final = 2
-# Number of moves and mean rate, deg/s, of the random program.
+# Number of moves of the random program.
 MOVES: Final = 45
+# Maximum rate of one motor in the random program, deg/s.
 MAX_RATE_DPS: Final = 120.0
-# Mean rates of one motor in the programs with several rates, deg/s, and moves at each rate.
+# Rates of one motor, deg/s, in the program with several rates.
 RATES_DPS: Final = (15.0, 30.0, 60.0, 120.0)
+# Rates of one motor, deg/s, in the program for gyroscopes with a large range.
 FASTER_DPS: Final = (30.0, 120.0, 240.0)
+# Number of moves at each rate in the programs with several rates.
 MOVES_AT_A_RATE: Final = 14
 # Step between rests on a circle, deg.
 CIRCLE_DEG: Final = 15.0
-# Half of the temperature range of a cycle, K, centred at the mean temperature of the recordings.
+# Half of the temperature range of a thermal cycle, K; the cycle is centred at the mean temperature of the
+# recordings.
 HALF_RANGE_K: Final = 15.0
 
 
@@ -34,13 +39,13 @@ HALF_RANGE_K: Final = 15.0
 class Suggestion:
     """A motion to record next.
 
-    words             description
+    words             description of the motion
     program           program for the stand
     temperature       temperature profile for `imucal simulate --temperature`; None to keep that of the
                       recordings
-    answers           part of the catalogue's text on how to distinguish effects that this motion implements
+    answers           phrase of the catalogue's advice on distinguishing effects that this motion implements
     on_its_own        whether effects must be searched in this recording alone
-    encoders          whether the stand's angles must be recorded
+    encoders          whether the motor angles of the stand must be recorded
     """
 
     words: str
@@ -52,7 +57,7 @@ class Suggestion:
 
 
 def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Iterator[Suggestion]:
-    """All motions; `needs` are the quantities that the fields of the rivals depend on."""
+    """All suggested motions; `needs` are the quantities on which the effects to be distinguished depend."""
     again = Program.random(seed=SEED, moves=MOVES, max_rate_dps=MAX_RATE_DPS)
     longer = Program.random(seed=SEED, moves=3 * MOVES, max_rate_dps=MAX_RATE_DPS)
     found = [
@@ -68,7 +73,8 @@ def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Itera
             "turns at rates of up to 240 deg/s, if the gyroscope's range allows", _at_rates(FASTER_DPS)
         ),
     ]
-    # Effects of the heading need one recording, because the heading between recordings is unknown.
+    # Effects that depend on heading need a single recording, because the heading change between recordings is
+    # unknown.
     alone = "attitude" in needs
     if alone:
         turned = Program((*_headings(), *again.steps))

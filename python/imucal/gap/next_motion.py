@@ -2,10 +2,10 @@
 
     T(a, b) = min over delta, theta_b of |J_a theta_a - J_base delta - J_b theta_b|^2
 
-Residuals are divided by their standard deviation. T is the chi2 that remains of effect a, with its estimated
-parameters theta_a, after a fit of the rival b and of the 21 base parameters. A motion decides if T(a, b) and
-T(b, a) are large for all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). The Jacobians J are those
-of the search, evaluated on simulated runs.
+T(a, b) is the chi2 of the residuals that effect a, with its estimated parameters theta_a, causes after a fit
+of the rival b and of the 21 base parameters. Residuals are divided by their standard deviation. A motion
+distinguishes between effects if T(a, b) and T(b, a) are large for all rivals (Atkinson and Fedorov,
+Biometrika 62, 1975, 57-70). The Jacobians J are those of the search, evaluated on simulated recordings.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ if TYPE_CHECKING:
 
 __all__ = ["next_motion"]
 
-# Smallest chi2 that decides between two effects. The log likelihood ratio has the mean chi2 / 2 and the
-# standard deviation sqrt(chi2), so with chi2 = 30 the right effect leads by 15 +- 5.5 nats.
+# Minimum chi2 to distinguish between two effects. The log likelihood ratio of the true effect to its rival
+# has mean chi2 / 2 and standard deviation sqrt(chi2): 15 +- 5.5 nats for chi2 = 30.
 SEPARATES: Final = 30.0
-# Seed of the noise of simulated runs.
+# Seed of the noise of simulated recordings.
 SEED: Final = 3
-# Smallest noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): the estimates of a
-# recording that was simulated without noise are zero.
+# Lower bound of the noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): a density of
+# zero is estimated from recordings that were simulated without noise.
 LEAST_DENSITY: Final = (1e-5, 1e-6)
-# Trial time constants of the search, as shares of the longest recording.
+# Trial time constants of the search, as shares of the duration of the longest recording.
 SHAPE_SHARES: Final = (0.03, 0.1, 0.3, 1.0)
 
 Design = tuple["FloatArray", Mapping[str, Sequence["FloatArray"]]]
@@ -52,9 +52,9 @@ Design = tuple["FloatArray", Mapping[str, Sequence["FloatArray"]]]
 class _Pair:
     """An effect with its estimated parameters, and a rival.
 
-    values   estimated parameters of the effect
-    shape    its estimated time constant, s, if it has one
-    beside   other effects in the model
+    values   estimated parameters of the effect, SI units
+    shape    estimated time constant of the effect, s; None if it has none
+    beside   names of the other effects in the model
     """
 
     name: str
@@ -65,9 +65,9 @@ class _Pair:
 
 
 def next_motion(question: Question, analysis: _core.GapAnalysis, after: CalibrationResult) -> dict[str, Any]:
-    """The next motion: a description, a program for the stand, and the chi2 between rivals now and then.
+    """The next motion to record: description, stand program, and chi2 between rivals without and with it.
 
-    after   calibration with the effects that were added to the model
+    after   calibration with the accepted effects
     """
     from imucal.rig.motion import SCHEMA
 
@@ -95,9 +95,9 @@ def next_motion(question: Question, analysis: _core.GapAnalysis, after: Calibrat
     chi2, suggestion = best
     words = [*hints, suggestion.words]
     if pairs:
-        words.append(f"expected chi2 between them {chi2:.0f}, with the present recordings {now:.1f}")
+        words.append(f"expected chi2 between these effects {chi2:.0f}, with the present recordings {now:.1f}")
         if chi2 <= SEPARATES:
-            words.append("no known motion decides with certainty, this one is the best")
+            words.append("no known motion distinguishes them with certainty; this motion is the best")
     if suggestion.on_its_own:
         words.append("search for effects in that recording alone")
     return {
@@ -111,7 +111,7 @@ def next_motion(question: Question, analysis: _core.GapAnalysis, after: Calibrat
 
 
 def _distinctions(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str]]) -> list[str]:
-    """What distinguishes each pair of effects, by the catalogue."""
+    """Advice of the catalogue on how to distinguish each pair of effects."""
     words = []
     for name, of in rivals.items():
         for rival in of:
@@ -125,7 +125,7 @@ def _distinctions(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str
 
 
 def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: CalibrationResult) -> Iterator[_Pair]:
-    """Each added effect with each of its rivals, and vice versa, with estimated parameters."""
+    """Each accepted effect with each of its rivals, and each rival with its accepted effect."""
     for name, rival, estimate in analysis.rivals:
         beside = tuple(other for other in path if other != name)
         own = next(values for values in after.calibration.effects if values.name == name)
@@ -138,7 +138,7 @@ def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: Calibratio
 def _separation(
     question: Question, suggestion: Suggestion | None, pairs: Sequence[_Pair], after: CalibrationResult
 ) -> float:
-    """The smallest chi2 of all pairs with this motion; zero if the parameters are not determined."""
+    """Smallest chi2 of all pairs with this motion; zero if the parameters are not determined."""
     if not pairs:
         return 0.0
     recordings = list(question.recordings)
@@ -167,7 +167,7 @@ def _design(question: Question, recordings: Sequence[Recording], names: Sequence
 
 
 def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
-    """T(a, b) of one pair."""
+    """chi2 T(a, b) of one pair, for the time constant of the rival that is hardest to distinguish."""
     base, columns = design
     if pair.name not in columns or pair.rival not in columns:
         return 0.0
@@ -180,13 +180,14 @@ def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
     beside = [columns[name][0] for name in pair.beside if name in columns]
     rivals = columns[pair.rival]
     if len(rivals) > 1:
-        # The time constant is free: two neighbouring trial values together represent those between them.
+        # The time constant is estimated: columns at two adjacent trial values together approximate those at
+        # values in between.
         rivals = [np.hstack(both) for both in itertools.pairwise(rivals)]
     return min(_residual_norm2(trace, np.hstack([base, *beside, rival])) for rival in rivals)
 
 
 def _residual_norm2(trace: FloatArray, columns: FloatArray) -> float:
-    """Squared norm of the residual of a vector after projection on columns."""
+    """Squared norm of the part of a vector that is orthogonal to all columns."""
     size = np.linalg.norm(columns, axis=0)
     known = columns[:, size > 0] / size[size > 0]
     basis, values, _ = np.linalg.svd(known, full_matrices=False)
@@ -195,7 +196,7 @@ def _residual_norm2(trace: FloatArray, columns: FloatArray) -> float:
 
 
 def _simulated(question: Question, suggestion: Suggestion, after: CalibrationResult) -> Recording:
-    """Simulate the motion with a unit that has the calibration's triads and noise, but no effects."""
+    """Simulate the motion with the triads and noise of the calibration, without effects."""
     from imucal.simulation.simulate import simulate
 
     calibration = after.calibration

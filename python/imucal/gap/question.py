@@ -1,4 +1,4 @@
-"""What is looked for in a search: the recordings of a unit, the recordings that judge, and the options."""
+"""Input of a search: recordings of a unit, control recordings, and options."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ __all__ = ["Question"]
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """The recordings of a unit, and what is looked for in them. The compiled library reads fields by name.
+    """Input of a search. The compiled library reads these fields by name.
 
-    recordings    of one unit, each with a name of its own
-    control       recordings that only judge; none to hold out rests and moves
-    options       of every fit
-    candidates    names of the catalogue to look for; None for all of them
-    definitions   the user's effects by name
-    calibration   the calibration to compare with, if there is one
-    stage         is called with words before each step
+    recordings    recordings of one unit, with distinct names
+    control       recordings for validation only; empty to hold out rests and moves instead
+    options       options of all fits
+    candidates    names of candidate effects from the catalogue; None for all effects
+    definitions   user-defined effects by name
+    calibration   calibration to compare with; None to compare with the fit without effects
+    stage         callback with a description of each step before it starts
     """
 
     recordings: Sequence[Recording]
@@ -38,7 +38,7 @@ class Question:
 
     @property
     def user_effects(self) -> UserEffectSource | None:
-        """The user's effects for the compiled library, those of the given calibration included."""
+        """User-defined effects for the compiled library, including those of the given calibration."""
         own, given = tuple(self.definitions.values()), self.calibration
         if not own and (given is None or not given.user_effects):
             return None
@@ -46,7 +46,10 @@ class Question:
 
     @property
     def given(self) -> tuple[Calibration, float, list[Recording] | None] | None:
-        """The given calibration, its gravity, and the judging recordings it corrects if only Python can."""
+        """The given calibration, its gravity, m/s^2, and the evaluation recordings corrected by it.
+
+        The recordings are None without user-defined effects, because the compiled library corrects them then.
+        """
         if self.calibration is None:
             return None
         corrected = None
@@ -56,7 +59,7 @@ class Question:
         return self.calibration.without_user_effects(), self.calibration.gravity_mps2, corrected
 
     def answer(self) -> _core.GapResult:
-        """What the compiled library finds; raises as `find_gap`."""
+        """Run the search in the compiled library; raises the errors of `find_gap`."""
         return _core.find_gap(self, self._progress)
 
     def _progress(self, effects: Sequence[str] | None, candidates: int | None) -> None:

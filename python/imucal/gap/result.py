@@ -1,4 +1,4 @@
-"""What a search for the missing effect gives."""
+"""The result of a search for the missing effect."""
 
 from __future__ import annotations
 
@@ -17,37 +17,40 @@ SCHEMA: Final = "imucal.gap/1"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Gap(GapFields):
-    """What the search has found.
+    """The result of a search for the missing effect.
 
     verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault
-    effects            what joined the model, or the faults: name, sensor, parameters (name, value, std,
-                       unit), log_bayes_factor, statistic, dof, p_value
-    ambiguous_with     rivals of the pick
-    resembles          what an unknown effect looks a little like
-    generic            block, kernel and description of what varies without a name, or None
-    not_observable     name and needs of the effects that these recordings cannot show
-    smallest_visible   by effect, the smallest rms size of a parameter that would have been seen, and its unit
-    next_motion        the motion that would decide, or None: description, program, `simulate` (the options of
-                       `imucal simulate` that go with it), `on_its_own` (whether it is to be searched without
-                       the recordings that are there), and chi2 by which it separates the rivals
-    gap                metric, before, after, floor, closed, on recordings that no fit has seen; where a
-                       calibration was given and judged on control recordings `before` is its figure, and
-                       `refitted` that of the fit without effects, else None
-    where              where measurement and model disagree: channels, depends, rests, moves, turns_about
-                       (docs/gap.md); None for refused recordings
-    corrected_error    predicted error of the corrected signals, averaged over 1 s: angular_rate_rms_radps and
-                       specific_force_rms_mps2, each with before, after, factor (before over after), and
-                       factor_low and factor_high, its 95 % interval; None if nothing joined
-    traces             by effect, `times_noise` by kind of residual at its typical size, and the share of it
-                       that the 21 parameters take up
-    calibration_set, control_set   figures before and after
-    held_out           without a control record, figures before and after on rests and moves that were left
-                       out
-    fits               the plain calibration and that with what joined, `before` and `after`
-    calibration        the improved calibration, or the plain one if nothing was found; None for a data fault
-    ranking            all candidates against the plain model, best first
-    notes              what a careful reader should know
-    user_effects       effects of one's own that were looked for
+    effects            accepted effects, or faults of the data: name, sensor, parameters (name, value, std,
+                       unit), log_bayes_factor (nats), statistic, dof, p_value
+    ambiguous_with     names of effects that explain the residuals as well as the accepted effects
+    resembles          for the verdict unknown: up to three effects with the largest log Bayes factors
+    generic            block, kernel and description of a variation that no effect describes, or None
+    not_observable     name of each effect that is not observable, and the data that it needs
+    smallest_visible   detection limit by effect: rms size per parameter, and its unit
+    next_motion        motion that distinguishes between rivals, or None: description, program, `simulate`
+                       (options for `imucal simulate`), `on_its_own` (whether effects must be searched in its
+                       recording alone), and expected chi2 between the rivals without and with it
+    gap                figure of merit on unseen data: metric, before, after, floor (its value from noise
+                       alone) and closed, (before - after) / (before - floor). If a given calibration was
+                       evaluated on control recordings, `before` is its figure and `refitted` the figure of
+                       the fit without effects, otherwise `refitted` is None
+    where              residuals of the fit without effects: channels, depends, rests, moves, turns_about
+                       (docs/gap.md); None if faults of the data prevented a fit
+    corrected_error    predicted rms error of the corrected signals, averaged over 1 s:
+                       angular_rate_rms_radps and specific_force_rms_mps2, each with before, after, factor
+                       (before / after), and factor_low and factor_high (95 % interval); None if no effect
+                       was accepted
+    traces             by effect, residuals at its typical size: `times_noise` by kind of residual, and
+                       `taken_up`, the share of its chi2 that the 21 base parameters absorb
+    calibration_set    figures of the calibration recordings, before and after
+    control_set        figures of the control recordings, before and after; None without control recordings
+    held_out           figures of held-out rests and moves, before and after; None with control recordings
+    fits               calibrations without effects (`before`) and with the accepted effects (`after`)
+    calibration        calibration with the accepted effects, or without effects if none was accepted; None
+                       if faults of the data prevented a fit
+    ranking            scores of all candidates relative to the model without effects, in descending order
+    notes              sentences on rejected effects, limitations and warnings
+    user_effects       user-defined effects among the candidates
     """
 
     def __repr__(self) -> str:
@@ -55,14 +58,14 @@ class Gap(GapFields):
         if self.gap is None:
             return f"Gap({names})"
         figures = f"{self.gap['metric']} {self.gap['before']:.4g} -> {self.gap['after']:.4g}"
-        return f"Gap({names}; {figures} on what no fit has seen)"
+        return f"Gap({names}; {figures} on unseen data)"
 
     def _repr_html_(self) -> str | None:
-        """The HTML of notebooks."""
+        """HTML for display in a notebook."""
         return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `imucal gap --json`."""
+        """The JSON document of `imucal gap --json`."""
         names = (
             "verdict",
             "effects",
@@ -88,12 +91,12 @@ class Gap(GapFields):
         return dict(plain(document))
 
     def explain(self, name: str) -> list[str]:
-        """What an effect is, how it would look here, whether it could be seen, how large it may be unseen.
+        """Lines on an effect: formula, expected residuals, detection limit and result in these recordings.
 
         Raises InputError for a name that is neither in the catalogue nor in `user_effects`.
         """
         return list(explanation(self, name))
 
     def summary(self) -> str:
-        """The finding in sentences."""
+        """The result as text, one sentence per line."""
         return "\n".join(sentences(self))

@@ -10,9 +10,9 @@ from imucal.units import SHOWN
 
 __all__ = ["explanation", "for_people", "sentences"]
 
-# Times below this value, s, are delays and shown in ms; longer ones are time constants and shown in s.
+# Upper limit, s, of times that are shown in ms; longer times are shown in s.
 DELAY_S: Final = 0.1
-# Names of the kinds of residuals.
+# Names of the kinds of residuals for users.
 KINDS: Final = {
     "rest_norm": "|f| - g at rest",
     "rest_rate": "rate at rest about",
@@ -24,23 +24,23 @@ KINDS: Final = {
     "stand_rest": "attitude at rest relative to the stand",
     "stand_move": "attitude in moves relative to the stand",
 }
-# Names of kinds without an axis.
+# Names of kinds of residuals for sums over all axes, if they differ from those above.
 WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": "force during moves"}
-# Predicted residuals below this multiple of their noise are not printed.
+# Minimum ratio to noise of predicted residuals that are printed.
 LEAST_TIMES_NOISE: Final = 0.05
-# Variables that explain residuals, if their name needs more words.
+# Names of regressors for users, if they differ from those in documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
-# Number of kinds of residuals that are printed.
+# Maximum number of kinds of residuals that are printed.
 MOST_CHANNELS: Final = 4
-# An improvement factor is printed if its 95 % interval starts above this value.
+# Minimum lower end of the 95 % interval of an improvement factor that is printed.
 LEAST_IMPROVEMENT: Final = 1.05
-# The summary gives a figure of the control set if its improvement, in multiples of noise, is at least this
-# share of that of the residuals that improve most; otherwise it gives those residuals.
+# Minimum improvement of the control figure for it to be printed in the summary, as a share of the improvement
+# of the residuals that improve most, both in multiples of noise. Otherwise these residuals are printed.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
 def for_people(value: float, unit: str) -> tuple[float, str]:
-    """A number converted from SI to the customary unit, and that unit."""
+    """A value converted from SI to the unit of datasheets, and the name of that unit."""
     if unit == "s":
         return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
     factor, name = SHOWN.get(unit, (1.0, unit))
@@ -53,7 +53,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
     if any(effect["parameters"] for effect in gap.effects):
         yield _finding(gap)
     if gap.verdict == "data_fault":
-        yield "the data have faults, so no effect was searched for: fix them and record again"
+        yield "the data have faults that prevent conclusions about effects: fix them and record again"
     if gap.verdict == "nothing_missing":
         yield _none_of(list(gap.smallest_visible))
     if gap.generic is not None:

@@ -1,4 +1,4 @@
-"""From what the compiled library finds to a `Gap`."""
+"""Conversion of the compiled library's result to a `Gap`."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from imucal.gap.result import Gap
 __all__ = ["gap_of"]
 
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
-# Number of the parameters that are always there; those of the effects follow.
+# Number of base parameters, which precede the parameters of effects in a result.
 BASE: Final = 21
 
 
 def gap_of(question: Question, found: _core.GapResult) -> Gap:
-    """The result of a search, with its sentences and the motion that would decide between rivals."""
+    """Convert the library's result; add sentences and the motion that distinguishes between rivals."""
     own = tuple(question.definitions.values())
     if found.analysis is None:
         lines = tuple(fault.line for fault in found.faults)
@@ -101,13 +101,16 @@ def _result(question: Question, fit: _core.GapFit) -> CalibrationResult:
 
 
 def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
-    """Faults of the data in the place of effects, each code once."""
+    """Faults of the data in the format of effects, without duplicates."""
     codes = dict.fromkeys(fault.code for fault in faults)
     return tuple({"name": code, "sensor": None, "parameters": ()} for code in codes)
 
 
 def _closed(question: Question, analysis: _core.GapAnalysis) -> dict[str, Any]:
-    """How much of the gap is closed, of a given calibration if control recordings judge it."""
+    """Figure of merit on unseen data, and the closed share of its excess over noise.
+
+    With a given calibration and control recordings, the figure of the given calibration is `before`.
+    """
     metric, before, after, floor = analysis.unseen
     refitted: float | None = None
     if analysis.chi2_of_given is not None and question.control:

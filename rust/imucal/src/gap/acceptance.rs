@@ -1,5 +1,4 @@
-//! Whether effects that a search has found predict what no fit has seen: control recordings, or rests and moves held
-//! out.
+//! Acceptance of selected effects by validation on unseen data: control recordings, or held-out rests and moves.
 
 use std::rc::Rc;
 
@@ -8,8 +7,8 @@ use crate::error::Error;
 
 /// Relative increase of chi2 per degree of freedom on unseen data below which two predictions count as equally good.
 const SAME: f64 = 0.005;
-/// Relative increase of chi2 per degree of freedom on unseen data above which a prediction is worse. With few held-out
-/// rests and moves, the increase must also be significant.
+/// Relative increase of chi2 per degree of freedom on unseen data above which a prediction is worse. The threshold is
+/// higher if there are so few unseen rests and moves that this increase is not significant.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// Threshold for a significant change of chi2, in standard deviations.
 const SIGNIFICANT: f64 = 3.0;

@@ -2,9 +2,9 @@
 //! angles.
 //!
 //! ```text
-//! r_k = up_k - R(q_k)^T e_z                                  up_k measured, R the stand of model.md (21)
-//! mount_slip     r_k = stand errors + [k >= first] s x up_k   one rotation s of the unit on its mount that stays
-//! loose_mount    r_k scatters from rest to rest by more than any stand explains
+//! r_k = up_k - R(q_k)^T e_z                                  up_k: measured direction up, R: stand model (21)
+//! mount_slip     r_k = stand errors + [k >= first] s x up_k   a lasting rotation s of the unit relative to its mount
+//! loose_mount    r_k scatters from rest to rest by more than on any rigid mount
 //! ```
 //!
 //! Stand errors are the seven parameters of the stand model (docs/model.md (21)) and two harmonics of each encoder.
