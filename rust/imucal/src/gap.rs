@@ -1,20 +1,21 @@
-//! Finding the missing effect: score every effect and add the one with the largest evidence, until noise explains the
-//! residuals (model.md (23), (24)).
+//! Search for the missing effect: all candidate effects are scored, and the effect with the largest evidence is added
+//! to the model, until noise explains the residuals (docs/model.md (23), (24)).
 //!
-//! * `evidence`: the evidence of a model, with priors at the typical sizes of effects and the scatter of each kind of
+//! * `evidence`: evidence of a model, with priors at the typical sizes of effects, and the scatter of each kind of
 //!   residual.
-//! * `forward_search`, `score`, `revise`: the steps of the search.
-//! * `generic`, `pattern`: deviations that are not in the catalogue compete with all named effects together.
-//! * `predict`: an effect must predict rests and moves that it was not fitted to.
-//! * `earth`: `earth_rate` must have the known size.
-//! * `detect`: the smallest size at which an effect would have been detected.
-//! * `fits`, `acceptance`: an effect joins if control recordings, or rests and moves held out, are predicted no worse
-//!   with it.
-//! * `mount`, `clock`: faults of the data, which exclude other conclusions.
-//! * `verdict`: the conclusion of a search.
-//! * `residuals_by_place`, `predicted_error`: the disagreement, and the errors of corrected signals.
+//! * `forward_search`, `score`, `revise`: steps of the forward search.
+//! * `generic`, `pattern`: hypotheses about variations that no effect of the catalogue describes; they are compared
+//!   with the selected effects.
+//! * `predict`: cross-validation of a candidate on held-out rests and moves.
+//! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
+//! * `detect`: detection limit of each effect.
+//! * `fits`, `acceptance`: an effect is accepted if it does not make the prediction of control recordings, or of
+//!   held-out rests and moves, worse.
+//! * `mount`, `clock`: faults of the data that prevent conclusions about effects.
+//! * `verdict`: conclusion of a search.
+//! * `residuals_by_place`, `predicted_error`: residuals by kind, rest and move, and errors of corrected signals.
 //!
-//! [`find_gap()`] does all of this; [`search()`] scores and adds effects without judging them on unseen data.
+//! [`find_gap()`] performs the complete search. [`search()`] selects effects without validation on unseen data.
 
 mod acceptance;
 mod clock;
@@ -72,7 +73,7 @@ use crate::calibrate::WarmStart;
 pub struct Search {
     /// Selected effects, in the order of selection.
     pub path: Vec<Score>,
-    /// Scores of all candidates against the model without effects, the best one first.
+    /// Scores of all candidates relative to the model without effects, in descending order of the log Bayes factor.
     pub ranking: Vec<Score>,
     /// The generic hypothesis with the largest log Bayes factor, if it explains the residuals better than the selected
     /// effects.
@@ -108,11 +109,11 @@ pub type Scattering = (&'static str, f64, f64);
 pub struct Score {
     /// Its name.
     pub name: String,
-    /// Log Bayes factor of the model with the effect against the model without it, nats.
+    /// Log Bayes factor of the model with the effect relative to the model without it, nats.
     pub log_bayes_factor: f64,
     /// Likelihood ratio statistic: twice the increase of the maximum log likelihood.
     pub statistic: f64,
-    /// Number of observable directions of its parameters.
+    /// Number of observable directions of the effect's parameters.
     pub dof: usize,
     /// p-value of `statistic` under a chi2 distribution with `dof` degrees of freedom.
     pub p_value: f64,
@@ -152,7 +153,7 @@ pub struct GenericFinding {
     pub block: Block,
     /// The quantity that the parameter varies with, and the form of their covariance.
     pub kernel: Kernel,
-    /// Log Bayes factor against the model without effects, nats.
+    /// Log Bayes factor relative to the model without effects, nats.
     pub log_bayes_factor: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,

@@ -2,9 +2,9 @@
 //! smooth to contribute to fourth differences.
 //!
 //! ```text
-//! clock_irregular         differences of the rate inside moves do not follow those of the time stamps,
-//!                         or their variance grows by (jitter dw/dt)^2
-//! noise_grows_in_motion   their variance inside moves is a multiple of that at rest
+//! clock_irregular         inside moves, fourth differences of the rate are not correlated with irregular time stamps,
+//!                         or their variance increases by (jitter dw/dt)^2
+//! noise_grows_in_motion   the variance of fourth differences is larger inside moves than at rest
 //! ```
 
 use imucal_core::sensor::Triad;
@@ -172,7 +172,7 @@ impl Differences {
     }
 }
 
-/// Corrected angular rates of one recording.
+/// The angular rates of one recording, corrected by a calibration.
 struct Rates<'a> {
     recording: &'a Recording<'a>,
     gyroscope: &'a Triad<f64>,

@@ -1,4 +1,4 @@
-//! A model that is swept out once for many candidate columns.
+//! Elimination of a model's parameters, done once for many candidate columns.
 
 use std::ops::Range;
 
@@ -16,10 +16,11 @@ pub(crate) struct Common<'a> {
     parts: Vec<SymmetricMatrix>,
 }
 
-/// The model swept out at some scales, with the results that all candidate columns share.
+/// The normal matrix after elimination of the model's parameters at some scales, as far as all candidate columns share
+/// it.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// The sum of the Gram matrices at these scales, before and after the sweep.
+    /// The sum of the Gram matrices divided by their scales, before and after the elimination.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -34,7 +35,7 @@ impl<'a> Common<'a> {
         Self { columns, parts }
     }
 
-    /// Sweeps the model out at these scales; `None` if the normal matrix of the model is singular.
+    /// Eliminates the model's parameters at these scales; `None` if the normal matrix of the model is singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
         Arch::new().dispatch(SweepCommon(self, scales))
     }
@@ -54,7 +55,7 @@ impl<'a> Common<'a> {
         Weighing { columns, parts }
     }
 
-    /// The part of a sweep that belongs to the candidate columns `own`.
+    /// The part of an elimination that belongs to the candidate columns `own`.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);
@@ -89,7 +90,7 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// The part of the shared sweep that belongs to the columns of `weighing`.
+    /// The part of the shared elimination that belongs to the columns of `weighing`.
     known: SymmetricMatrix,
     /// Index of each column of `weighing` among all candidate columns.
     columns: Vec<usize>,

@@ -185,7 +185,7 @@ impl Design {
         self.gram.with_residual(products, self.rows.columns(), residual, groups)
     }
 
-    /// The design without the candidates of these names.
+    /// The design without the candidates whose names satisfy `is_out`.
     pub(crate) fn without(&self, is_out: impl Fn(&str) -> bool) -> Self {
         let mut left = self.clone();
         left.candidates.retain(|candidate| !is_out(&candidate.name));

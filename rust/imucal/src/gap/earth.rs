@@ -1,4 +1,5 @@
-//! The size of the Earth's rate is known, so an effect with its pattern and another size is something else.
+//! The magnitude of the Earth's rate is known, so an estimated constant rate with a different magnitude has another
+//! cause.
 //!
 //! The direction of the Earth's rate is not tested, because heading and latitude are unknown.
 
@@ -22,7 +23,7 @@ pub(super) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
     may_be(size_radps, sigma_radps, 1.0)
 }
 
-/// The same test with a standard deviation that is uncertain by the factor `slack`.
+/// As [`is_earth_rate`], for a standard deviation that may be wrong by the factor `slack`.
 fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
     let is_near = (size_radps - EARTH_RATE_RADPS).abs() <= SURE * slack * sigma_radps;
     is_near && sigma_radps <= slack * EARTH_RATE_RADPS / SURE

@@ -1,4 +1,4 @@
-//! The search for the missing effect from end to end: fit, search, accept, judge.
+//! The complete search for the missing effect: fit without effects, forward search, acceptance, verdict.
 
 use std::rc::Rc;
 

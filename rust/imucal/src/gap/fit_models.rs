@@ -1,4 +1,4 @@
-//! Fits the models of the forward search, and linearises them together with the candidates.
+//! Fits of the forward search's models, and their linearisation together with the candidates.
 
 use std::sync::Arc;
 

@@ -1,4 +1,5 @@
-//! Models with and without effects, fitted to the recordings of a unit and judged on what the fits have not seen.
+//! Models with and without effects, fitted to the recordings of a unit and evaluated on unseen data: control
+//! recordings, or held-out rests and moves.
 
 use std::rc::Rc;
 
@@ -156,7 +157,7 @@ pub(super) fn judged(
     }
 }
 
-/// Recordings with corrected samples in place of the recorded ones.
+/// Recordings in which corrected samples replace the raw samples.
 pub(super) fn with_samples<'a>(recordings: &[Recording<'a>], samples: &'a [CorrectedSamples]) -> Vec<Recording<'a>> {
     let with = |(recording, (rate, force)): (&Recording<'a>, &'a CorrectedSamples)| Recording {
         angular_rate: rate.into(),

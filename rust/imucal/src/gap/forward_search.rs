@@ -1,5 +1,5 @@
-//! Forward selection of effects: score all candidates, add the best one, refit; at the end remove effects that the
-//! others have made superfluous.
+//! Forward selection of effects: all candidates are scored, the best candidate is added, and the model is refitted. At
+//! the end, effects that the other effects have made superfluous are removed.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -35,7 +35,7 @@ const MEAN_S: f64 = 1.0;
 /// If it is false, hand motion is tested here.
 ///
 /// # Errors
-/// As [`calibrate`](crate::calibrate::calibrate()).
+/// The errors of [`calibrate`](crate::calibrate::calibrate()).
 pub fn search(
     checked: &Checked<'_>,
     candidates: &[EffectChoice],

@@ -143,7 +143,7 @@ fn mount_fault(code: &'static str, recording: &Recording<'_>) -> Finding {
     }
 }
 
-/// The rests of one recording at which all angles of the stand are known.
+/// The rests of one recording at which all motor angles are known.
 fn with_angles<'a>(rests: &'a [StandRest], index: usize, recording: &Recording<'_>) -> Vec<&'a StandRest> {
     let Some(angles) = recording.stand_rad else { return Vec::new() };
     let is_known =

@@ -26,7 +26,7 @@ pub(super) struct MoveBlocks {
     pub(super) blocks: Vec<Block>,
 }
 
-/// Consecutive samples inside a move; the last sample of a block is the first one of the next.
+/// Consecutive samples inside a move; adjacent blocks share a sample.
 pub(super) struct Block {
     /// Rotations from the body frame at the first sample, at half time and at the last sample to the body frame at the
     /// start of the move.
@@ -199,7 +199,7 @@ mod tests {
     use super::*;
     use crate::rests::moves::Move;
 
-    /// A move whose rate turns and changes, with one error added to the rate.
+    /// A simulated move with a varying rotation axis and rate, to whose rate an error is added.
     fn blocks(error: impl Fn(f64, &Vector3<f64>) -> Vector3<f64>) -> MoveBlocks {
         let time_s: Vec<f64> = (0..401).map(|k| f64::from(k) * 5e-3).collect();
         let rate = |t: f64| Vector3::new(1.2 * t, 0.8 - t, 0.5 * (2.0 * t).sin());
@@ -235,7 +235,8 @@ mod tests {
                 });
                 let numeric = (plain.rotation.inverse() * changed.rotation).scaled_axis() / STEP;
                 let expected = Vector3::new(rows[0][column], rows[1][column], rows[2][column]);
-                // Rates, times and temperatures are constant within a block in these sums.
+                // The tolerance covers the approximation that rates, times and temperatures are constant within a
+                // block.
                 let tolerance = 0.04 * (1.0 + expected.norm());
                 assert!((numeric - expected).norm() < tolerance, "{regressor:?} {column}: {numeric} {expected}");
             }
@@ -248,7 +249,7 @@ mod tests {
         let last = plain.blocks.last().unwrap();
         let up = Vector3::new(0.6, 0.0, 0.8);
         let at_end = plain.rotation.inverse() * up;
-        // Half a block from the end, at 1.5 rad/s.
+        // The mean is half a block before the end, where the rate is 1.5 rad/s.
         assert!((last.mean_of_constant(&up) - at_end).norm() < 0.06);
         assert!((last.since_start_s - 2.0).abs() < 1e-12 && (last.length_s - BLOCK_S).abs() < 1e-12);
     }

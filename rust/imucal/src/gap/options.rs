@@ -39,17 +39,17 @@ pub type ReportProgress<'a> = &'a dyn Fn(Progress<'_>) -> Result<(), Error>;
 /// A step of a search.
 #[derive(Clone, Copy, Debug)]
 pub enum Progress<'a> {
-    /// A model with these effects is fitted.
+    /// Fit of a model with these effects.
     Fit {
         /// Names of the effects; empty for the model without effects.
         effects: &'a [String],
     },
-    /// Candidate effects are scored.
+    /// Scoring of candidate effects.
     Score {
         /// Number of candidates.
         candidates: usize,
     },
-    /// The error of corrected signals is predicted.
+    /// Prediction of the errors of corrected signals.
     PredictErrors,
 }
 

@@ -301,7 +301,7 @@ mod tests {
     use imucal_core::effects::EffectValues;
     use imucal_core::sensor::Triad;
 
-    /// The calibration with one of its parameters changed.
+    /// The calibration with the parameter at index `place` increased by `change`.
     fn changed(outcome: &Outcome, place: usize, change: f64) -> Calibration<f64> {
         let mut values = outcome.values.clone();
         values[place] += change;

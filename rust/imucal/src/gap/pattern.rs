@@ -30,7 +30,7 @@ const REMAINDER: f64 = 0.02;
 /// tolerances apply, because the log Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
-/// The generic hypothesis with the largest evidence.
+/// The generic hypothesis with the largest evidence, and its fit.
 pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
@@ -42,7 +42,7 @@ pub(super) struct BestGeneric {
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// A model, to which one generic hypothesis at a time is added.
+/// A model and its evidence; generic hypotheses are added to it one at a time.
 struct Judge<'a> {
     known: Known<'a>,
     model: &'a [Column],
@@ -137,8 +137,8 @@ impl Pattern {
 impl BestGeneric {
     pub(super) fn finding(self) -> GenericFinding {
         let Self { block, kernel, log_bayes_factor, wrong, .. } = self;
-        // At rest the specific force is along gravity, so a bias proportional to the direction of gravity is a scale
-        // proportional to force.
+        // At rest the specific force is parallel to gravity, so an accelerometer bias proportional to the direction of
+        // gravity is reported as a scale proportional to force.
         let (block, kernel, unit) = match (block, kernel) {
             (Block::AccelerometerBias, Kernel::GravityDirection) => {
                 (Block::AccelerometerScale, Kernel::Force, STANDARD_GRAVITY_MPS2)

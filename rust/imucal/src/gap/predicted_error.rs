@@ -66,11 +66,12 @@ pub struct PredictedError {
 /// Corrected [`BriefMeans`] of each recording and fields of user-defined effects, computed by the caller.
 #[derive(Clone, Copy)]
 pub struct UserCorrection<'a> {
-    /// Brief means corrected by the first calibration, SI units, body frame.
+    /// [`BriefMeans`] corrected by the first calibration, SI units, body frame.
     pub before: &'a [Recording<'a>],
-    /// Brief means corrected by the second calibration.
+    /// [`BriefMeans`] corrected by the second calibration, SI units, body frame.
     pub after: &'a [Recording<'a>],
-    /// Fields of the user's effects of the second calibration at the samples of `after`, in the order of its effects.
+    /// Fields of the user-defined effects of the second calibration at the samples of `after`, in the order of its
+    /// effects.
     pub fields: &'a [UserField<'a>],
 }
 
@@ -158,7 +159,7 @@ fn brief_samples(time_s: &[f64]) -> usize {
 /// calibration has user-defined effects.
 ///
 /// # Errors
-/// [`Error::Input`] if `user` does not fit the recordings and the effects of `after`.
+/// [`Error::Input`] if the contents of `user` do not match the recordings and the effects of `after`.
 pub fn predicted_errors(
     before: &Calibration<f64>,
     after: &Outcome,

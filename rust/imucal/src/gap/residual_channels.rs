@@ -1,9 +1,9 @@
-//! Residuals of a calibration by kind and body axis, with the standard deviation that sensor noise explains.
+//! Residuals of a calibration by kind and body axis, with their standard deviations from sensor noise.
 //!
 //! ```text
 //! rest_norm        |f| - g at a rest
-//! rest_rate        mean angular rate at a rest, which is zero
-//! move_direction   u_after x R^T u_before after a move: measured against predicted direction of gravity
+//! rest_rate        mean angular rate at a rest, expected to be zero
+//! move_direction   u_after x R^T u_before after a move: angle between measured and predicted gravity direction
 //! move_force       f(t) - g R(t)^T u_before inside the moves, means over 40 ms
 //! ```
 //!

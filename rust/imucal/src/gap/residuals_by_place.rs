@@ -60,11 +60,11 @@ pub struct ChannelResidual {
     pub times_noise: f64,
     /// Whether chi2 of the channel exceeds the significance threshold.
     pub is_significant: bool,
-    /// `times_noise` of the second calibration; `None` if its effects cannot be removed from recorded signals.
+    /// `times_noise` of the second calibration; `None` if the samples cannot be corrected for its effects.
     pub times_noise_after: Option<f64>,
 }
 
-/// A significant linear dependence of a channel on a quantity.
+/// A significant linear dependence of a channel on a regressor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dependence {
     /// Kind of residual of the channel.
@@ -167,8 +167,8 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
     found
 }
 
-/// Share of the sum of squares about the mean that a linear function of `rows` explains, and its number of independent
-/// parameters.
+/// Share of the sum of squares about the mean that a linear regression on `rows` explains, and number of independent
+/// regressors.
 fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
     let (n, width) = (rows.len(), rows.first()?.len());
     let centred = |values: Vec<f64>| {

@@ -1,4 +1,4 @@
-//! Scores of all candidates relative to a model.
+//! Scores and detection limits of all candidates relative to a model (docs/model.md (23)).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -53,7 +53,7 @@ pub(super) struct Judgement {
     pub(super) visible: Vec<(String, f64, String)>,
 }
 
-/// Scores all candidates relative to the model of a stage.
+/// Computes the scores and detection limits of all candidates relative to the model of a stage.
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
@@ -104,16 +104,16 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
 
 /// Observability and score of a candidate relative to a model.
 struct Look {
-    /// Number of directions of its parameters that are observable with noise alone.
+    /// Number of observable directions of its parameters, at scales of one.
     dof: usize,
-    /// Sum over the candidate's parameters of the change of chi2 by one typical size.
+    /// Change of chi2 by one typical size of each parameter, summed over the parameters.
     trace: f64,
     judged: Option<Judged>,
 }
 
-/// Scores a candidate with the columns `own`, after projection on the model. The first projection uses scales of one
-/// (`None` if the model's scales are one), the second uses the scales of the model. Returns `None` if the candidate is
-/// not observable.
+/// Scores the candidate with the columns `own`. The model is projected out at scales of one (first element, `None` if
+/// these are the scales of the model) and at the scales of the model (second element). Returns `None` if the candidate
+/// is not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,

@@ -58,7 +58,7 @@ pub(super) struct Shares {
 
 /// Correlation length of the kernels of directions and attitudes, as a distance between unit vectors.
 const LENGTH: f64 = 0.6;
-/// Rotations about an axis by a smaller angle, rad, have sign zero.
+/// Minimum rotation angle about an axis, rad, whose sign is used; smaller rotations have sign zero.
 const LEAST_TURN_RAD: f64 = 0.01;
 /// Maximum number of eigenfunctions per axis for a random walk, which resolve periods down to a tenth of the recording.
 const MOST_WAVES: usize = 20;

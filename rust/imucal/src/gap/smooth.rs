@@ -5,9 +5,9 @@ use faer::Mat;
 /// Eigenvalues below this share of the largest eigenvalue are omitted.
 const SMALLEST: f64 = 1e-3;
 
-/// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)` of the centred kernel k, with `k = U diag(s) U^T` at the
-/// points. The mean of their squares at the points is one; between the points they are the conditional means of the
-/// kernel (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, (2.25)).
+/// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)` of the centred kernel k, with the eigendecomposition `k =
+/// U diag(s) U^T` at the given points. Their mean square over the points is one. Between the points they are
+/// conditional means under the kernel (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, (2.25)).
 pub(crate) struct Smooth<T> {
     points: Vec<T>,
     weights: Mat<f64>,

@@ -1,4 +1,4 @@
-//! A model of the forward search: fitted, and linearised together with the candidates.
+//! A fitted model of the forward search, linearised together with the candidates.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ impl Stage {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
     }
 
-    /// The same model without one of the candidates.
+    /// This stage without the candidate `name`.
     pub(super) fn without(&self, name: &str) -> Self {
         Self { design: Arc::new(self.design.without(|own| own == name)), ..self.clone() }
     }

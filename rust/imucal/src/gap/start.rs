@@ -13,8 +13,8 @@ use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_unobservable_hand_held};
 
-/// Averaging time, s, of the specific force inside moves for the detection of hand motion. Hand motion accelerates more
-/// slowly than this.
+/// Averaging time, s, of the specific force inside moves for the detection of hand motion. Accelerations by a hand last
+/// longer than this time.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
 /// Ratio of the scatter of these means to noise above which hand motion is detected, if no combination of effects
 /// reduces it.

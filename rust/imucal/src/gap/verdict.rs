@@ -1,11 +1,12 @@
-//! The verdict on what a search has found.
+//! The verdict of a search.
 //!
 //! ```text
-//! data_fault        faults of the data explain the disagreement, may explain it, or are too many to be ignored
-//! stochastic        a bias wanders at random
-//! unknown           residuals that no effect of the catalogue describes, or effects that control recordings contradict
-//! named, ambiguous  effects joined the model; ambiguous if others explain as much
-//! nothing_missing   noise explains the recordings
+//! data_fault        faults of the data explain the residuals, may explain them, or affect too many samples
+//! stochastic        a bias varies as a random walk
+//! unknown           no effect of the catalogue describes the residuals, or control recordings contradict the effects
+//! named             effects were accepted
+//! ambiguous         effects were accepted, but other effects explain the residuals equally well
+//! nothing_missing   noise explains the residuals
 //! ```
 
 use super::clock::clock_and_noise_faults;
@@ -83,7 +84,7 @@ pub struct Rivals {
     pub rivals: Vec<String>,
 }
 
-/// chi2 per degree of freedom of control recordings that contradict effects.
+/// Effects that control recordings contradict, with chi2 per degree of freedom of these recordings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contradiction {
     /// Names of the contradicted effects.

@@ -1,7 +1,8 @@
 //! The evidence of a model with additional columns, for several widths of their prior (docs/model.md (23)).
 //!
-//! At fixed scales the model is swept out of the Gram matrix first. The Schur complement S of the additional columns
-//! then gives the increase of the log evidence for every prior width s:
+//! At fixed scales s_g^2 the parameters of the model are first eliminated from the Gram matrix by the sweep operator.
+//! The Schur complement S of the additional columns then gives the increase of the log evidence for every prior width
+//! s:
 //!
 //! ```text
 //! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, all sums over s_g^2
@@ -48,12 +49,12 @@ pub(crate) struct Weighing<'a> {
     pub(super) parts: Vec<SymmetricMatrix>,
 }
 
-/// The sum of the Gram matrices divided by their scales, after the model is swept out.
+/// The sum of the Gram matrices divided by their scales, after elimination of the model's parameters.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
     pub(super) sums: SymmetricMatrix,
-    /// Squared length of each additional column before the sweep.
+    /// Squared length of each additional column before the elimination.
     whole: Vec<f64>,
     /// Log determinant of the model's normal matrix.
     pub(super) volume: f64,
@@ -91,7 +92,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Adds the Gram matrices divided by their scales, and the prior precisions of the model, from row `from` on.
+    /// Adds, from row `from` on, the Gram matrices divided by their scales, and the prior precisions of the model.
     #[inline(always)] // With the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
@@ -120,7 +121,7 @@ impl<'a> Weighing<'a> {
         Self { columns, parts }
     }
 
-    /// Sweeps the model out at these scales; `None` if the normal matrix of the model is singular.
+    /// Eliminates the model's parameters at these scales; `None` if the normal matrix of the model is singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<Swept> {
         Arch::new().dispatch(Sweep(self, scales))
     }
