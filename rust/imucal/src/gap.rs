@@ -151,7 +151,7 @@ pub struct NotPredictive {
 pub struct GenericFinding {
     /// The parameter that varies.
     pub block: Block,
-    /// The quantity that the parameter varies with, and the form of their covariance.
+    /// Covariance kernel of the variation: the quantity that it depends on, and the form of the dependence.
     pub kernel: Kernel,
     /// Log Bayes factor relative to the model without effects, nats.
     pub log_bayes_factor: f64,

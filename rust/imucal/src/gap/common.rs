@@ -16,8 +16,8 @@ pub(crate) struct Common<'a> {
     parts: Vec<SymmetricMatrix>,
 }
 
-/// The normal matrix after elimination of the model's parameters at some scales, as far as all candidate columns share
-/// it.
+/// The normal matrix after elimination of the model's parameters, at given noise scales s_g^2. It contains the entries
+/// that all candidate columns share.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// The sum of the Gram matrices divided by their scales, before and after the elimination.
@@ -35,7 +35,8 @@ impl<'a> Common<'a> {
         Self { columns, parts }
     }
 
-    /// Eliminates the model's parameters at these scales; `None` if the normal matrix of the model is singular.
+    /// Eliminates the model's parameters at these noise scales s_g^2; `None` if the normal matrix of the model is
+    /// singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
         Arch::new().dispatch(SweepCommon(self, scales))
     }

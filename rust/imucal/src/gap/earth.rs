@@ -42,7 +42,7 @@ impl Stage {
         let rate = Mat::from_fn(own.len(), 1, |k, _| member.values[k]);
         let size = rate.norm_l2();
         let sigma = (rate.transpose() * covariance * &rate)[(0, 0)].sqrt() / size;
-        // A standard deviation that is not finite leaves the decision to the final fit.
+        // If the standard deviation is not a number, the final fit decides.
         (!sigma.is_nan() && !may_be(size, sigma, SLACK)).then_some((size, sigma))
     }
 }

@@ -45,7 +45,7 @@ pub(crate) struct Evidence {
     pub(crate) deviance: f64,
     /// chi2 of all residuals, relative to sensor noise alone.
     pub(crate) chi2: f64,
-    /// Scale s_g^2 of each group.
+    /// Noise scale s_g^2 of each group, dimensionless: chi2 per degree of freedom, at least one.
     pub(crate) scales: Vec<f64>,
     /// Parameter values of the fit.
     pub(crate) theta: Vec<f64>,
@@ -56,8 +56,8 @@ pub(crate) struct Evidence {
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// Lower bound of the scale of a group for any model with these columns: the minimum chi2 of the group fitted
-    /// alone, divided by its number of rows. `None` if it cannot be computed.
+    /// Lower bound of the noise scale s_g^2 of a group for any model with these columns: the minimum chi2 of the group
+    /// fitted alone, divided by its number of rows. `None` if it cannot be computed.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
         let place = self.groups.iter().position(|own| *own == group)?;
         let (sum, n) = (&self.sums[place], columns.len());

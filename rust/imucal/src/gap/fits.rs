@@ -44,7 +44,7 @@ pub(super) struct Fits<'a> {
     pub(super) checked: &'a Checked<'a>,
     pub(super) control: &'a [Recording<'a>],
     pub(super) options: &'a GapOptions<'a>,
-    /// Final fit of the last search, as start values: fits with the selected effects end close to it.
+    /// Start values from the final fit of the last search; fits with the selected effects end close to them.
     pub(super) warm_start: Option<WarmStart>,
     made: Vec<Rc<Fit>>,
 }

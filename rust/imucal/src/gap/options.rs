@@ -1,4 +1,4 @@
-//! Options of the search for the missing effect, and the steps that it reports.
+//! Options of the search for the missing effect, and its progress reports.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::effects::Effect;

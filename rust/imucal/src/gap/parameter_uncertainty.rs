@@ -351,7 +351,8 @@ mod tests {
             for (k, ((above, below), slope)) in above.iter().zip(&below).zip(slope).enumerate() {
                 for axis in 0..6 {
                     let numeric = (above[axis] - below[axis]) / (2.0 * step) * sigma;
-                    // The slopes of other parameters neglect the effect, which is about 1 % of them.
+                    // The slopes of the other parameters are computed without effects, which causes relative errors of
+                    // about 1 %.
                     assert!(
                         (numeric - slope[axis]).abs() < 0.02 * size + 1e-12,
                         "{} window {k} axis {axis}: {numeric:e} {:e}",

@@ -15,9 +15,10 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Trial standard deviations of the prior of a generic hypothesis, in multiples of the typical size of its block.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// Margin, nats, by which the log evidence of a generic hypothesis must exceed that of the selected effects.
+/// Margin, nats, by which the log evidence of a generic hypothesis must exceed that of the selected effects; 3 nats are
+/// odds of 20 to 1.
 const LEAD: f64 = 3.0;
-/// Minimum log Bayes factor, nats, for a generic hypothesis to be reported.
+/// Minimum log Bayes factor, nats, for a generic hypothesis to be reported; 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
 /// Increase of the log evidence at the scales of the model, nats, below which a hypothesis is not evaluated further.
 const LEAST_GAIN: f64 = 2.0;
@@ -61,8 +62,8 @@ impl<'a> Judge<'a> {
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // A hypothesis that does not raise the evidence at the scales of the model does not raise it at smaller scales
-        // either.
+        // A hypothesis that hardly raises the evidence at the noise scales s_g^2 of the model does not raise it at
+        // smaller scales either.
         let (first, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(first, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the scales, so a larger prior width may be

@@ -11,7 +11,7 @@ use crate::error::Error;
 use crate::joint::Prepared;
 use crate::numerics::stats::p_value;
 
-/// Maximum difference of log evidence, nats, between a selected effect and its rivals.
+/// Maximum difference of log evidence, nats, between a selected effect and its rivals; 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// Log Bayes factor, nats, above which linearisation errors of large effects exceed the differences between candidates,
 /// so that candidates must be fitted to compare them.

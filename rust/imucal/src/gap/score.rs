@@ -57,8 +57,8 @@ pub(super) struct Judgement {
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    // Observability is judged with the scales fixed to one, because an effect that is missing in the model increases
-    // the scales and would make itself appear unobservable.
+    // Observability is computed with all noise scales s_g^2 set to one. A missing effect increases the scales, so with
+    // estimated scales it would reduce its own observability.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
@@ -104,16 +104,16 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
 
 /// Observability and score of a candidate relative to a model.
 struct Look {
-    /// Number of observable directions of its parameters, at scales of one.
+    /// Number of observable directions of its parameters, with all noise scales s_g^2 set to one.
     dof: usize,
     /// Change of chi2 by one typical size of each parameter, summed over the parameters.
     trace: f64,
     judged: Option<Judged>,
 }
 
-/// Scores the candidate with the columns `own`. The model is projected out at scales of one (first element, `None` if
-/// these are the scales of the model) and at the scales of the model (second element). Returns `None` if the candidate
-/// is not observable.
+/// Scores the candidate with the columns `own`. The model's parameters are eliminated with all noise scales s_g^2 set
+/// to one (first element; `None` if the model has these scales) and with the scales of the model (second element).
+/// Returns `None` if the candidate is not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,
@@ -127,7 +127,7 @@ fn look_at(
     let unwidened = plain.as_ref().map(|plain| beside.left(&all.part_of(plain, &beside, own)));
     let dof = unwidened.as_ref().unwrap_or(&left).directions(LEAST_CHANGE);
     let judged = || {
-        // The scales are determined with an ineffective prior, because they hardly depend on the prior width.
+        // The noise scales are estimated with an ineffective prior, because they hardly depend on the prior width.
         let (free, settled) = beside.evidence(NO_PRIOR, swept)?;
         let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
         let statistic = (before.deviance - free.deviance).max(0.0);

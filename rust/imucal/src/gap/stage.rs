@@ -48,7 +48,7 @@ impl Stage {
 pub(super) struct Member {
     pub(super) name: String,
     pub(super) width: f64,
-    /// Start value of its time constant, if it has one.
+    /// Start value of its time constant, s; `None` if the effect has no time constant.
     pub(super) shape: Option<f64>,
     /// Parameters in the last fit, SI units; empty before the first fit.
     pub(super) values: Vec<f64>,

@@ -85,7 +85,7 @@ impl ForwardSearch<'_> {
         let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
-        // Additional columns can only reduce the scatter, so only recordings above the threshold are tested further.
+        // Effects can only reduce the scatter, so recordings below the threshold without effects need no further test.
         let (gram, groups) = seen.insides_apart(prepared);
         let scales = groups.map(|group| Ok((group, inside(&gram, group, &seen.model)?)));
         let mut scattered: Vec<(usize, f64)> = scales.collect::<Result<_, Error>>()?;

@@ -17,7 +17,8 @@ use super::{Score, Search};
 use crate::finding::{Finding, Severity};
 use crate::recording::Recording;
 
-/// Log Bayes factor, nats, above which an effect is significant although it does not predict unseen data.
+/// Log Bayes factor, nats, above which an effect is significant although it does not predict unseen data; 8 nats are
+/// odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
 /// Minimum relative decrease of chi2 of the control recordings that accepted effects must achieve. It applies only if
 /// the calibration with effects is still a poor fit to these recordings.

@@ -121,7 +121,8 @@ impl<'a> Weighing<'a> {
         Self { columns, parts }
     }
 
-    /// Eliminates the model's parameters at these scales; `None` if the normal matrix of the model is singular.
+    /// Eliminates the model's parameters at these noise scales s_g^2; `None` if the normal matrix of the model is
+    /// singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<Swept> {
         Arch::new().dispatch(Sweep(self, scales))
     }
@@ -245,7 +246,7 @@ impl Gram {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
     }
 
-    /// The evidence of a model with these columns, starting at the scales `near` of a similar model.
+    /// The evidence of a model with these columns. The iteration starts at the noise scales `near` of a similar model.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
         weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)
@@ -258,7 +259,7 @@ mod tests {
 
     use super::*;
 
-    /// If all scales are one, the computed increase is the difference of two log evidences, for any prior width.
+    /// If all noise scales are one, the computed increase is the difference of two log evidences, for any prior width.
     #[test]
     fn the_gain_is_that_of_the_evidence() {
         let rows = 60;
