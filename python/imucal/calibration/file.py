@@ -165,7 +165,10 @@ def require_same_parameters(node: Node, parameters: Sequence[Parameter]) -> None
 
 
 def _require_reference_temperature(node: Node) -> None:
-    """Raise FormatError for another reference temperature. Files of older versions have none."""
+    """Raise FormatError if the reference temperature of the file is not the one of this library.
+
+    A file without a reference temperature is accepted.
+    """
     if "reference_temperature_degc" in node.mapping():
         reference = node.get("reference_temperature_degc")
         if reference.number() != _core.REFERENCE_TEMPERATURE_DEGC:

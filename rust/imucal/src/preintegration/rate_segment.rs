@@ -41,7 +41,7 @@ impl<'a> SampleTimes<'a> {
     }
 }
 
-/// Consecutive raw samples of a gyroscope, interpolation whose first and last sample the rotation is calculated.
+/// Consecutive raw samples of a gyroscope. The rotation is calculated from the first to the last of them.
 #[derive(Clone, Copy, Debug)]
 pub struct RateSegment<'a> {
     raw: Samples<'a>,
