@@ -31,7 +31,7 @@ class Format:
     files     number of files of one recording
     extra     optional extra of the package that the format needs, or None
     known_by  how a file of this format is recognised
-    reads     data that are read
+    reads     data that the reader takes from a file
     units     units of the data, and where they are defined
     time      origin of the time stamps
     options   keyword arguments of `read`

@@ -33,7 +33,7 @@ SAME_RATE = 1.02
 # Largest ratio of the sampling rates. With a clock more than 10 times slower, too few samples cover a
 # rotation.
 LARGEST_RATIO = 10.0
-# Shortest gap, in median steps. One lost sample (2 steps) is interpolated, a longer gap is not.
+# Shortest gap, in median time steps. One lost sample (2 time steps) is interpolated, a longer gap is not.
 GAP_STEPS = 2.5
 
 
@@ -64,8 +64,8 @@ def recording_from_streams(
 ) -> Recording:
     """One recording of both sensors. Time is counted from its first sample.
 
-    Raises FormatError if a sensor has no samples, if its rates differ too much from the other's, or if the
-    two never measured at the same time; also, if resampling is needed, for time stamps that decrease and
+    Raises FormatError if a sensor has no samples, if the sampling rates differ too much, or if the two
+    sensors never measured at the same time; also, if resampling is needed, for time stamps that decrease and
     values that are not finite.
     """
     for stream in (accel, gyro):

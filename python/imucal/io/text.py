@@ -16,7 +16,8 @@ __all__ = ["NotInPartsError", "first_fields", "headed_parts", "is_number", "read
 
 # Block size that makes Arrow infer column types from the whole file, bytes; Arrow's maximum.
 LARGEST_BLOCK = 2**31 - 1
-# Bytes searched for the header and the first row of a file that is read in parts, and bytes of a part.
+# For a file that is read in parts: size of the start that is searched for the header and the first row, and
+# size of one part, bytes.
 HEAD, PART = 1 << 16, 1 << 22
 # Size of a text above which multithreaded parsing is worth the time to start the threads, bytes.
 WORTH_THREADS = 1 << 24

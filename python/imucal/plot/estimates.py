@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["limits", "parameters", "sigmas"]
 
 SENSORS: Final = {"accel": "Accelerometer", "gyro": "Gyroscope"}
-# Heights of a parameter, a check, the title and labels of a panel, and the margin, pixels.
+# Heights, pixels: row of a parameter, row of a check, title and labels of a panel, and margin of the figure.
 ROW_PX: Final = 24
 CHECK_PX: Final = 29
 PANEL_PX: Final = 62

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["move_residuals", "rest_residuals"]
 
-# Bounds of 95 % of noise residuals in sigma: of a normal variable, and of the norm of two (Rayleigh).
+# Bounds that contain 95 % of the residuals caused by noise, in sigma: for a normal variable, and for the norm
+# of two such variables (Rayleigh).
 NORMAL_95: Final = 1.960
 LENGTH_95: Final = math.sqrt(-2.0 * math.log(0.05))
 

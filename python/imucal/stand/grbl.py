@@ -89,7 +89,8 @@ class GrblDriver:
         self._zero: Triple = (0.0, 0.0, 0.0)
         self._to_send: deque[_Line] = deque()
         self._sent: deque[_Line] = deque()
-        # Numbers of steps that are sent, were reported at rest in their pose, have answered, and are done.
+        # Number of steps that were sent, whose pose was reported at rest, whose dwell was answered, and that
+        # are done.
         self._begun = self._seen = self._held = self._done = 0
         self._recoveries = 0
         self._answered_s = 0.0

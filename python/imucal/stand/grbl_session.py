@@ -24,8 +24,8 @@ Waiting: TypeAlias = Generator[None, None, bool]
 QUERY_S: Final = 0.1
 # Attempts of a handshake.
 TRIES: Final = 4
-# GRBL settings of the first motor: highest rate, deg/min, and acceleration, deg/s^2; those of the others
-# follow.
+# Numbers of GRBL's settings for the first motor: highest rate, deg/min, and acceleration, deg/s^2. The next
+# two numbers are those for the other motors.
 FIRST_RATE, FIRST_ACCELERATION = 110, 120
 
 

@@ -196,7 +196,7 @@ class _Run:
             self.read_samples()
             self.status = self.driver.poll()
             self.log_events()
-            # Uses up to a fifth of a processor, so only if someone watches or there are targets.
+            # The evaluation uses up to a fifth of a processor, so it runs only for a live view or targets.
             if self.watch is not None or self.targets:
                 self.progress.update()
             self.update_state()

@@ -50,7 +50,7 @@ DEAD_FACTOR: Final = 4.0
 QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
 # Attitude difference to the stand's angles above which a motor is wrong or the unit came off, deg: larger
-# than any play of a mount, and for raw samples larger than their errors.
+# than any play of a mount, and larger than the errors of uncalibrated samples.
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (
@@ -157,7 +157,7 @@ def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
 
 
 def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
-    """The reason if the dead axes may be sound because they were not moved; None if they are dead."""
+    """The reason if the axes without a signal may work but were not moved; None if they are defective."""
     if len(dead) == len(AXES):
         return Reason(
             "no_motion",
@@ -165,7 +165,8 @@ def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
             "unit are frozen: check that the motors are powered and turn, and that the unit sends new "
             "samples, and record again",
         )
-    # Gyroscope axes do not move if a motor is stuck. The accelerometer shows that, unless it is dead itself.
+    # A stuck motor also leaves a gyroscope axis without rotation. The angles of gravity reveal a stuck motor,
+    # unless the accelerometer itself is dead.
     mismatch_deg = None if min(dead) < 3 else _core.stand_mismatch_deg(recording)
     if mismatch_deg is not None and mismatch_deg > GROSS_RAW_DEG:
         axes = " and ".join(AXES[axis] for axis in dead)
