@@ -19,7 +19,7 @@ impl<T> ToPython<T> for Result<T, Error> {
 
 fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
     let class = match error {
-        // An exception of a Python function that the library has called.
+        // An exception that was raised by a Python function that the library had called.
         Error::Caller(cause) => {
             return Ok(match cause.downcast_ref::<PyErr>() {
                 Some(exception) => exception.clone_ref(py),

@@ -71,7 +71,7 @@ mod _core {
     /// Default of the shortest duration of a rest, s.
     #[pymodule_export]
     const MIN_REST_S: f64 = library::rests::MIN_REST_S;
-    /// Folds of rests and moves by which a search without control recordings is judged.
+    /// Number of cross-validation folds of rests and moves in a search without control recordings.
     #[pymodule_export]
     const GAP_FOLDS: usize = library::gap::FOLDS;
 
@@ -84,7 +84,7 @@ mod _core {
         Err(Error::Input(format!("time_s has {time} rows, angular_rate {rate}")))
     }
 
-    /// Calibrates one unit from its recordings, with effects of the caller's own if there are any.
+    /// Calibrates one unit from its recordings, with user-defined effects if there are any.
     #[pyfunction]
     #[pyo3(signature = (recordings, options, user_effects = None))]
     fn calibrate(
@@ -108,8 +108,8 @@ mod _core {
         Outcome::new(py, outcome, diagnosis, &recordings)
     }
 
-    /// What recordings of one unit determine, before any fit: predicted standard deviations, and what is not
-    /// determined.
+    /// Predicts, before any fit, the standard deviation of each parameter that the recordings of one unit determine,
+    /// and names the parameters that they do not determine.
     #[pyfunction]
     fn prospect(
         py: Python<'_>,
@@ -121,8 +121,8 @@ mod _core {
         Ok(py.detach(|| library::calibrate::prospect(&recordings, &options)).to_python(py)?.into())
     }
 
-    /// Evaluates a calibration on recordings; `corrected` are the recordings after a correction that the library cannot
-    /// make, of effects of the caller's own.
+    /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` are the
+    /// recordings after the caller's correction, because the library cannot correct user-defined effects.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,
@@ -145,7 +145,8 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
-    /// The reason for a poor verdict by figures of `"calibration set"` or `"control set"`; None if they are good.
+    /// The reason for a poor verdict from the figures of merit of the `"calibration set"` or `"control set"`; None if
+    /// these figures are good.
     #[pyfunction]
     fn poor_figures(set: &str, rests: usize, moves: usize, chi2_per_dof: Option<f64>) -> Option<String> {
         use library::evaluate::{Figures, RecordingSet};

@@ -1,4 +1,5 @@
-//! Parts of a result as mappings, which documents contain without changes. Values that do not exist (NaN) are None.
+//! Parts of a result as mappings, which JSON documents contain without changes. Values that do not exist (NaN) are
+//! None.
 
 use imucal::Termination;
 use imucal::calibrate;
@@ -10,7 +11,7 @@ use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// A dict in Python.
+/// Named fields of a result, as a Python dict.
 pub(crate) type Fields = Py<PyDict>;
 
 pub(crate) fn fields<'py>(

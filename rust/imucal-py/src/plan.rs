@@ -112,10 +112,11 @@ pub(crate) fn optimal_program(
     Ok((steps(&found.program), found.reached))
 }
 
-/// Detection limit of each effect with its unit, and the effects that are not observable with what they would need.
+/// Name, detection limit and unit of each observable effect; name of each effect that is not observable, and the data
+/// that it requires.
 type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// Detection limits of the effects in `candidates`: the smallest size that the recordings make significant.
+/// Detection limit of each effect in `candidates`: the smallest size that is significant in the recordings.
 #[pyfunction]
 pub(crate) fn smallest_visible(
     py: Python<'_>,

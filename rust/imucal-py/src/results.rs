@@ -29,7 +29,7 @@ fn matrix(py: Python<'_>, values: &nalgebra::Matrix3<f64>) -> PyResult<Rows> {
     Ok(to_rows(py, values.transpose().data.0.to_vec())?.unbind())
 }
 
-/// The sentences of a verdict.
+/// The reasons of a verdict as sentences.
 fn words_of(verdict: &evaluate::Verdict) -> Vec<String> {
     verdict.reasons().iter().map(ToString::to_string).collect()
 }
@@ -81,7 +81,7 @@ pub(crate) struct Outcome {
     gyro_bias: Vector,
     names: Vec<String>,
     covariance: Rows,
-    /// Each rest and each move has its goodness of fit under noise alone.
+    /// Evaluation of each rest, with its goodness of fit under noise alone.
     rests: Vec<Fields>,
     moves: Vec<Fields>,
     thresholds: Vec<Fields>,
@@ -108,9 +108,9 @@ pub(crate) struct Outcome {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct HeldOut {
     gravity_direction_rms_deg: f64,
-    /// One value per move, deg.
+    /// Error of the predicted gravity direction after each move, deg.
     direction_error_deg: Vector,
-    /// One value per rest, m/s^2.
+    /// Norm of the specific force minus local gravity at each rest, m/s^2.
     norm_error_mps2: Vector,
 }
 
@@ -197,7 +197,7 @@ impl Carried {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Evaluation {
     figures: Fields,
-    /// Of the sensors with their nominal sensitivity.
+    /// Figures of merit of the sensors with their nominal sensitivity, before calibration.
     before: Fields,
     /// Reasons for a poor verdict; empty for a good one.
     reasons: Vec<String>,
@@ -252,7 +252,7 @@ impl Inspection {
     }
 }
 
-/// What recordings determine, before any fit.
+/// Parameters that the recordings determine, predicted before any fit.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Prospect {
     /// Predicted standard deviation of each parameter in its unit; None if it is not determined.

@@ -58,7 +58,7 @@ pub(crate) struct SetupArrays<'py> {
     threads: Option<NonZeroUsize>,
 }
 
-/// A motion; its kind is recognised by its attributes.
+/// A motion program; the attributes of the Python object decide which type of program it is.
 #[derive(FromPyObject)]
 pub(crate) enum Motion {
     Stand { steps: Vec<StepTuple>, stand: Stand },
@@ -139,7 +139,7 @@ impl Motion {
 }
 
 impl UnitArrays<'_> {
-    /// The sensors of the unit, without effects.
+    /// Errors and noise of the unit's sensors, without effects.
     pub(crate) fn unit(&self, py: Python<'_>) -> PyResult<Unit> {
         Ok(Unit {
             accelerometer: self.accelerometer.sensor(py, "accelerometer")?,

@@ -1,4 +1,4 @@
-//! Effects of a user's own: Python functions that the library calls while it fits.
+//! User-defined effects: Python functions that the library calls during a fit.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ impl<'py> FromPyObject<'_, 'py> for PythonEffects {
 }
 
 impl PythonEffects {
-    /// Calls a method; an exception becomes the error of the library that it stands for.
+    /// Calls a method, and converts an exception to the corresponding error of the library.
     fn call<T>(&self, work: impl FnOnce(Python<'_>, &Bound<'_, PyAny>) -> PyResult<T>) -> Result<T, Error> {
         Python::attach(|py| work(py, self.source.bind(py)).map_err(|error| library_error(py, error)))
     }
@@ -86,7 +86,8 @@ fn sampled(py: Python<'_>, fields: &[UserFieldArrays<'_>]) -> PyResult<Vec<Sampl
     fields.iter().map(of_field).collect()
 }
 
-/// The error that an exception of a Python function stands for. Classes that only the caller knows are passed through.
+/// The library's error that corresponds to an exception of a Python function. Exceptions of classes that the library
+/// does not know are passed through unchanged.
 pub(crate) fn library_error(py: Python<'_>, error: PyErr) -> Error {
     let message = error.value(py).to_string();
     let is = |name: &str| {

@@ -37,7 +37,7 @@ pub use unsigned::check_counts;
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
-/// All checks that do not need rests. An empty result means that no fault was found.
+/// Runs all checks that do not need rests. An empty result means that no fault was found.
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `time_not_increasing`, `samples_duplicated`,
 /// `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`, `accel_saturation`,

@@ -23,8 +23,8 @@ use nalgebra::Vector3;
 /// iterations would amplify noise.
 const PASSES: usize = 2;
 
-/// Whether a correction leaves an effect in the data: it depends on what no recording gives, or acts on the encoders of
-/// a stand.
+/// Whether a correction cannot remove an effect from the data, because the effect depends on a quantity that no
+/// recording contains (such as the attitude), or because it acts on the encoders of a stand.
 pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
     let is_given = |need: &Need| matches!(need, Need::Time | Need::Temperature | Need::AngularAcceleration);
     effect.sensor == Sensor::Encoder || !effect.needs.iter().all(is_given)
@@ -39,11 +39,11 @@ pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Ve
     correct_from(None, recording, calibration)
 }
 
-/// Refuses a recording that lacks what an effect of the calibration depends on.
+/// Rejects a recording that lacks a quantity on which an effect of the calibration depends.
 ///
 /// # Errors
-/// [`Error::Input`] without a temperature column that an effect depends on, and for a single sample or times that go
-/// back where an effect depends on the angular acceleration.
+/// [`Error::Input`] if an effect depends on temperature and there is no temperature column, or if an effect depends on
+/// the angular acceleration and the recording has a single sample or decreasing times.
 pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration<f64>) -> Result<(), Error> {
     let name = recording.name;
     for effect in calibration.effects.iter().map(|values| values.effect()) {
@@ -77,7 +77,8 @@ pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration
     Ok(())
 }
 
-/// As [`correct`], for a part of a recording that started at `start_s`. `None` stands for the first sample of the part.
+/// As [`correct`], for a part of a recording whose first sample was at the time `start_s`. If `start_s` is `None`, the
+/// recording starts with the first sample of the part.
 pub fn correct_from(
     start_s: Option<f64>,
     recording: &Recording<'_>,
@@ -97,7 +98,7 @@ pub fn correct_from(
     (rate, force)
 }
 
-/// Corrects every sample with given angular accelerations, rad/s^2; an empty slice if they are unknown.
+/// Corrects every sample with the given angular accelerations, rad/s^2. The slice is empty if they are unknown.
 fn correct_with(
     start_s: f64,
     recording: &Recording<'_>,
@@ -121,9 +122,9 @@ fn correct_with(
 
 /// Derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single sample.
 ///
-/// It is the derivative of polynomials through the means over five consecutive boxes. The boxes have a width of 2 ms or
-/// one sample at least and of 0.1 s at most; they are as wide as the motion allows (`docs/model.md` (16)). Steps may be
-/// uneven. Samples with the same time stamp count once and get the same derivative.
+/// The derivative is that of polynomials through the mean rates in five consecutive time intervals. These intervals are
+/// as long as the motion allows, at least 2 ms or one sample and at most 0.1 s (`docs/model.md` (16)). Time steps may
+/// be uneven. Samples with the same time stamp count once and get the same derivative.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rate: Vec<Vector3<f64>> = angular_rate.iter().map(|row| Vector3::from(*row)).collect();
     Derivative::smooth(time_s, &rate).of(&rate).into_iter().map(<[f64; 3]>::from).collect()
@@ -161,7 +162,8 @@ mod tests {
         unit
     }
 
-    /// Largest errors of rate and force after a run with parabolas in time is measured by `unit` and corrected.
+    /// Largest errors of rate and force after a simulated motion, with rate and force quadratic in time, is measured by
+    /// `unit` and corrected.
     fn round_trip(unit: &Calibration<f64>, with_temperature: bool) -> (f64, f64) {
         let time_s = uneven_time(200);
         let temperature: Vec<f64> = time_s.iter().map(|t| 20.0 + 3.0 * (t - 70.0)).collect();

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::finding::Finding;
 
-/// Reason why there is no result.
+/// Reason why a function of this crate returns no result.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum Error {
     /// An argument has a value that cannot be used.

@@ -26,7 +26,7 @@ pub struct Finding {
     pub place: Option<Place>,
     /// Number of affected samples.
     pub count: usize,
-    /// The value that decided, in `unit`.
+    /// The measured value that exceeded a limit or otherwise revealed the fault, in `unit`.
     pub value: f64,
     /// Unit of `value`.
     pub unit: &'static str,
@@ -65,8 +65,8 @@ impl fmt::Display for Place {
     }
 }
 
-/// A number with so many significant digits, as `%g` of C writes it: without trailing zeros, with an exponent where it
-/// is large or small.
+/// Formats a number with `digits` significant digits like `%g` of C: without trailing zeros, and with an exponent if
+/// the number is very large or very small.
 pub(crate) fn general(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");

@@ -8,9 +8,9 @@ use nalgebra::{Matrix3, SymmetricEigen};
 
 use crate::error::Error;
 
-/// Indices of the six free entries of a symmetric matrix, in the order of the parameters.
+/// Indices of the six independent entries of a symmetric 3x3 matrix, in the order of the calibration parameters.
 pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
-/// Indices of the six free entries of a lower triangular matrix, in the order of the parameters.
+/// Indices of the six nonzero entries of a lower triangular 3x3 matrix, in the order of the calibration parameters.
 const TRIANGULAR: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1)];
 
 /// Convention for the body frame.
@@ -112,7 +112,7 @@ pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame
     Ok(jacobian)
 }
 
-/// The square root of `T T^T` in this frame: symmetric or lower triangular.
+/// The matrix R with `R R^T = T T^T`: symmetric or lower triangular, as the body frame requires.
 fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     let product = t * t.transpose();
     match frame {
@@ -140,7 +140,7 @@ pub(crate) fn square_root(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     }
     let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
     let rough = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
-    // One step of Newton's method takes away the rounding of the eigenvectors.
+    // One step of Newton's method removes the rounding errors of the eigenvectors.
     let refined = (rough + matrix * rough.try_inverse()?) / 2.0;
     Some((refined + refined.transpose()) / 2.0)
 }

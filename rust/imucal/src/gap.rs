@@ -107,7 +107,7 @@ pub type Scattering = (&'static str, f64, f64);
 /// The score of an effect relative to a model without it (docs/model.md (23)).
 #[derive(Clone, Debug)]
 pub struct Score {
-    /// Its name.
+    /// Name of the effect.
     pub name: String,
     /// Log Bayes factor of the model with the effect relative to the model without it, nats.
     pub log_bayes_factor: f64,
@@ -117,26 +117,26 @@ pub struct Score {
     pub dof: usize,
     /// p-value of `statistic` under a chi2 distribution with `dof` degrees of freedom.
     pub p_value: f64,
-    /// For a selected effect: names of the effects whose log evidence was within three nats of its own at its
-    /// selection. Empty for all other effects.
+    /// For a selected effect: names of the effects whose log evidence differed from that of the selected effect by less
+    /// than three nats when it was selected. Empty for effects that were not selected.
     pub rivals: Vec<String>,
 }
 
 /// Residuals that an effect of typical size causes after the base parameters are refitted.
 #[derive(Clone, Debug)]
 pub struct Trace {
-    /// Its name.
+    /// Name of the effect.
     pub name: String,
     /// Kind of residual, and the rms of these residuals divided by their noise.
     pub times_noise: Vec<(&'static str, f64)>,
-    /// Share of the effect's chi2, 0 to 1, that a refit of the base parameters removes.
+    /// Share, 0 to 1, of the chi2 that the effect causes and that a refit of the base parameters removes.
     pub taken_up: f64,
 }
 
 /// An effect whose fit does not generalise to held-out data.
 #[derive(Clone, Debug)]
 pub struct NotPredictive {
-    /// Its name.
+    /// Name of the effect.
     pub name: String,
     /// Log Bayes factor on the data of the fit, nats.
     pub log_bayes_factor: f64,
@@ -146,10 +146,10 @@ pub struct NotPredictive {
     pub gain_std: f64,
 }
 
-/// A variation of a bias or a scale that no effect of the catalogue describes (docs/model.md (24)).
+/// A variation of a sensor's bias or scale that no effect of the catalogue describes (docs/model.md (24)).
 #[derive(Clone, Debug)]
 pub struct GenericFinding {
-    /// The parameter that varies.
+    /// The sensor parameter that varies: a bias or a scale of the gyroscope or the accelerometer.
     pub block: Block,
     /// Covariance kernel of the variation: the quantity that it depends on, and the form of the dependence.
     pub kernel: Kernel,

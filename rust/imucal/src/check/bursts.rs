@@ -9,21 +9,23 @@ use crate::recording::Recording;
 const LEAST_SAMPLES: f64 = 3.0;
 /// Minimum number of packets for a finding.
 const FEWEST_PACKETS: usize = 10;
-/// Maximum step between packets, s. Longer steps are pauses of a logger that sleeps.
+/// Maximum time step between packets, s. Longer time steps are pauses of a logger that sleeps.
 const LONGEST_S: f64 = 2.0;
-/// Minimum share of the time that lies in steps between packets.
+/// Minimum share of the recording's duration that lies in the time steps between packets.
 const SHARE_OF_TIME: f64 = 0.5;
-/// Minimum share of packets with nearly the typical number of samples. Losses at random give packets of varying size.
+/// Minimum share of packets with nearly the typical number of samples. Random loss of samples gives packets of varying
+/// size.
 const ALIKE: f64 = 0.9;
-/// Maximum relative difference between the size of such a packet and the typical size; one sample is always allowed.
+/// Maximum relative difference between a packet's number of samples and the typical number for the two to count as
+/// nearly equal; a difference of one sample is always allowed.
 const WITHIN: f64 = 0.25;
 
-/// Finding `clock_irregular` for time stamps that come in bursts. The time must not decrease.
+/// Finding `clock_irregular` for time stamps that come in bursts. The time stamps must not decrease.
 pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let time_s = recording.time_s;
     let (first_s, last_s) = (*time_s.first()?, *time_s.last()?);
     let mean_s = (last_s - first_s) / (time_s.len() - 1) as f64;
-    // A packet starts after a step longer than 1.5 times the mean step. A NaN is not longer and does not start a
+    // A packet starts after a time step longer than 1.5 times the mean time step. A step that is NaN starts no
     // packet.
     let starts: Vec<usize> = (1..time_s.len()).filter(|&i| time_s[i] - time_s[i - 1] > 1.5 * mean_s).collect();
     let (&first, &last) = (starts.first()?, starts.last()?);
@@ -85,7 +87,7 @@ mod tests {
 
     #[test]
     fn samples_stamped_by_packets_are_told_from_lost_ones() {
-        // The step within a packet is the duration of a read, less, more, or zero.
+        // Time steps within a packet: the duration of one read, a shorter time, a longer time, or zero.
         for within_s in [1e-4, 1e-5, 2e-3, 0.0] {
             let findings = found(|i| (i / 16) as f64 * 0.16 + (i % 16) as f64 * within_s);
             assert_eq!(findings.len(), 1, "{findings:?}");
@@ -94,7 +96,7 @@ mod tests {
             assert!(bursts.message.contains(&format!("{:.3} ms from one", 1e3 * within_s)), "{}", bursts.message);
             assert!(bursts.way_out.contains("--rate-hz, here about 100"), "{}", bursts.way_out);
         }
-        // A buffer that a timer reads has one sample more or less.
+        // The number of samples in a buffer that a timer reads varies by one.
         let short = found(|i| ((i + i / 160) / 16) as f64 * 0.16 + ((i + i / 160) % 16) as f64 * 1e-4);
         assert_eq!(short.iter().map(|f| f.code).collect::<Vec<_>>(), ["clock_irregular"]);
     }

@@ -15,7 +15,8 @@ const MIN_DURATION_S: f64 = 5.0;
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
 /// Relative tolerance of [`RATES_HZ`], because time stamps and therefore time steps are rounded.
 const ROUNDING: f64 = 1e-6;
-/// Spread of the time steps (standard deviation over median) above which it is reported as a warning, and as an error.
+/// Relative spread of the time steps (standard deviation divided by median) above which an irregular clock is reported,
+/// as a warning above the first value and as an error above the second.
 const SPREAD: [f64; 2] = [0.2, 0.5];
 /// Maximum relative deviation of a time step from the median at which the clock counts as regular; the slower checks of
 /// spread and gaps are then skipped.
@@ -25,11 +26,11 @@ const MAX_EQUAL_SHARE: f64 = 0.01;
 
 /// Time steps between consecutive finite time stamps.
 pub(super) struct Steps {
-    /// Number of positive steps.
+    /// Number of positive time steps.
     positive: usize,
-    /// Shortest positive step, s.
+    /// Shortest positive time step, s.
     shortest_s: f64,
-    /// Longest positive step, s.
+    /// Longest positive time step, s.
     longest_s: f64,
     backward: Tally,
     worst_backward_s: f64,
@@ -41,8 +42,8 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
     if let Some(bursts) = steps.backward.first.is_none().then(|| steps.bursts(recording)).flatten() {
-        // With packet time stamps, the steps contain no information about equal stamps, lost samples or the sampling
-        // rate.
+        // With packet time stamps, the time steps contain no information about repeated time stamps, lost samples or
+        // the sampling rate.
         findings.push(bursts);
         return findings;
     }
@@ -70,7 +71,7 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     if spread > SPREAD[0] {
         findings.push(irregular(recording, spread, [low_s, median_s, high_s]));
     }
-    // If the clock is this irregular, long steps are no evidence of lost samples.
+    // If the spread is larger, the clock is so irregular that long time steps are no evidence of lost samples.
     if spread <= SPREAD[1] {
         // Stamps of coarse resolution (2 ms and 3 ms alternating) are not gaps. A gap exceeds the 90 % quantile by half
         // a step.
@@ -98,7 +99,7 @@ impl Steps {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let first = part.samples.start.max(1);
         let time_s = &part.recording.time_s[first - 1..part.samples.end];
-        // The usual case: all steps are positive.
+        // The usual case: all time steps are positive.
         let [shortest_s, longest_s] = shortest_and_longest_s(time_s);
         if shortest_s > 0.0 && longest_s.is_finite() {
             self.positive += time_s.len() - 1;
@@ -149,7 +150,8 @@ impl Steps {
         })
     }
 
-    /// Finding for packet stamps. If all steps are nearly equal there are no packets, and the search is skipped.
+    /// Finding for packet time stamps. If all time steps are nearly equal there are no packets, and the search for
+    /// packets is skipped.
     fn bursts(&self, recording: &Recording) -> Option<Finding> {
         (self.equal.samples > 0 || self.longest_s > 2.0 * self.shortest_s).then(|| bursts::check(recording)).flatten()
     }
@@ -176,7 +178,7 @@ impl Steps {
     }
 }
 
-/// Shortest and longest step, s, calculated for several steps at once; NaN if any step is NaN.
+/// Shortest and longest time step, s, calculated for several steps at once; NaN if any time step is NaN.
 #[inline(always)]
 fn shortest_and_longest_s(time_s: &[f64]) -> [f64; 2] {
     const LANES: usize = 8;

@@ -10,7 +10,7 @@ use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
-/// Plausible gains of an axis in SI units, as a ratio; datasheets specify 0.9 to 1.1 or better.
+/// Limits of a plausible gain of an axis in SI units (ideal: 1); datasheets specify 0.9 to 1.1 or better.
 const GAIN: [f64; 2] = [0.75, 1.25];
 
 /// Maximum ratio of the largest to the smallest gain of axes in counts, from the limits of [`GAIN`]: axes of one chip.

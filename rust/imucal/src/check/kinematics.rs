@@ -13,9 +13,10 @@ use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
-/// Limits of the scale of P for a gyroscope in the right unit (ideal: 1). Scale errors of sensors are far smaller.
+/// Limits of the scale of P for a gyroscope in the right unit (ideal: 1). Scale errors of sensors are far smaller than
+/// these limits allow.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// Relative tolerance for the factor between two known units.
+/// Relative tolerance within which the scale of P counts as a known conversion factor, for example from deg/s to rad/s.
 const KNOWN: f64 = 0.25;
 /// Minimum ratio of the smallest to the largest singular value of P for any conclusion; below it the motion was too
 /// poor.
@@ -62,7 +63,8 @@ fn is_well_determined(p: &Matrix3<f64>) -> bool {
     squares.min() > WELL_DETERMINED.powi(2) * squares.max()
 }
 
-/// Recommendation if the factor is not one between known units. Only the product of rate and time is observable.
+/// Recommendation if the scale of P is no conversion factor between known units. The unit of the rate or of the time
+/// may be wrong, because only the product of rate and time is observable.
 const OTHERWISE: &str = "give the columns in the unit of their names, or as raw counts: gyro_x_lsb; or the time or the \
                          sample rate is wrong by this factor: correct it";
 

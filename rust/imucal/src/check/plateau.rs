@@ -25,7 +25,7 @@ const BY_CHANCE: f64 = 1e-5;
 /// neighbours at an apex are equal.
 const MOST_EQUAL: f64 = 0.5;
 
-/// Statistics of plateaus: their number, the samples in all of them, and the samples in the longest.
+/// Statistics of plateaus: number of plateaus, number of samples in all of them, and in the longest plateau.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Kind {
     count: usize,
@@ -40,12 +40,14 @@ impl Kind {
         self.longest = self.longest.max(len);
     }
 
-    /// Whether these plateaus have more than twice the samples of `usual`, or the longest is at least twice as long.
+    /// Whether these plateaus have more than twice as many samples as the plateaus `usual`, or the longest of them is
+    /// at least twice as long as the longest of `usual`.
     pub(super) fn stand_out_from(&self, usual: &Self) -> bool {
         self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
     }
 
-    /// Whether noise is a plausible cause, if `equal` is the share of equal consecutive samples due to noise.
+    /// Whether noise is a plausible cause of these plateaus. `equal` is the share of pairs of consecutive samples that
+    /// noise makes equal.
     pub(super) fn is_chance(&self, equal: f64) -> bool {
         equal.powi((self.samples - self.count) as i32) > BY_CHANCE
     }

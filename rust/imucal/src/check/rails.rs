@@ -16,7 +16,8 @@ const SHARE_OF_REACH: f64 = 0.8;
 
 /// Minimum ratio of an accelerometer rail to the median of |f|, which is 1 g. No accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
-/// Maximum relative difference of two rails that belong to the same range.
+/// Maximum relative difference between the distances of two rails from the zero reading, if both rails belong to the
+/// same measurement range.
 const ONE_RANGE: f64 = 1e-4;
 
 /// The values at which one axis is clipped, [lowest, highest]; `None` where it is not clipped.
@@ -42,7 +43,7 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
 
 /// The samples at which any axis is saturated, as disjoint index ranges in ascending order.
 ///
-/// Rests and moves that contain such samples must not be used. All others can be used.
+/// Rests and moves that contain saturated samples must not be used. All other rests and moves can be used.
 pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
     if recording.check_lengths().is_err() {
         return Vec::new();

@@ -47,9 +47,9 @@ pub(super) struct Repeats {
     near: usize,
     /// Whether the last row with fewer than five repeated values changes (at most one value repeats).
     changes_before: bool,
-    /// Number of rows with six repeated values since that row.
+    /// Number of rows with six repeated values since the last row with fewer than five.
     equal_rows: usize,
-    /// Number of rows with five repeated values since that row.
+    /// Number of rows with five repeated values since the last row with fewer than five.
     near_rows: usize,
 }
 

@@ -6,9 +6,9 @@ use crate::recording::Recording;
 
 /// State of the runs of each channel, accelerometer first.
 pub(super) struct Runs {
-    /// One bit per channel: set if the last sample equals the one before it.
+    /// One bit per channel: set if the last sample that was processed equals the sample before it.
     equal: u8,
-    /// One bit per channel: set while the channel is in a run.
+    /// One bit per channel: set while the channel is in a run of equal samples.
     going_on: u8,
     /// First sample of the current run of each channel.
     start: [usize; 6],

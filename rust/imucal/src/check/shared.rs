@@ -1,4 +1,5 @@
-//! Check for data given twice. They would reduce the standard deviations without adding information.
+//! Check for samples that occur in two recordings. Such samples would reduce the standard deviations without adding
+//! information.
 
 use std::collections::HashMap;
 

@@ -24,7 +24,7 @@ const STAND_ZERO_RAD: f64 = 0.02;
 /// Minimum component of the unit up-vector along an axis that points nearly up: the cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
 
-/// Errors of units that are large enough to be found without rests.
+/// Findings of wrong units whose errors are so large that they are detected without rests.
 pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extremes)) -> Vec<Finding> {
     let mut findings = Vec::new();
     let whole = 0..recording.len();
@@ -69,7 +69,7 @@ impl Lengths {
         }
     }
 
-    /// Whether the median norm lies between the limits; this needs no calculation of the median.
+    /// Whether the median norm lies between the two limits, decided from the counts without calculating the median.
     fn have_median_within(&self) -> bool {
         2 * self.below < self.rows && 2 * self.above < self.rows
     }
@@ -122,7 +122,7 @@ fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
     (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
 }
 
-/// [`median_norm`], if it is outside the limits. Most recordings are inside, which is found without sorting.
+/// The [`median_norm`] if it is outside the limits. For most recordings it is inside, which is decided without sorting.
 fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
     let mut lengths = Lengths::default();
     ranges.iter().for_each(|range| lengths.add(&rows.part(range.clone()), limits));

@@ -17,7 +17,8 @@ const BITS: std::ops::RangeInclusive<u32> = 8..=32;
 const END: f64 = 0.125;
 /// Minimum number of jumps for a finding; fewer may be single wrong samples.
 const FEWEST_JUMPS: u64 = 3;
-/// Minimum ratio of the jumps as unsigned numbers to the jumps that remain as signed numbers.
+/// Minimum ratio of the number of jumps in unsigned counts to the number of jumps that remain if the counts are read as
+/// signed numbers.
 const LEFT: u64 = 10;
 /// Samples in a block that fits into the processor's cache.
 const PART: usize = 256;

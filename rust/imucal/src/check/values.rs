@@ -13,12 +13,12 @@ const TEMPERATURE_STEP_K: f64 = 5.0;
 /// have separate time stamps.
 const OWN_ROWS: f64 = 0.1;
 
-/// Samples with NaN or infinity, and the columns they occur in.
+/// Samples with NaN or infinity, and the columns in which these values occur.
 #[derive(Default)]
 pub(super) struct NotFinite {
     bad: Tally,
     columns: [bool; 7],
-    /// Number of samples with a complete gyroscope but no accelerometer values, and number of those with the opposite.
+    /// Number of samples with gyroscope values only, and number of samples with accelerometer values only.
     alone: [usize; 2],
     bad_stand: Tally,
     stand_columns: [bool; 3],
@@ -94,7 +94,7 @@ pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec
     findings
 }
 
-/// Marks the columns whose value is not finite; returns whether there is any.
+/// Marks the columns whose value in `row` is not finite; returns whether there is any such column.
 fn mark<const N: usize>(row: [f64; N], columns: &mut [bool; N]) -> bool {
     let mut any = false;
     for (value, column) in row.iter().zip(columns) {

@@ -16,13 +16,13 @@ const SIGNIFICANT: f64 = 3.0;
 /// A figure of merit on unseen data: control recordings, or held-out rests and moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnseenFigure {
-    /// The quantity that is compared.
+    /// The quantity that measures the quality of the prediction.
     pub metric: Metric,
-    /// Its value without effects, in the unit of `metric`.
+    /// Value of the metric without effects, in the unit of `metric`.
     pub before: f64,
-    /// Its value with the accepted effects.
+    /// Value of the metric with the accepted effects, in the unit of `metric`.
     pub after: f64,
-    /// Its expected value if noise is the only error.
+    /// Expected value of the metric if sensor noise is the only error, in the unit of `metric`.
     pub floor: f64,
 }
 
@@ -78,8 +78,8 @@ pub(super) struct Accepted {
 }
 
 impl Fits<'_> {
-    /// Accepts, one after the other, the effects of a path that do not make the prediction of unseen data worse. All
-    /// effects are accepted if the model with all of them predicts unseen data even better.
+    /// Accepts, one after the other, the selected effects (`path`) that do not make the prediction of unseen data
+    /// worse. All selected effects are accepted if the model with all of them predicts unseen data even better.
     pub(super) fn accept(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Accepted, Error> {
         let mut accepted = Accepted { path: Vec::new(), fit: Rc::clone(before), refused: Vec::new() };
         for name in path {
@@ -110,7 +110,7 @@ impl Fits<'_> {
     }
 }
 
-/// The fit, or the message of the error with which it failed. Errors that are not failures of a fit are propagated.
+/// The successful fit, or the error message if the fit failed. Errors other than a failed fit are propagated.
 pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<Fit>, String>, Error> {
     match fit {
         Ok(fit) => Ok(Ok(fit)),
@@ -119,14 +119,14 @@ pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<F
     }
 }
 
-/// Expected value of a figure if noise is the only error, and the number of residuals in the figure.
+/// Expected value of a figure of merit if sensor noise is the only error, and the number of residuals it is based on.
 struct Floor {
     value: f64,
     count: usize,
 }
 
 impl Fit {
-    /// chi2 per degree of freedom of unseen data. The noise is that of `before`, the fit without effects.
+    /// chi2 per degree of freedom of unseen data. The noise densities are those of `before`, the fit without effects.
     pub(super) fn unseen_chi2(&self, before: &Self) -> f64 {
         if let Some(control) = &self.control {
             return control.evaluation.figures.chi2_per_dof;
@@ -140,7 +140,7 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure on unseen data that improves most from this fit to the fit `after`.
+    /// The figure of merit on unseen data that improves most from this fit to the fit `after`.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
             let [before, after] = [own, other].map(|control| control.evaluation.figures.chi2_per_dof);
@@ -177,8 +177,8 @@ impl Fit {
         [(Metric::HeldOutDirection, direction), (Metric::HeldOutNorm, Floor { value: rms(&rests), count: rests.len() })]
     }
 
-    /// Whether unseen data are predicted significantly worse than by `other`. The noise is that of `before`, the fit
-    /// without effects.
+    /// Whether this fit predicts unseen data significantly worse than the fit `other`. The noise densities are those of
+    /// `before`, the fit without effects.
     fn is_worse_than(&self, other: &Self, before: &Self) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
         if value <= least * (1.0 + SAME) {

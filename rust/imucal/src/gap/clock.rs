@@ -1,5 +1,5 @@
-//! Faults of the clock and excess noise inside moves, detected in fourth differences of the angular rate. Motion is too
-//! smooth to contribute to fourth differences.
+//! Faults of the clock and excess noise inside moves, detected in fourth differences of consecutive angular rates.
+//! Motion is too smooth to contribute to fourth differences.
 //!
 //! ```text
 //! clock_irregular         inside moves, fourth differences of the rate are not correlated with irregular time stamps,
@@ -21,7 +21,7 @@ const SIGNIFICANT: f64 = 25.0;
 const HARMLESS: f64 = 0.1;
 /// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;
-/// Distance of fourth differences, samples, at which they share no sample and are independent.
+/// Distance between two fourth differences, samples, at which they share no sample and are therefore independent.
 const APART: usize = 2 * REACH + 1;
 /// Norm of the weights 1, -4, 6, -4, 1 of a fourth difference. Dividing by it preserves the standard deviation of white
 /// noise.
@@ -92,9 +92,10 @@ impl Differences {
         all
     }
 
-    /// Reports time stamps that differ from the true sampling instants: the rate fits evenly spaced time stamps better.
+    /// Reports time stamps that differ from the true sampling instants. The evidence is that the angular rate fits
+    /// evenly spaced sampling instants better than the time stamps.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // Change of the rate by the error of its time stamp, in standard deviations of the noise.
+        // Change of the angular rate due to the error of its time stamp, in standard deviations of the noise.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;
@@ -210,8 +211,8 @@ fn fourth_difference(value: impl Fn(usize) -> f64) -> f64 {
     (value(0) - 4.0 * value(1) + 6.0 * value(2) - 4.0 * value(3) + value(4)) / FOURTH
 }
 
-/// Threshold above which a difference is an outlier, for each axis, from the median of all differences; `None` if there
-/// are no differences.
+/// Threshold above which a fourth difference is an outlier, for each axis, computed from the median of all fourth
+/// differences; `None` if there are none.
 fn noise_limits(differences: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let limit = |axis: usize| {
         let mut sizes: Vec<f64> = differences.iter().map(|difference| difference[axis].abs()).collect();
@@ -223,7 +224,7 @@ fn noise_limits(differences: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     (!differences.is_empty()).then(|| Vector3::from_fn(|axis, _| limit(axis)))
 }
 
-/// Standard deviation of the differences within the limits, for each axis.
+/// Standard deviation of the fourth differences whose magnitude is within the limits, for each axis.
 fn deviations_within(differences: &[Vector3<f64>], limits: &Vector3<f64>) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| {
         let sizes = differences.iter().map(|difference| difference[axis]);

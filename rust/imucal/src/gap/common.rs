@@ -1,4 +1,4 @@
-//! Elimination of a model's parameters, done once for many candidate columns.
+//! Elimination of a model's parameters from the normal equations, done once for many candidate columns.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use crate::numerics::symmetric::SymmetricMatrix;
 /// model are stored.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// The model's rows of the normalised Gram matrices, for each group.
+    /// The model's rows of the normalised Gram matrices, for each group of residuals.
     parts: Vec<SymmetricMatrix>,
 }
 
@@ -56,7 +56,7 @@ impl<'a> Common<'a> {
         Weighing { columns, parts }
     }
 
-    /// The part of an elimination that belongs to the candidate columns `own`.
+    /// The part of the eliminated normal matrix that belongs to the candidate columns `own`.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);
@@ -91,7 +91,7 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// The part of the shared elimination that belongs to the columns of `weighing`.
+    /// The part of the shared eliminated normal matrix that belongs to the columns of `weighing`.
     known: SymmetricMatrix,
     /// Index of each column of `weighing` among all candidate columns.
     columns: Vec<usize>,

@@ -15,7 +15,7 @@ use crate::joint::{INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A candidate effect with a fixed time constant.
+/// A candidate effect; if it has a time constant, with one fixed trial value of it.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
@@ -40,7 +40,7 @@ pub(crate) struct Design {
     pub(crate) rows: Arc<Rows>,
 }
 
-/// The Jacobian of one linearisation, and the group of each row.
+/// The Jacobian of one linearisation, and the group of residuals to which each row belongs.
 pub(crate) struct Rows {
     made: Made,
     /// All columns in one matrix, computed on first use.
@@ -59,7 +59,7 @@ struct Made {
     /// All rows, except rows inside moves if these are stored in `inside`.
     head: Lanes,
     inside: Option<Insides>,
-    /// Position of each column within a stored row.
+    /// For each column, its position within a stored row.
     order: Vec<usize>,
 }
 
@@ -149,9 +149,9 @@ pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
 }
 
 impl Design {
-    /// The same columns with the residuals of a model that contains some of the candidates; `None` if the rows of the
-    /// two models cannot be compared. The columns change by the relative size of the effects, typically at most 1 %.
-    /// This changes the iteration path but not the solution.
+    /// The columns of this design with the residuals of a model that contains some of the candidates; `None` if the
+    /// rows of the two models cannot be compared. The exact columns would differ from these by the relative size of the
+    /// effects, typically at most 1 %. This difference changes the iteration path but not the solution.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,
@@ -214,7 +214,7 @@ impl Design {
         (Cow::Owned(Gram::of(&all, &groups)), first..first + prepared.recordings.len())
     }
 
-    /// The residuals and columns for cross-validation by rest and move.
+    /// The residuals and Jacobian columns for cross-validation, in which rests and moves are held out.
     pub(crate) fn held(&self) -> Held<'_> {
         let Rows { groups, items, .. } = &*self.rows;
         Held { columns: self.rows.columns(), residual: &self.residual, gram: &self.gram, groups, items }

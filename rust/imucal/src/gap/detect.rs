@@ -10,9 +10,9 @@ pub(crate) const FALSE_ALARM: f64 = 0.003;
 /// Probability of detection that defines the detection limit.
 const POWER: f64 = 0.9;
 
-/// First upper bound of the bracket for the non-centrality.
+/// First upper bound in the search for the non-centrality of the chi2 distribution, dimensionless.
 const FIRST: f64 = 16.0;
-/// Maximum non-centrality; no effect has enough parameters to exceed it.
+/// Maximum non-centrality in this search; no effect has enough parameters to exceed it.
 const MOST: f64 = 1024.0;
 /// Relative change of the non-centrality below which the iteration ends.
 const LAST_STEP: f64 = 1e-9;
@@ -50,7 +50,7 @@ struct Tails {
     dof: usize,
     limit: f64,
     known: Vec<f64>,
-    /// Difference between the next probability and the last computed probability.
+    /// Difference between the next tail probability and the last computed one.
     step: f64,
 }
 

@@ -85,8 +85,8 @@ impl Gram {
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
     }
 
-    /// Submatrix of the sum of all Gram matrices divided by their scales: the first `count` indices given by `place`,
-    /// and the columns `columns` of these.
+    /// Submatrix of the sum of all Gram matrices, each divided by its noise scale s_g^2. Row i, with i below `count`,
+    /// has the index `place(i)` in the Gram matrices; only the range `columns` of the submatrix's columns is computed.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],

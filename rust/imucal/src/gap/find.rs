@@ -33,7 +33,7 @@ pub struct Gap {
     pub analysis: Option<Analysis>,
 }
 
-/// Fits and evidence of a search.
+/// Fits of models without and with effects, and the evidence for each effect.
 #[derive(Clone, Debug)]
 pub struct Analysis {
     /// The fit without effects.
@@ -85,7 +85,7 @@ pub struct RivalFit {
 /// the recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NotTheEarth {
-    /// Magnitude, rad/s.
+    /// Magnitude of the estimated rate, rad/s.
     pub size_radps: f64,
     /// Standard deviation of the magnitude, rad/s.
     pub sigma_radps: f64,
@@ -183,7 +183,8 @@ impl Fits<'_> {
         }
         let others: Vec<EffectChoice> =
             choices.into_iter().filter(|choice| choice.effect.name != earth::NAME).collect();
-        // The detection of hand motion is kept from the first search, because fewer candidates may explain less of it.
+        // The detection of hand motion is kept from the first search, because the remaining candidates may explain less
+        // of the residuals.
         let again = self.search(before, &others, search.is_hand_moved)?;
         Ok((again, earth))
     }

@@ -39,7 +39,7 @@ pub struct Control {
     pub rate_chi2: Vec<Option<f64>>,
 }
 
-/// The fits made during a search, and the data that they use.
+/// The fits that have been made during a search, and the recordings that they use.
 pub(super) struct Fits<'a> {
     pub(super) checked: &'a Checked<'a>,
     pub(super) control: &'a [Recording<'a>],
@@ -115,7 +115,7 @@ impl<'a> Fits<'a> {
         }
     }
 
-    /// Evaluates a calibration on the control recordings.
+    /// Evaluates a calibration on the control recordings, which no fit uses.
     fn judge(&self, outcome: &Outcome) -> Result<Control, Error> {
         let options = self.checked.options();
         let corrected = self.corrected_set(outcome, RecordingSet::Control)?;

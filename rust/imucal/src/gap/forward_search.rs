@@ -22,11 +22,11 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
 const MOST_EFFECTS: usize = 6;
-/// Smallest standard deviation of a prior, in multiples of the typical size of the parameter.
+/// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
 /// Minimum temperature range, K, of means over [`MEAN_S`] for temperature effects to be candidates.
 const LEAST_CHANGE_K: f64 = 0.5;
-/// Averaging time of the temperature, s, which suppresses the noise of the readings.
+/// Time over which temperature readings are averaged to suppress their noise, s.
 const MEAN_S: f64 = 1.0;
 
 /// Searches the checked recordings for effects among `candidates` and `user_fields`.

@@ -15,7 +15,7 @@ use super::smooth::Smooth;
 use crate::numerics::gaussian::gaussian_kernels;
 use crate::numerics::workers::{in_order, processors};
 
-/// The parameter that varies.
+/// The sensor parameter that varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Block {
     /// The gyroscope's bias.
@@ -108,13 +108,13 @@ enum Shape {
     /// The deviation is a nonlinear function of the sensor's input, whose largest magnitude is the second field.
     /// Columns are a smooth curve for each axis, products of axes, and the derivative of the rate.
     Follows(Smooth<f64>, f64),
-    /// The deviation is linear in products of angular rates and in angular accelerations.
+    /// The deviation is linear in products of two angular rates and in angular accelerations.
     Turns,
 }
 
-/// Correlation length of the curve along an axis, as a share of the largest input.
+/// Correlation length of the smooth curve along an axis, as a share of the sensor's largest input.
 const CURVE_LENGTH: f64 = 0.5;
-/// Number of equally spaced nodes of the curve along an axis.
+/// Number of equally spaced nodes of the smooth curve along an axis.
 const CURVE_POINTS: usize = 9;
 /// Time lag, s, whose error is as large as that of a typical scale deviation; it scales the columns of derivatives.
 const LAG_S: f64 = 0.1;
@@ -168,7 +168,7 @@ impl Hypothesis {
         self.block.typical()
     }
 
-    /// Number of columns: equally many for axis x, y and z, in this order.
+    /// Number of columns. Axes x, y and z have equally many columns, in this order.
     pub(crate) fn width(&self) -> usize {
         3 * match &self.shape {
             Shape::Varies(shares) => shares.width(),
@@ -178,7 +178,7 @@ impl Hypothesis {
         }
     }
 
-    /// Change of the sensor's input by each column, SI units, moment by moment.
+    /// Change of the sensor's input by each column at each evaluation time, SI units.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -219,7 +219,7 @@ impl Hypothesis {
         }
     }
 
-    /// Deviation of the parameter by each column, moment by moment.
+    /// Deviation of the parameter by each column at each evaluation time.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),

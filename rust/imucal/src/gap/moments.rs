@@ -43,7 +43,8 @@ impl<'a> Setting<'a> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }
 
-    /// Whether its rows can be compared with rows that are defined with these axes.
+    /// Whether the rows of this linearisation can be compared with rows whose directions perpendicular to gravity are
+    /// defined by the body axes `axes`.
     pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
         axes_of(&self.linear) == axes
     }

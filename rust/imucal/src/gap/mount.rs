@@ -23,8 +23,8 @@ use crate::recording::Recording;
 
 /// Minimum number of rests before and after a slip.
 const FEWEST_RESTS: usize = 4;
-/// Minimum ratio of chi2 without a step to chi2 with it for the step to count as a slip. A steady drift that is fitted
-/// by a step gives a ratio of 4.
+/// Minimum ratio of chi2 without to chi2 with a step of the mount's attitude for the step to count as a slip. A steady
+/// drift that is fitted by a step gives a ratio of 4.
 const SLIP_FACTOR: f64 = 10.0;
 /// Maximum scatter of gravity direction relative to the stand's angles for a rigid mount on a low-cost stand, deg (1
 /// sigma); a larger scatter is reported as play.
@@ -143,7 +143,7 @@ fn mount_fault(code: &'static str, recording: &Recording<'_>) -> Finding {
     }
 }
 
-/// The rests of one recording at which all motor angles are known.
+/// The rests of recording `index` at which all motor angles of the stand are known.
 fn with_angles<'a>(rests: &'a [StandRest], index: usize, recording: &Recording<'_>) -> Vec<&'a StandRest> {
     let Some(angles) = recording.stand_rad else { return Vec::new() };
     let is_known =
@@ -164,7 +164,7 @@ fn best_mount(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Matrix3<f64> {
 /// Residuals of gravity direction at the rests of one recording, after projection on the stand errors.
 struct Residuals<'a> {
     rests: Vec<&'a StandRest>,
-    /// Three components for each rest.
+    /// Residuals, three components for each rest.
     values: Mat<f64>,
     /// Orthonormal basis of the stand errors.
     basis: Mat<f64>,

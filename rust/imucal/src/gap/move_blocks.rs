@@ -91,8 +91,8 @@ impl MoveBlocks {
         self.blocks.iter().all(|block| block.temperature_k.is_some())
     }
 
-    /// Attitude change at the end of the move by one unit of each error of the angular rate. For each regressor: one
-    /// row for each body axis at the end of the move, one column for each unit error.
+    /// Attitude change at the end of the move that is caused by one unit of each error of the angular rate. For each
+    /// regressor: one row for each body axis at the end of the move, one column for each unit error.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
         let to_end = self.rotation.inverse().to_rotation_matrix();
         let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotations[1] * block.length_s));
@@ -134,7 +134,7 @@ impl Block {
     }
 }
 
-/// A temperature column whose range is sufficient for a regressor, and its mean.
+/// A temperature column whose range is large enough for a regressor of residuals, and its mean.
 pub(super) struct RelativeTemperature<'a> {
     temperature_degc: &'a [f64],
     mean_degc: f64,

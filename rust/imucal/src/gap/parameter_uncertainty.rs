@@ -16,9 +16,9 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
 /// Length of the windows, s, over which corrected signals are averaged. Errors of a calibration change as slowly as the
 /// motion, and white noise of density N contributes N / sqrt(1 s).
 pub(super) const WINDOW_S: f64 = 1.0;
-/// Lower bound of the estimated size of an effect, in multiples of its typical size.
+/// Lower bound of the estimated size of an effect, in multiples of the effect's typical size.
 const LEAST_SIZE: f64 = 0.01;
-/// Number of fixed-point iterations for the size of an effect; a few are sufficient for convergence.
+/// Number of fixed-point iterations for the estimated size of an effect; convergence needs only a few of them.
 const SIZE_ITERATIONS: usize = 30;
 /// Relative step of the difference quotient with respect to a time constant.
 const SHAPE_STEP: f64 = 0.01;
@@ -125,8 +125,8 @@ impl Parameters {
     }
 }
 
-/// Expected errors and covariance of the parameters if the prior of an effect is narrowed to its estimated size. The
-/// size is the common factor of all parameters of the effect and is at most typical.
+/// Expected errors and covariance of the parameters if the prior of an effect is narrowed to the effect's estimated
+/// size. The size is one factor, at most 1, by which the typical sizes of all parameters of the effect are multiplied.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());

@@ -36,14 +36,14 @@ pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
     pub(super) log_bayes_factor: f64,
-    /// Decrease of chi2 by the hypothesis.
+    /// Decrease of chi2 if the hypothesis is added to the model.
     chi2: f64,
     /// Index of each rest, or of the rest before each move, and the deviation of the parameter there on each axis, SI
     /// units.
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// A model and its evidence; generic hypotheses are added to it one at a time.
+/// A model and its evidence, to which generic hypotheses are added one at a time for comparison.
 struct Judge<'a> {
     known: Known<'a>,
     model: &'a [Column],
@@ -63,7 +63,7 @@ impl<'a> Judge<'a> {
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
         // A hypothesis that hardly raises the evidence at the noise scales s_g^2 of the model does not raise it at
-        // smaller scales either.
+        // smaller noise scales either.
         let (first, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(first, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the scales, so a larger prior width may be
@@ -116,7 +116,7 @@ pub(super) struct Pattern {
     pub(super) alone: Option<BestGeneric>,
     /// Log Bayes factor of the selected effects relative to the model without effects, nats.
     pub(super) path: f64,
-    /// Decrease of chi2 by the selected effects.
+    /// Decrease of chi2 if the selected effects are added to the model without effects.
     pub(super) path_chi2: f64,
     /// The best generic hypothesis in addition to the selected effects, relative to the model with only these effects.
     pub(super) on_top: Option<BestGeneric>,

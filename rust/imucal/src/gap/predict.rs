@@ -60,7 +60,7 @@ impl Held<'_> {
         Some(Gain { nats, std: (n * variance).sqrt() })
     }
 
-    /// Log predictive density of each item, from a fit to all other folds.
+    /// Log predictive density of each item (rest or move), from a fit to all folds that do not contain the item.
     fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
         let scale_of = |group: usize| {

@@ -26,11 +26,11 @@ use crate::recording::Recording;
 /// Averaging time, s, of the means that are corrected in place of samples to save time. Errors of a calibration change
 /// as slowly as the motion.
 const BRIEF_MEAN_S: f64 = 0.1;
-/// Number of random draws for the interval of the factor.
+/// Number of random draws from which the 95 % interval of the improvement factor is computed.
 const DRAWS: usize = 1000;
 /// Seed of the random draws, fixed so that results are reproducible.
 const SEED: u64 = 1;
-/// Quantiles at the ends of the 95 % interval.
+/// Probabilities of the quantiles at the ends of the 95 % interval.
 const INTERVAL: [f64; 2] = [0.025, 0.975];
 /// Relative variance of the squared noise density times the total duration of rests, s. The density is estimated as
 /// half the mean square of differences of means over 0.25 s on three axes (docs/model.md (10)).
@@ -241,7 +241,7 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
     (sums * faer::Scale(1.0 / count as f64), count)
 }
 
-/// Mean squared error of one-second averages that no correction removes, of angular rate and specific force.
+/// Mean squared errors of the one-second averages of angular rate and specific force that no correction removes.
 ///
 /// The Earth's rate counts as an error of the angular rate, because it is not removed and its components in the body
 /// frame change with attitude.

@@ -84,7 +84,7 @@ impl Gram {
 }
 
 impl Rows {
-    /// Row ranges of all groups that are not empty.
+    /// Row ranges of each group that has at least one row.
     pub(super) fn of_groups(group_of_row: &[usize]) -> Vec<Self> {
         let count = group_of_row.iter().max().map_or(0, |last| last + 1);
         let mut all: Vec<Self> = (0..count).map(|group| Self { group, runs: Vec::new() }).collect();

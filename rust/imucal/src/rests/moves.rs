@@ -21,7 +21,8 @@ const LONGEST_STEP: f64 = 2.5;
 /// Duration of the part of an unsteady rest, next to the move, from which the direction of gravity is computed, s
 /// (model.md (13)).
 const SPAN_S: f64 = 1.0;
-/// Number of sub-means of this part; their scatter gives the variance of the direction (model.md (13)).
+/// Number of sub-means of this part of a rest; their scatter gives the variance of the gravity direction (model.md
+/// (13)).
 const TENTHS: usize = 10;
 /// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope for a rest to be hand-held. The
 /// margin allows for the uncertainty of the estimated noise.
@@ -52,7 +53,7 @@ pub(crate) struct Move {
     pub(crate) interval_s: f64,
 }
 
-/// Measured quantities of a move, in addition to the rates, that its residual depends on (model.md (7), (8)).
+/// Measured quantities, in addition to the angular rates, on which the residual of a move depends (model.md (7), (8)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ends {
     /// Unit vector of gravity in the body frame at the rest before the move.
@@ -64,7 +65,8 @@ pub(crate) struct Ends {
 }
 
 impl Ends {
-    /// The matrix E of model.md (7): two orthonormal rows perpendicular to the direction of gravity after the move.
+    /// The projection matrix E of model.md (7): two orthonormal rows perpendicular to the direction of gravity after
+    /// the move.
     pub(crate) fn across(&self) -> Matrix2x3<f64> {
         rows_across(&self.after)
     }
@@ -99,7 +101,7 @@ pub(crate) fn rows_across(up: &Vector3<f64>) -> Matrix2x3<f64> {
 /// An interval between two rests that cannot be used as a move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Unusable {
-    /// The interval, described like a move.
+    /// First and last sample, duration and adjacent rests of the interval, stored in the fields of a [`Move`].
     pub(crate) span: Move,
     /// Reason code: `saturation` or `samples_missing`.
     pub(crate) reason: &'static str,

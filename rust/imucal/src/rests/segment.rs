@@ -41,7 +41,7 @@ pub struct Threshold {
     /// Lower end of the range of thresholds that yield the same number of rests. The range with the largest logarithmic
     /// width, weighted by the number of rests, is chosen.
     pub stable_from: f64,
-    /// Upper end of this range.
+    /// Upper end of the range of thresholds that starts at `stable_from`.
     pub stable_to: f64,
     /// Noise floor: standard deviation of one sample, raw units, in the order gyroscope x, y, z, accelerometer x, y, z.
     pub noise_floor: Vector6<f64>,
@@ -254,8 +254,8 @@ mod tests {
         }
     }
 
-    /// Rotation of a move that is assigned to a rest is missing in the move. All scales of the gyroscope then become
-    /// too small.
+    /// If a part of a move's rotation is assigned to a rest, it is missing in the integrated rotation of the move, and
+    /// all estimated scales of the gyroscope are too small.
     #[test]
     fn the_slow_beginning_of_a_move_that_drowns_in_noise_is_the_moves() {
         for (rate_hz, noise) in [(25.0, 3.0), (128.0, 1.0), (128.0, 3.0), (128.0, 10.0), (1000.0, 3.0)] {
@@ -272,7 +272,7 @@ mod tests {
                 .zip(&run.rests)
                 .flat_map(|(rest, (start_s, end_s))| [kept(rest.start_s, *start_s), kept(*end_s, rest.end_s)]);
             let mean_rad = ends.sum::<f64>() / (2 * found.len()) as f64;
-            // Angle that remains in a rest, relative to the angle random walk of a move of 2 s.
+            // Angle of a move that is wrongly assigned to a rest, relative to the angle random walk of a move of 2 s.
             let share = mean_rad / (noise * Unit::paper().gyroscope.noise_density * 2_f64.sqrt());
             assert!(share < 0.02, "{rate_hz} Hz, noise x {noise}: {share}");
             let lasting =

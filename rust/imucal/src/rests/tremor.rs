@@ -25,7 +25,7 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
 /// Coefficients of the fourth difference.
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
-/// Sum of the squares of these coefficients.
+/// Sum of the squares of the coefficients of the fourth difference.
 const SQUARES: f64 = 70.0;
 /// Number of averaging time constants after which the exponential weights are truncated. The omitted weights are below
 /// 1 % of the sum.
@@ -117,7 +117,8 @@ impl Hand {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
 
-    /// Variance of each component of a direction averaged in this way, rad^2: `r / (2 a) + q a / 2`, model.md (27).
+    /// Variance of each component of a direction averaged with the time constant a, rad^2: `r / (2 a) + q a / 2`, with
+    /// r and q of model.md (27).
     pub(crate) fn variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
@@ -232,7 +233,7 @@ pub(crate) fn hands(
     recordings.iter().enumerate().map(of_recording).collect()
 }
 
-/// A rest of the current recording.
+/// A rest of the recording whose tremor is being estimated.
 struct OwnRest<'a> {
     /// The rest, which is corrected in place.
     rest: &'a mut UnitRest,

@@ -126,7 +126,7 @@ impl Plan {
         Arch::new().dispatch(Add { plan: self, rows, sums });
     }
 
-    /// Writes the sums to the requested entries of a Gram matrix.
+    /// Writes the sums of products to the requested entries of the Gram matrix `to`.
     fn take(&self, sums: &[f64], to: &mut Mat<f64>) {
         let (of_model, of_others) = sums.split_at(self.of_model.len() * OF_MODEL * self.register);
         let of_model = self.of_model.iter().zip(of_model.chunks_exact(OF_MODEL * self.register));

@@ -199,7 +199,7 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
 /// noise.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
-    /// Sum over all pairs of the ratio of these two variances.
+    /// Sum over all pairs of the ratio of the Allan variance to the variance expected for white noise.
     sum: Vector6<f64>,
     /// Number of pairs of neighbouring means.
     pairs: f64,
@@ -231,8 +231,8 @@ impl Colour {
         self.pairs += other.pairs;
     }
 
-    /// The factor of each channel. It is one (white noise) with fewer than 20 pairs, because the estimate is then too
-    /// uncertain.
+    /// The factor c of each channel. It is set to one (white noise) if there are fewer than 20 pairs, because the
+    /// estimate would be too uncertain.
     pub(super) fn factor(&self) -> Vector6<f64> {
         self.sum.map(|total| if self.pairs >= 20.0 && total > 0.0 { total / self.pairs } else { 1.0 })
     }

@@ -38,7 +38,7 @@ struct Inner {
     mean: Vector3<f64>,
     /// Variance of the mean of one block, raw units squared.
     variance: Vector3<f64>,
-    /// Number of blocks.
+    /// Number of blocks in the inner part.
     count: f64,
 }
 

@@ -14,11 +14,11 @@ use crate::rests::rest::UNSTEADY;
 pub(super) struct Stretch {
     /// Index range of its blocks.
     pub(super) blocks: Range<usize>,
-    /// Sums over all samples.
+    /// Sums over all samples of the interval.
     pub(super) whole: Block,
-    /// Sums over the first and over the last third; `None` for fewer than three blocks.
+    /// Sums over the first and over the last third of the interval; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
-    /// Median of the statistic over its windows.
+    /// Median over the windows of the interval of the ratio of variance to noise floor.
     scatter: f64,
     /// Data from which the factor c of coloured noise (model.md (10)) is computed.
     colour: Colour,
@@ -39,7 +39,7 @@ impl Stretch {
         }
     }
 
-    /// Whether the scatter of the samples is that of a rest without tremor.
+    /// Whether the scatter of the samples is as small as in a rest without tremor.
     pub(super) fn is_steady(&self) -> bool {
         self.scatter < UNSTEADY
     }

@@ -92,7 +92,7 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     // The lowest threshold tried, a ratio of variances. It exceeds the statistic of most windows at rest, which is near
     // 1.
     const LOWEST: f64 = 1.5;
-    // Ratio of consecutive thresholds.
+    // Ratio of consecutive trial thresholds.
     const STEP: f64 = 1.08;
     let maximum = statistic.iter().copied().fold(1.0, f64::max);
     // The highest threshold: a tenth of the fastest motion (in standard deviation), or the geometric mean of noise and
@@ -160,12 +160,12 @@ struct Stretches {
 type Joined = (Range<usize>, [Option<Range<usize>>; 2]);
 
 impl Stretches {
-    /// Marks a window that belongs to no interval.
+    /// Value of `other_end` for a window that belongs to no interval.
     const OUTSIDE: usize = usize::MAX;
     /// Maximum distance between the starts of two windows that overlap, in blocks.
     const REACH: usize = WINDOW_BLOCKS - 1;
 
-    /// No intervals among `windows` windows.
+    /// An empty set of intervals for a recording with `windows` windows.
     fn none(windows: usize) -> Self {
         Self { other_end: vec![Self::OUTSIDE; windows] }
     }
