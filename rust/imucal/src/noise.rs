@@ -39,11 +39,11 @@ use crate::rests::segment::Segments;
 pub use axis::{AllanPoint, AxisNoise, Estimate};
 use cosines::Layout;
 
-/// Minimum number of samples. Shorter records contain only white noise, with a poor accuracy.
+/// Minimum number of samples. From a shorter record only the white noise can be estimated, with poor accuracy.
 const FEWEST_SAMPLES: usize = 1000;
 /// Maximum share of lost or repeated samples. More would change the power spectrum at high frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
-/// Minimum share of the recording that the rest should cover; below it a finding is reported.
+/// Minimum share of the recording that the longest rest should cover. If it covers less, a finding is reported.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of both triads of a unit.

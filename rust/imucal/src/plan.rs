@@ -41,5 +41,5 @@ pub use predict::{Prediction, predict};
 pub use search::{Found, Search, optimal};
 pub use sensors::Sensors;
 
-/// Number of angles of the direction of gravity, which precede the parameters in every row.
+/// Number of angles that describe the direction of gravity. In every row of derivatives they precede the parameters.
 pub(crate) const DIRECTION: usize = 2;

@@ -12,10 +12,11 @@ use std::num::NonZeroUsize;
 use crate::error::Error;
 use crate::numerics::workers::in_order;
 
-/// Differences in a block. All averaging times process a block before the next block, so that its data remain in the
-/// cache.
+/// Number of differences in a block. A block is processed for all averaging times before the next block, so that its
+/// data remain in the cache.
 const BLOCK: usize = 4096;
-/// Blocks in a job. The results of jobs are added in order, so the sum does not depend on the number of threads.
+/// Number of blocks in a job. The results of jobs are added in order, so the sum does not depend on the number of
+/// threads.
 const BLOCKS_PER_JOB: usize = 64;
 /// Number of partial sums in [`block_sum`], which fill the vector registers.
 const LANES: usize = 8;
@@ -142,7 +143,7 @@ mod tests {
         (0..n).map(|i| ((i * i) as f64 * 0.37).sin() + (i as f64 * 1e-3).cos() + 9.81).collect()
     }
 
-    /// Nine frequencies from NBS Monograph 140, Annex 8.E, and their deviations from NIST SP 1065, table 31.
+    /// Nine frequency values from NBS Monograph 140, Annex 8.E, and their Allan deviations from NIST SP 1065, table 31.
     #[test]
     fn nine_published_points_have_the_published_deviations() {
         let values = [892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0];

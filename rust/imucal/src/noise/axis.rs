@@ -14,17 +14,18 @@ use crate::recording::Samples;
 /// Maximum deviation of the power in an octave from the model, in standard deviations. The false alarm rate is about
 /// 1e-6.
 pub(super) const MISFIT: f64 = 5.0;
-/// Minimum gain of twice the log-likelihood for quantisation to be included; noise alone reaches it with a probability
-/// of 0.001.
+/// Minimum increase of twice the log-likelihood for quantisation to be included in the model. In a record without
+/// quantisation, random variation reaches this increase with a probability of 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
 /// Numbers of octaves that are omitted, from half the sampling rate down, if a filter has changed the noise. Windows of
 /// 32 values have wide side lobes, so power missing at high frequencies affects all cosines of a stage. Therefore
 /// complete stages of five octaves are omitted, together with the first octave of the next stage, whose means still
 /// average filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// Maximum size of a count in standard deviations of the noise. Above it, rounding errors depend on the signal.
+/// Maximum size of a count, in standard deviations of the noise. For larger counts, rounding errors depend on the
+/// signal.
 const COARSEST_COUNT: f64 = 2.0;
-/// The longest averaging time is the record divided by this number.
+/// Ratio of the duration of the record to the longest averaging time.
 const LONGEST_SHARE: usize = 3;
 
 /// The estimate of one noise parameter.
@@ -95,7 +96,7 @@ impl AxisNoise {
         let is_below_lsb = is_constant || counts < lsb;
 
         let estimates: [Estimate; KINDS] = std::array::from_fn(|kind| {
-            // Converts a parameter per sample to one per second.
+            // Converts a parameter per sample to a parameter per second.
             let unit = match kind {
                 WHITE => rate_hz.sqrt().recip(),
                 FLICKER => 1.0,

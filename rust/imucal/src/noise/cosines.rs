@@ -22,7 +22,8 @@ const LAST_WINDOW: usize = 2048;
 /// Adjacent cosines of the last window are averaged over this share of their frequency.
 const POOLED_SHARE: f64 = 0.03;
 
-/// A mean power. It is chi-square distributed with `dof` degrees of freedom, times the power of the model over `dof`.
+/// A mean power of the spectrum. It is chi-square distributed with `dof` degrees of freedom, times the ratio of the
+/// power of the model to `dof`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Power {
     pub(super) value: f64,
@@ -40,9 +41,9 @@ pub(super) struct Layout {
 
 struct Stage {
     windows: usize,
-    /// Values in a window.
+    /// Number of values in a window.
     width: usize,
-    /// Samples averaged into one value.
+    /// Number of samples that are averaged into one value.
     length: f64,
     expected: Vec<PerKind>,
 }
@@ -127,7 +128,7 @@ fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
         .collect()
 }
 
-/// The squares z_j^2 of one window.
+/// The squares z_j^2 of the cosine transform of one window.
 fn squared_cosines(window: &[f64]) -> Vec<f64> {
     let width = window.len();
     let table: Vec<f64> = (0..4 * width).map(|k| (PI * k as f64 / (2.0 * width as f64)).cos()).collect();

@@ -18,19 +18,19 @@ use super::power_law::{KINDS, PerKind, dot};
 const BAND: f64 = 3.841_458_820_694_124;
 /// Maximum number of iterations of Fisher scoring.
 const ITERATIONS: usize = 60;
-/// Maximum number of bisections or of halvings of a step.
+/// Maximum number of bisections, and maximum number of halvings of a scoring step.
 const HALVINGS: usize = 40;
 
-/// The powers of one axis, and the kinds of noise in the model.
+/// The powers of the spectrum of one axis, and the kinds of noise in the model.
 pub(super) struct Likelihood<'a> {
     pub(super) powers: &'a [Power],
     /// Variance of the rounding to counts, which is white and known.
     pub(super) rounding: f64,
-    /// Kinds in the model.
+    /// Kinds of noise in the model.
     pub(super) kinds: [bool; KINDS],
 }
 
-/// A parameter vector and its deviance.
+/// A vector of noise parameters and the deviance of the model with these parameters.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fit {
     pub(super) theta: PerKind,
@@ -133,7 +133,7 @@ impl Likelihood<'_> {
         dot(theta, &power.expected) + self.rounding * power.expected[super::power_law::WHITE]
     }
 
-    /// Start value: for each kind, 0.1 of the smallest ratio of a power to its expected value.
+    /// Start value of each kind of noise: 0.1 of the smallest ratio of a power to the expected power of this kind.
     fn start(&self) -> PerKind {
         let least = |kind: usize| {
             let ratios = self.powers.iter().map(|power| power.value / power.expected[kind]);
@@ -204,9 +204,9 @@ impl Likelihood<'_> {
     }
 }
 
-/// The matrix of the free parameters, scaled to a diagonal of ones, and the scale factors. Scaling is needed because
-/// the parameter of a random walk is smaller than that of white noise by ten orders of magnitude. Rows and columns of
-/// other parameters are those of the identity.
+/// The matrix of the parameters that are estimated, scaled to a diagonal of ones, and the scale factors. Scaling is
+/// needed because the parameter of a random walk is smaller than that of white noise by ten orders of magnitude. Rows
+/// and columns of parameters that are held constant are those of the identity.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

@@ -16,7 +16,7 @@
 
 use std::f64::consts::{LN_2, PI};
 
-/// Number of kinds of noise. All parameter vectors have this order of kinds.
+/// Number of kinds of noise. All vectors of noise parameters have the order white, flicker, random walk, quantisation.
 pub(super) const KINDS: usize = 4;
 /// Index of white noise.
 pub(super) const WHITE: usize = 0;

@@ -24,7 +24,8 @@ pub enum Goal {
 }
 
 impl Goal {
-    /// Cost of a program for comparison; less is better. `None` if the information is singular.
+    /// Cost of a program, for comparison with other programs; a lower cost is better. `None` if the information is
+    /// singular.
     pub(super) fn cost(&self, information: &Mat<f64>, prior: &[f64], duration_s: f64) -> Option<f64> {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),

@@ -14,7 +14,7 @@ use nalgebra::Matrix2;
 
 use super::DIRECTION;
 
-/// Normal matrix of the current direction (first two rows) and of the parameters.
+/// Normal matrix of the current direction of gravity (first two rows) and of the parameters.
 #[derive(Clone)]
 pub(super) struct InformationFilter {
     width: usize,
@@ -25,7 +25,7 @@ pub(super) struct InformationFilter {
 /// Propagation of the direction of gravity over an interval.
 #[derive(Clone)]
 pub(super) struct Propagation {
-    /// Derivative of both angles with respect to the parameters.
+    /// Derivative of both angles of the direction with respect to the parameters.
     pub(super) jacobian: [Vec<f64>; 2],
     /// Covariance of the noise of both angles, rad^2.
     pub(super) covariance: Matrix2<f64>,
@@ -38,8 +38,8 @@ impl InformationFilter {
         Self { width, matrix: vec![0.0; width * width] }
     }
 
-    /// Adds a measurement with the given weight. The row is divided by its standard deviation; the direction is first,
-    /// then the parameters.
+    /// Adds a measurement with the given weight. The row is divided by its standard deviation; its first two entries
+    /// belong to the direction of gravity, the others to the parameters.
     pub(super) fn add_row(&mut self, row: &[f64], weight: f64) {
         for (i, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
             let factor = weight * value;

@@ -16,16 +16,17 @@ const HELD_S: f64 = 0.2;
 /// Number of integration steps in a move. The midpoint rule then has an error of 1e-3 of the information.
 const STEPS: usize = 32;
 
-/// A rest: rows of force and rate for a mean over one second, divided by their standard deviations.
+/// A rest: rows of the mean force and the mean rate over one second, divided by their standard deviations.
 #[derive(Clone)]
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
     rate: [Vec<f64>; 3],
-    /// For a hand-held rest: the propagation over half an interval of the rest; `None` on a stand.
+    /// For a hand-held rest: the propagation of the direction of gravity over half an interval of the rest; `None` on a
+    /// stand.
     half_interval: Option<Propagation>,
 }
 
-/// The propagation from a rest to the next one.
+/// The propagation of the direction of gravity from a rest to the next one.
 #[derive(Clone)]
 pub(super) struct MoveInformation {
     sections: Vec<Section>,
@@ -34,7 +35,8 @@ pub(super) struct MoveInformation {
 #[derive(Clone)]
 struct Section {
     propagation: Propagation,
-    /// Rows of the force after the propagation, divided by their standard deviations; `None` if forces are not used.
+    /// Rows of the forces inside the move, which are added after the propagation, divided by their standard deviations;
+    /// `None` if forces inside moves are not used.
     force: Option<[Vec<f64>; 3]>,
 }
 

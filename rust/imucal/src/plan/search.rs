@@ -20,16 +20,17 @@ use crate::simulate::Program;
 
 /// Initial numbers of poses, one for each start of the search. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// Each start gets one part in this many of all proposals; the best start gets the remaining ones.
+/// Divisor of the number of proposals: each start of the search gets this fraction of all proposals, and the start with
+/// the best result gets the remaining proposals.
 const SHARE_OF_START: usize = 16;
-/// Temperature at the start of annealing. The cost is a logarithm; differences of this order are accepted about half of
-/// the time.
+/// Annealing temperature at the start of the search. The cost of a program is a logarithm; an increase of the cost by
+/// about this temperature is accepted about half of the time.
 const WARM: f64 = 0.006;
-/// Temperature at the end of annealing, at which practically no worse program is accepted.
+/// Annealing temperature at the end of the search, at which practically no program with a higher cost is accepted.
 const COLD: f64 = 0.00006;
 /// Maximum number of random poses that are tried to find one that the stand can reach.
 const ATTEMPTS: usize = 200;
-/// Number of bisection steps for holds that are just long enough.
+/// Number of bisection steps to find the shortest holds with which the goal is reached.
 const HALVINGS: usize = 30;
 
 /// Goal and length of a search.
@@ -231,7 +232,8 @@ impl Annealing<'_> {
             let worst = scene.goal.worst(&scaled.information(scene), &scene.prior)?;
             Some((scaled, worst))
         };
-        // With ten times longer holds, further accuracy must come from other poses, not from longer rests.
+        // Holds are extended by a factor of ten at most. If the goal needs more, additional poses are the better way to
+        // reach it.
         let (mut low, mut high) = (0.1_f64, 10.0_f64);
         match with(high) {
             Some((_, worst)) if worst <= 1.0 => {}
@@ -249,7 +251,7 @@ impl Annealing<'_> {
     }
 
     fn normal(&mut self) -> f64 {
-        // Limits rare large numbers, so that a change remains small.
+        // Makes large random numbers rare, so that a change of the program remains small.
         self.random.sample::<f64, _>(StandardNormal).clamp(-PI, PI)
     }
 }

@@ -20,7 +20,7 @@ const SPARE_S: f64 = 0.2;
 /// Number of instants at which the rate of a move is compared with the range of the gyroscope.
 const RATE_INSTANTS: usize = 24;
 
-/// Data that all trials share.
+/// Data that all trial programs of a search share.
 pub(super) struct Scene<'a> {
     pub(super) sensors: &'a Sensors,
     pub(super) limits: &'a Limits,
@@ -72,7 +72,7 @@ impl Scene<'_> {
         self.with_cost(changed)
     }
 
-    /// The program with different holds; `None` if it takes too long.
+    /// The program with different durations of its holds; `None` if the program then takes too long.
     pub(super) fn with_holds(&self, trial: &Trial, holds_s: Vec<f64>) -> Option<Trial> {
         self.with_cost(Trial { holds_s, ..trial.clone() })
     }
@@ -136,7 +136,7 @@ impl Trial {
         self.holds_s.iter().chain(&self.moves_s).sum()
     }
 
-    /// Distributes the time that the moves leave among the holds; `None` if it is too short.
+    /// Distributes the available time minus the time of the moves among the holds; `None` if it is too short.
     fn fill(&mut self, duration_s: f64, shortest_s: f64) -> Option<()> {
         let count = self.holds_s.len() as f64;
         let spare_s = duration_s - self.moves_s.iter().sum::<f64>() - shortest_s * count;

@@ -17,9 +17,10 @@ use super::truth::Truth;
 use super::{Added, Setup, Simulation};
 use crate::numerics::workers::share_out;
 
-/// Internal steps in a block, whose buffers fit into the cache.
+/// Number of internal time steps in a block. The buffers of such a block fit into the processor's cache.
 const BLOCK_STEPS: usize = 32_768;
-/// Internal steps in a piece, which one thread calculates; a block has 32 pieces to share out.
+/// Number of internal time steps in a piece. One thread calculates a piece; a block has 32 pieces, which the threads
+/// share.
 const PIECE_STEPS: usize = 1024;
 
 /// Data that all pieces of a run share.
@@ -78,7 +79,7 @@ impl Buffers {
         }
     }
 
-    /// Draws the random numbers that the pieces need, in the order of the samples.
+    /// Draws the random numbers that the pieces of the block need, in the order of the samples.
     fn draw(&mut self, stamps_s: &[f64], clock: &mut Clock) {
         self.true_time_s.clear();
         self.true_time_s.extend(stamps_s.iter().map(|stamp_s| clock.next(*stamp_s)));

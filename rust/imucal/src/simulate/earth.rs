@@ -5,7 +5,8 @@
 //! g(latitude, h) = g(latitude, 0) (1 - 2/a (1 + f + m - 2 f sin^2) h + 3/a^2 h^2)  free-air correction to second order
 //! ```
 //!
-//! This is normal gravity, that of the reference ellipsoid. Actual gravity differs from it by up to about 1e-3 m/s^2.
+//! This is normal gravity, the gravity of the reference ellipsoid. Actual gravity differs from it by up to about 1e-3
+//! m/s^2.
 
 use imucal_core::EARTH_RATE_RADPS;
 use nalgebra::Vector3;

@@ -43,7 +43,7 @@ impl Faults {
                 return input(format!("{name} is {share}: give a share from 0 to below 1"));
             }
         }
-        // Errors beyond half and double the rate are not plausible for a clock.
+        // A clock that runs at less than half or more than double the true rate is not plausible.
         if !(-0.5..=1.0).contains(&self.clock_rate_error) {
             return input(format!("clock_rate_error is {}: give -0.5 to 1", self.clock_rate_error));
         }

@@ -79,8 +79,8 @@ impl Motion {
         }
     }
 
-    /// The latest time, s, up to which [`at`](Self::at) returns the same values as at `time_s`, so that a caller can
-    /// reuse them. `None` while the unit moves.
+    /// The latest time, s, up to which [`at`](Self::at) returns the same motion as at `time_s`, so that a caller can
+    /// reuse that motion. `None` while the unit moves.
     pub fn still_until(&self, time_s: f64) -> Option<f64> {
         match self {
             Self::Stand { program, stand } => {
@@ -127,7 +127,7 @@ mod tests {
         Motion::Tumble(Tumble::random(&HandMoves { poses: 5, ..moves }, 3).unwrap())
     }
 
-    /// A stand with every error that bends or vibrates the unit.
+    /// A stand with all errors that bend the unit's mount or vibrate the unit.
     fn bad() -> Stand {
         Stand {
             mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05),

@@ -85,7 +85,7 @@ impl Noise {
 
 struct White {
     std: f64,
-    /// Factor on the standard deviation while the unit moves.
+    /// Factor on the standard deviation of the white noise while the unit moves.
     in_motion: f64,
     generators: Generators,
 }
@@ -134,7 +134,7 @@ impl Flicker {
     /// A filter in its steady state from the first step on, because a sensor has usually been on long before its record
     /// starts.
     fn new(instability: f64, steps: usize, mut generators: Generators) -> Self {
-        // Decay of a pole at a tenth of the lowest frequency that the record contains.
+        // Decay of a pole whose corner is a tenth of the lowest frequency that the record contains.
         let slowest = TAU / (10.0 * steps.max(1) as f64);
         let mut poles = Vec::new();
         let mut through = 0.0;
@@ -220,9 +220,9 @@ mod tests {
         (means.windows(2).map(|w| (w[1] - w[0]).norm_squared()).sum::<f64>() / (6.0 * pairs), pairs)
     }
 
-    /// Compares with a variance as a function of tau, within four standard deviations. With K pairs the relative
-    /// standard deviation is sqrt(3 / K) for white noise and less for the other kinds; for a random walk, adjacent
-    /// differences have a correlation of 1/4.
+    /// Compares the Allan variance with a variance as a function of tau, within four standard deviations. With K pairs
+    /// of consecutive means the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise and
+    /// less for flicker noise and random walk; for a random walk, adjacent differences have a correlation of 1/4.
     fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
         let (rate_hz, n) = (50.0, 1_000_000);
         let mut noise = noise(sensor, rate_hz, n, 3);
@@ -252,8 +252,8 @@ mod tests {
     #[test]
     fn allan_deviation_of_the_bias_instability_is_flat() {
         let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
-        // For few steps it is larger, because the spectrum of the samples follows 1/sin instead of ending at the
-        // Nyquist frequency.
+        // For means over few samples the Allan variance is larger, because the spectrum of the samples follows 1/sin
+        // instead of ending at the Nyquist frequency.
         check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
     }
 

@@ -37,7 +37,7 @@ pub struct MotorState {
 }
 
 impl MotorState {
-    /// Motors at rest at these angles, rad.
+    /// State of motors that are at rest at these angles, rad.
     pub fn still(angle_rad: Vector3<f64>) -> Self {
         Self { angle_rad, rate_radps: Vector3::zeros(), acceleration_radps2: Vector3::zeros() }
     }
@@ -59,7 +59,7 @@ impl MotorState {
         }
     }
 
-    /// Angle, rate and acceleration of one motor, counted from 0.
+    /// Angle, rate and acceleration of one motor; `motor` is its index, 0 for the outermost motor.
     #[inline]
     pub(super) fn course(&self, motor: usize) -> Course {
         Course {
@@ -70,7 +70,7 @@ impl MotorState {
     }
 }
 
-/// Value of a function of time at an instant, with its first two derivatives.
+/// Value of a function of time at an instant, with its first and second time derivative.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Course {
     pub(super) value: f64,
@@ -142,7 +142,7 @@ impl Course {
         Self { value: sine, rate: frequency_radps * cosine, acceleration: -frequency_radps * frequency_radps * sine }
     }
 
-    /// Converts derivatives with respect to the share of a duration into derivatives with respect to time.
+    /// Converts derivatives with respect to the elapsed share of a move into derivatives with respect to time.
     #[inline]
     pub(super) fn in_time(self, duration_s: f64) -> Self {
         Self {
@@ -220,7 +220,8 @@ mod tests {
         assert_eq!(state(-1.0), MotorState::still(start));
         assert_eq!(state(DURATION_S), MotorState::still(start + turn()));
         assert_eq!(state(3.0), MotorState::still(start + turn()));
-        // The limits from inside the turn agree with these values: there is no step at the end of the turn.
+        // The limits from inside the turn agree with these values, so rate and acceleration are continuous at the end
+        // of the turn.
         let last = state(DURATION_S * (1.0 - 1e-9));
         assert!((last.angle_rad - start - turn()).norm() < 1e-15);
         assert!(last.rate_radps.norm() < 1e-15);

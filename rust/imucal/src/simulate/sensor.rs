@@ -24,7 +24,7 @@ pub(super) struct Seen {
     pub(super) moving: bool,
 }
 
-/// One triad, which is simulated sample by sample, with its state between samples.
+/// Simulation of one triad, sample by sample, with the state that it keeps between samples.
 pub(super) struct Sampler<'a> {
     sensor: &'a Sensor,
     noise: Noise,
@@ -84,8 +84,8 @@ impl Analogue {
         let (mut last, mut sum) = (Vector3::zeros(), Vector3::zeros());
         for step in steps {
             let now = Vector3::from(step.value);
-            // The mean over the internal step; the mean of all steps is then the trapezoidal rule over the sampling
-            // interval.
+            // Mean over one internal time step, as the average of the values at its two ends. The mean over all steps
+            // of a sample is then the trapezoidal rule over the sampling interval.
             let mut value = if sensor.averaging { (memory.seen + now) * 0.5 } else { now };
             memory.seen = now;
             noise.add_to(&mut value, step.moving);
@@ -100,8 +100,8 @@ impl Analogue {
 }
 
 impl Memory {
-    /// State after a long time at the first value. A filter that started without noise would have too little noise at
-    /// first.
+    /// Steady state of the filter for the first input value. A filter that started from a state without noise would
+    /// give too little noise in the first samples.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);

@@ -36,7 +36,8 @@ impl Slip {
         moment.turned(&Attitude::along(&self.turn_rad, course))
     }
 
-    /// End of the interval without motion, s, given that it is `until_s` without the slip; `None` during the slip.
+    /// End of the interval without motion, s, where `until_s` is the end that this interval would have without the
+    /// slip; `None` during the slip.
     pub(super) fn still_until(&self, time_s: f64, until_s: f64) -> Option<f64> {
         if time_s <= self.time_s {
             return Some(until_s.min(self.time_s));

@@ -39,7 +39,8 @@ fn an_ideal_unit_says_the_truth() {
     assert_eq!(run.recording("run").len(), 32_000);
 }
 
-/// The midpoint rule has an error of second order: it must be small, and a quarter at twice the rate.
+/// Integration by the midpoint rule has an error of second order: the error must be small, and at twice the sampling
+/// rate it must be a quarter.
 #[test]
 fn integrating_the_true_rate_gives_the_attitude() {
     let error_rad = |rate_hz: f64| {

@@ -135,8 +135,8 @@ impl Tumble {
         (turned, pose.carry_m * step.acceleration)
     }
 
-    /// Index of the last pose reached, and the share of the following move that has passed; `None` while the pose is
-    /// held.
+    /// Index of the pose that the unit reached last, and the elapsed share of the move to the next pose; `None` while
+    /// the unit rests in the pose.
     fn place_in_time(&self, time_s: f64) -> (usize, Option<f64>) {
         let last = self.poses.len() - 1;
         let k = ((time_s / (self.moves.hold_s + self.moves.move_s)).max(0.0) as usize).min(last);

@@ -30,7 +30,7 @@ pub struct Sensor {
     /// and Allan plots. A point sample has the standard deviation `noise_density * sqrt(rate_hz)`; a mean over T has
     /// `noise_density / sqrt(T)`.
     pub noise_density: f64,
-    /// Factor on the white noise while the unit moves; 1 for no change.
+    /// Factor on the standard deviation of the white noise while the unit moves; 1 for the same noise as at rest.
     pub noise_in_motion: f64,
     /// Bias instability B, SI unit: flicker noise with an Allan deviation of `sqrt(2 ln 2 / pi) B = 0.664 B`.
     pub bias_instability: f64,
@@ -41,7 +41,7 @@ pub struct Sensor {
     pub low_pass: Option<LowPass>,
     /// Whether a sample is the mean over the interval since the previous sample, instead of the value at its instant.
     pub averaging: bool,
-    /// Converter that rounds to counts and clips; `None` for neither.
+    /// Converter that rounds to counts and clips to its range; `None` for samples without rounding and clipping.
     pub converter: Option<Converter>,
 }
 
