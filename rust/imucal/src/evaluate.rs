@@ -51,7 +51,7 @@ pub struct RestReport {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Variance over half a second divided by the noise floor: near 1 on a table, larger in a hand.
+    /// Variance over half a second divided by the noise floor: near 1 on a table, larger for a hand-held unit.
     pub unsteadiness: f64,
     /// Mean of the accelerometer, in raw units; in m/s^2 if effects were removed before.
     pub mean_specific_force: Vector3<f64>,
@@ -129,8 +129,8 @@ pub struct Evaluation {
     pub verdict: Verdict,
 }
 
-/// The unit without a calibration, for comparison. In SI units its numbers are taken as they are. Counts need a
-/// sensitivity and a zero point at least: the mean ones of the three axes of `calibration`.
+/// The sensors of the unit with nominal sensitivity, for comparison with a calibration. Readings in SI units are used
+/// without correction. Counts need at least a sensitivity and a bias: the means over the three axes of `calibration`.
 pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>]) -> Calibration<f64> {
     let nominal = |triad: &Triad<f64>, unit: fn(&Recording<'_>) -> RawUnit| {
         let is_si = recordings.first().is_none_or(|recording| unit(recording) == RawUnit::Si);

@@ -92,10 +92,11 @@ const SETTLED: f64 = 1e-3;
 const NOT_SETTLED: f64 = 0.1;
 /// Maximum number of fits with new weights. A fit that does not settle within it is reported as not converged.
 const MAX_ROUNDS: usize = 8;
-/// Limit of the scatter of the start residuals, in units of their noise. If a search starts above it, the weights
-/// estimated at the start are too small, and the fit is repeated with new weights.
+/// Limit of the ratio of residual scatter to noise at the start of a search. Above it, the weights estimated from these
+/// residuals are too small, so the fit is repeated with new weights.
 const MISLEADING: f64 = 10.0;
-/// The repetition ends if the scatter of every kind of residuals, in units of noise, changes by less than this factor.
+/// The repeated fits end when the ratio of scatter to noise of every kind of residuals changes by less than this
+/// factor.
 const FAR: f64 = 1.5;
 /// Relative tolerance of the solver in a search and in the first round of a fit, whose weights are preliminary.
 const SEARCH: f64 = 1e-5;

@@ -130,8 +130,8 @@ impl Sums {
         self.bias += weight;
     }
 
-    /// Adds the part `beyond` that exceeds the rate of rotation, rad/s, with `weight` for an interval. It is used if
-    /// the quantity multiplied by the sensitivity differs from the rate, as with effects.
+    /// Adds the contribution `beyond`, rad/s, by which the quantity multiplied by the sensitivity exceeds the rate of
+    /// rotation, with `weight` for an interval. The two differ if there are effects.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }

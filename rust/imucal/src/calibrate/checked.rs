@@ -178,8 +178,8 @@ mod tests {
     use crate::rests::moves::direction_error_rad;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-    /// Every third move and rest of the paper's run, predicted by the formula for the whole fit and by actual fits
-    /// without them.
+    /// Cross-validation of every third move and rest of the paper's run: the formula based on the whole fit agrees with
+    /// actual fits without these moves and rests.
     #[test]
     fn what_is_held_out_is_predicted_as_by_a_fit_without_it() {
         let program = Program::random(&RandomMoves::default(), 5).unwrap();

@@ -14,10 +14,10 @@ pub struct CrossValidation {
     /// Root mean square, over all moves, of the angle between propagated and measured gravity, deg. Each angle is that
     /// of the fit without the move.
     pub gravity_direction_rms_deg: f64,
-    /// This angle for each move, deg.
+    /// Angle between propagated and measured gravity of each move in the fit without the move, deg.
     pub direction_error_deg: Vec<f64>,
-    /// Error of |f| at each rest in the joint fit without it, m/s^2. NaN for rests that are not used or that the fit
-    /// cannot do without, and for the two-stage fit.
+    /// Error of |f| at each rest in the joint fit without it, m/s^2. NaN for rests that are not used, for rests without
+    /// which the fit does not determine all parameters, and for the two-stage fit.
     pub norm_error_mps2: Vec<f64>,
 }
 
@@ -29,8 +29,8 @@ impl CrossValidation {
     }
 }
 
-/// Cross-validation of the two-stage fit: the gyroscope is fitted `folds` times without every `folds`-th move, and
-/// evaluated on the moves left out.
+/// Cross-validation of the two-stage fit: the gyroscope is fitted `folds` times, each time without every `folds`-th
+/// move, and evaluated on the moves not used.
 pub(super) fn cross_validate(
     data: &UnitData<'_>,
     accelerometer: &AccelerometerFit,

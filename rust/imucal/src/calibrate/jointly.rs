@@ -31,7 +31,7 @@ pub(super) struct Selection {
     pub(super) used: Vec<bool>,
     /// The moves that are used.
     pub(super) moves: Vec<Move>,
-    /// Intervals between rests that are not used, with the reasons.
+    /// Intervals between consecutive rests that are not used as moves, each with its reason.
     pub(super) left_out: Vec<Unusable>,
 }
 
@@ -111,8 +111,8 @@ impl UnitData<'_> {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =
             (self.everything(), self.all_where(|reason| reason.is_none_or(|reason| reason == NOT_STILL)));
-        // If the mean rates differ at so many rests, they are not slow rotations. The bias differs between the rests
-        // instead.
+        // If the mean rates differ at so many rests, these rests are not slow rotations. The gyroscope bias differs
+        // between the rests instead.
         let all = if rests(&still) < (1.0 - OUTLIERS) * rests(&seemingly) { seemingly } else { still };
         let (kept, most) = (rests(&selection), rests(&all));
         let few = kept < (1.0 - OUTLIERS) * most

@@ -56,8 +56,8 @@ pub struct Outcome {
     pub misfit: Option<Misfit>,
     /// Factors by which the joint fit increases the noise of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
-    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s: the given one, or an estimate from the
-    /// scatter of the rates between rests. `None` if there is neither.
+    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s: that of the options, or an estimate
+    /// from the scatter of the rates between rests. `None` if there is neither.
     pub bias_instability_radps: Option<[f64; 3]>,
     /// Standard deviation of the tremor about each axis, rad, for each recording; `None` for a unit on a rigid support.
     /// Only the joint fit estimates tremor.

@@ -71,15 +71,15 @@ pub fn prospect(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<P
 struct Scene {
     /// Whether each rest is without known faults.
     used: Vec<bool>,
-    /// Moves between these rests.
+    /// Moves between the rests without known faults.
     moves: Vec<Move>,
-    /// Intervals between these rests that cannot be used as moves.
+    /// Intervals between the rests without known faults that cannot be used as moves.
     unusable: Vec<Unusable>,
     /// Nominal accelerometer; `None` if its scale is unknown.
     accelerometer: Option<Triad<f64>>,
     /// Nominal gyroscope; `None` if its scale is unknown.
     gyroscope: Option<Triad<f64>>,
-    /// Directions of gravity at these rests, unit vectors in the body frame.
+    /// Directions of gravity at the rests without known faults, unit vectors in the body frame.
     up: Vec<Vector3<f64>>,
     /// Message about an accelerometer that does not respond to motion.
     silent_accelerometer: Option<String>,
@@ -93,7 +93,7 @@ impl UnitData<'_> {
         self.prospect(self.scene(options)?, options)
     }
 
-    /// The prediction for these recordings.
+    /// The prediction for these recordings, from the rests, moves and nominal sensors of `scene`.
     fn prospect(&self, scene: Scene, options: &Options<'_>) -> Result<Prospect, Error> {
         let accelerometer = scene.accelerometer.unwrap_or_else(Triad::identity);
         let gyroscope = scene.gyroscope.unwrap_or_else(Triad::identity);
@@ -338,8 +338,8 @@ impl Design {
         let mut design = Self::at(prepared, terms, &parameters, sizes)?;
         for _ in 0..STEPS {
             let step = design.step()?;
-            // A unit that deviates from nominal by so much has wrong axes or other faults. The nominal design is then
-            // more informative.
+            // A unit whose parameters deviate from nominal by more than this has wrong axes or other faults. The design
+            // at the nominal parameters is then more informative.
             if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
                 break;
             }

@@ -28,7 +28,8 @@ pub(super) struct Gyroscope {
     pub(super) fit: GyroscopeFit,
     /// Directions of gravity at the ends of each move, and the standard deviation of its residual.
     pub(super) ends: Vec<Ends>,
-    /// For each move, the part of the standard deviation that does not come from the means of the rests, rad.
+    /// For each move, the part of the standard deviation of its residual that does not come from the means of the
+    /// rests, rad.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,

@@ -186,7 +186,7 @@ impl UnitData<'_> {
     }
 }
 
-/// Recommendation for recordings with too few usable moves; it counts the reasons why others are not usable.
+/// Recommendation for recordings with too few usable moves; it counts the unusable moves by reason.
 pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
     let needed = format!("at least {MIN_MOVES} between different poses are needed, better 12");
     let Some(first) = unusable.first() else {

@@ -62,8 +62,8 @@ pub trait UserEffects {
     /// As [`UserEffects::fields`].
     fn corrected(&self, outcome: &Outcome, set: RecordingSet) -> Result<Vec<CorrectedSamples>, Error>;
 
-    /// Means over 0.1 s of a set of recordings, corrected by two calibrations: that with which the caller compares
-    /// (otherwise `before`), and `after`.
+    /// Means over 0.1 s of a set of recordings, corrected by two calibrations. The first is the reference calibration
+    /// of the caller, or `before` if the caller has none; the second is `after`.
     ///
     /// # Errors
     /// As [`UserEffects::fields`].

@@ -7,8 +7,8 @@ use crate::finding::{Finding, general};
 use crate::numerics::lsq::Termination;
 use crate::recording::Recording;
 
-/// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few disturbed ones are
-/// accidental, many indicate a wrong model.
+/// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few disturbed rests or
+/// moves are accidental; many indicate a wrong model.
 const MAX_CONTRADICTING_SHARE: f64 = 0.1;
 /// Maximum share of rests whose mean rates are far from those of the others in a good calibration. A few slow rotations
 /// may appear to be rests.

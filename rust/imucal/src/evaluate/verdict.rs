@@ -21,7 +21,7 @@ pub enum RecordingSet {
 }
 
 impl RecordingSet {
-    /// What messages call it.
+    /// Name of the set in messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Calibration => "calibration set",
@@ -33,60 +33,60 @@ impl RecordingSet {
 /// Whether a calibration may be used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Noise explains the residuals, or nearly so.
+    /// Good: noise explains the residuals, or nearly so.
     Good,
-    /// For these reasons, at least one.
+    /// Poor for these reasons; there is at least one.
     Poor(Vec<Reason>),
 }
 
-/// Why a verdict is poor. Displayed, a reason is a sentence with its numbers.
+/// Reason for a poor verdict. It is displayed as a sentence with its numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
     /// A fit that makes the estimate has not converged.
     NotConverged {
-        /// What messages call the fit.
+        /// Name of the fit in messages.
         fit: &'static str,
-        /// How it ended.
+        /// Report of the fit, with the reason for its end.
         report: FitReport,
     },
     /// No move can be used, so the gyroscope is not judged.
     NoUsableMove {
-        /// The recordings.
+        /// Set of recordings that the verdict refers to.
         set: RecordingSet,
         /// Number of usable rests.
         rests: usize,
     },
     /// chi2 has no value because some samples could not be corrected.
     NotCorrected {
-        /// The recordings.
+        /// Set of recordings that the verdict refers to.
         set: RecordingSet,
-        /// These samples, by recording; empty if they are not known.
+        /// The samples without a correction, by recording; empty if they are not known.
         samples: Vec<UncorrectedSamples>,
     },
     /// Residuals are far larger than sensor noise explains.
     LargeResiduals {
-        /// The recordings.
+        /// Set of recordings that the verdict refers to.
         set: RecordingSet,
         /// Root of chi2 per degree of freedom.
         times_noise: f64,
     },
     /// Many rests contradict the others.
     ContradictingRests {
-        /// Number of these rests.
+        /// Number of rests that contradict the others.
         count: usize,
         /// Number of all rests.
         all: usize,
     },
     /// Many moves contradict the others.
     ContradictingMoves {
-        /// Number of these moves.
+        /// Number of moves that contradict the others.
         count: usize,
         /// Number of all moves.
         all: usize,
     },
     /// Many rests have mean angular rates far from those of the others.
     MovingRests {
-        /// Number of these rests.
+        /// Number of rests with a mean angular rate far from those of the others.
         count: usize,
         /// Number of all rests.
         all: usize,
@@ -98,25 +98,26 @@ pub enum Reason {
 pub struct UncorrectedSamples {
     /// Name of the recording.
     pub recording: String,
-    /// Number of these samples.
+    /// Number of samples without a correction.
     pub count: usize,
     /// Number of samples of the recording.
     pub all: usize,
-    /// Index of the first one.
+    /// Index of the first sample without a correction.
     pub first: usize,
-    /// Its time, s.
+    /// Time of this sample, s.
     pub time_s: f64,
-    /// Whether the temperature is not a number there; otherwise the effects are too large to be removed.
+    /// Whether the temperature of this sample is missing (not a number). Otherwise the effects are too large to be
+    /// removed.
     pub is_temperature_missing: bool,
 }
 
 impl Verdict {
-    /// Poor if there is any reason.
+    /// Verdict for these reasons: poor if there is any, otherwise good.
     pub fn of(reasons: Vec<Reason>) -> Self {
         if reasons.is_empty() { Self::Good } else { Self::Poor(reasons) }
     }
 
-    /// The name in documents: `good` or `poor`.
+    /// Name of the verdict in documents: `good` or `poor`.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Good => "good",
@@ -124,12 +125,12 @@ impl Verdict {
         }
     }
 
-    /// All reasons in one line; empty if it is good.
+    /// All reasons in one line; empty for a good verdict.
     pub fn words(&self) -> String {
         self.reasons().iter().map(Reason::to_string).collect::<Vec<_>>().join("; ")
     }
 
-    /// Why it is poor; none if it is good.
+    /// Reasons for a poor verdict; empty for a good one.
     pub fn reasons(&self) -> &[Reason] {
         match self {
             Self::Good => &[],

@@ -74,7 +74,7 @@ const SEEN: f64 = 1e-3;
 
 /// Largest error of each column, compared with a central difference, as a share of the largest entry of the column.
 ///
-/// A step changes a whitened residual by at most one, and an effect by at most its typical size.
+/// The difference step changes a whitened residual by at most one, and an effect by at most its typical size.
 fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64> {
     let jacobian = problem.whitened(parameters).unwrap().1;
     let at = |p: usize, step: f64| {
@@ -103,7 +103,7 @@ fn name(terms: &Terms<'_>, p: usize) -> String {
     base.chain(names).nth(p).unwrap_or_else(|| format!("stand {}", p - BASE - terms.count))
 }
 
-/// Asserts that the error of each column is below `tolerance`, as a share of the column.
+/// Asserts that the error of each column is below `tolerance`, as a share of the largest entry of the column.
 fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: impl Fn(usize) -> f64) {
     for (p, error) in errors(problem, terms, parameters).into_iter().enumerate() {
         assert!(error < tolerance(p), "{:?} {}: {error:e}", terms.kinds, name(terms, p));
@@ -149,7 +149,8 @@ fn derivatives_meet_central_differences() {
     }
 }
 
-/// Rows computed move by move equal those of one matrix, also after a first-order update of the linearisation.
+/// Whitened rows computed move by move equal those computed in one matrix, also after a first-order update of the
+/// linearisation.
 #[test]
 fn what_stands_apart_is_whitened_alike() {
     let kinds = Kinds { in_motion: true, encoders: false };

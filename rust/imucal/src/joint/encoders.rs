@@ -40,7 +40,7 @@ const LEAST_COUNT_RAD: f64 = 1e-11;
 /// rates.
 const PASSES: usize = 3;
 
-/// Stand with given parameters.
+/// Model of the stand: its attitude as a function of the motor angles, for given stand parameters.
 pub(crate) struct StandModel {
     stand: Stand,
     parameters: [f64; STAND_PARAMETERS],
@@ -105,7 +105,7 @@ pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Ve
 /// Encoder angles of a range of samples, corrected for the effects of the encoders.
 pub(crate) struct Angles {
     pub(super) angle_rad: Vec<Vector3<f64>>,
-    /// Columns of the effects: `terms.count` columns for each sample.
+    /// Columns Phi of the encoder effects, which multiply their parameters: `terms.count` columns for each sample.
     columns: Vec<Vector3<f64>>,
 }
 
@@ -184,7 +184,7 @@ pub(crate) fn rest_rows(
     let body_from_world = stand.attitude(&angles.angle_rad[0]).inverse();
     let across = rows_across(&measured.up);
     let residual = across * (body_from_world * Vector3::z() - measured.up);
-    // R <- exp(turn) R changes R^T e_z by R^T (e_z x turn).
+    // An attitude error `turn`, R <- exp(turn) R, changes the gravity direction R^T e_z by R^T (e_z x turn).
     let columns: Vec<_> = angles
         .attitude_jacobian(0..1, terms, stand)
         .iter()

@@ -67,7 +67,7 @@ impl Field {
     }
 }
 
-/// Segments of each move at a linearisation without effects. Only one segment in `every` is kept.
+/// Segments of each move at a linearisation without effects. Only every `every`-th segment is kept.
 pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<MoveSegments> {
     let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);

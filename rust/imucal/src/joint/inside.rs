@@ -86,7 +86,7 @@ impl<'a> Rows<'a> {
         self.place += width;
     }
 
-    /// Moves on to the rows of the next move.
+    /// Advances the write position to the rows of the next move.
     pub(super) fn leave(&mut self, inside: &Inside<'_>) {
         self.next += count(inside.pass, false);
         self.place = 0;

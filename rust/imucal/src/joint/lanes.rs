@@ -19,7 +19,7 @@ pub(crate) struct Lanes {
 }
 
 impl Lanes {
-    /// `rows` rows of zeros with `columns` columns and the residual.
+    /// Matrix of zeros with `rows` rows and `columns` columns, plus the column of the residual.
     pub(super) fn zeros(columns: usize, rows: usize) -> Self {
         let mut lanes = Self::at((0..columns).map(Some).collect(), columns);
         lanes.resize(rows);

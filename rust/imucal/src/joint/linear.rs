@@ -298,7 +298,7 @@ pub(crate) struct Insides {
 }
 
 impl Insides {
-    /// `None` if there are no moves.
+    /// Prepares the whitening of the residuals inside the moves; `None` if there are no moves.
     pub(super) fn new(linear: Arc<Linear>, noise: Vec<InsideNoise>, gravity_mps2: f64) -> Option<Self> {
         let no_rows = Lanes::inside(&linear.moves.first()?.pass);
         Some(Self { linear, noise, gravity_mps2, no_rows })

@@ -4,10 +4,10 @@
 //! chi2 = r^T P r  with  N - n degrees of freedom,     p = P(chi2 of as many degrees is larger)
 //! ```
 //!
-//! P is the matrix of equation (25) for all N residuals, of which n parameters are fitted. The chi2 of a rest (its norm
-//! and its mean rates) or of a move is d of equation (25): the decrease of chi2 if the residuals of this item are
-//! excluded. It has a chi2 distribution whatever the leverage of the item. The weights are those of noise alone,
-//! without any widening.
+//! P is the matrix of equation (25) for all N residuals, to which n parameters are fitted. The chi2 of a rest (its norm
+//! and its mean rates) or of a move is d of equation (25): the decrease of chi2 if the residuals of this rest or move
+//! are excluded. It has a chi2 distribution whatever the leverage of the rest or move. The weights are those of sensor
+//! noise alone; standard deviations are not increased for excess scatter.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -36,15 +36,15 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// `None` if there are no degrees of freedom.
+    /// Goodness of fit with this chi2; `None` if there are no degrees of freedom.
     fn new(chi2: f64, degrees_of_freedom: usize) -> Option<Self> {
         let p_value = p_value(chi2, degrees_of_freedom);
         (degrees_of_freedom > 0).then_some(Self { chi2, degrees_of_freedom, p_value })
     }
 }
 
-/// Goodness of fit of all residuals, of each rest and of each move. `None` for items that the fit does not use or whose
-/// leverage is too high.
+/// Goodness of fit of all residuals, of each rest and of each move. `None` for rests and moves that the fit does not
+/// use or whose leverage is too high.
 pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
@@ -52,7 +52,7 @@ pub(crate) struct Misfits {
 }
 
 impl Misfits {
-    /// `linear` is the linearisation at the end of the fit.
+    /// Goodness of fit of a joint fit; `linear` is the linearisation at the end of the fit.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Arc<Linear>) -> Result<Self, Error> {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let without = LeaveOut::new(&problem, linear);
@@ -172,7 +172,8 @@ impl Parts {
         Self { size, kept, shared, others, given, units }
     }
 
-    /// Indices into `units` of the errors that are free when rests are held out: their mean rates and mean forces.
+    /// Indices into `units` of the errors that become free parameters when rests are held out: those of their mean
+    /// rates and mean forces.
     fn columns_of(&self, linear: &Linear, rests: &[usize]) -> Vec<usize> {
         let places = linear.rates.iter().enumerate().filter(|(_, (k, _))| rests.contains(k)).map(|(place, _)| place);
         let rates = linear.lines.len();
@@ -234,7 +235,7 @@ impl Stretch {
         row.checked_sub(self.first).and_then(|k| self.values.get(k)).copied().unwrap_or(0.0)
     }
 
-    /// Subtracts the component along a column of length one.
+    /// Subtracts the component along the column `known`, which has length one.
     fn leave_out(&mut self, known: &Self) {
         let (own, other) = (self.rows(), known.rows());
         let both = own.start.max(other.start)..own.end.min(other.end);

@@ -50,14 +50,15 @@ pub(crate) enum Item {
     Move(usize),
 }
 
-/// Columns of an item that are tested together.
+/// Columns of A (model.md (25)) of one rest or move that are tested together.
 struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
 }
 
-/// Kinds of residuals. All residuals of a kind share the scale by which d is divided.
+/// Kinds of residuals. The decrease d of chi2 (model.md (25)) is divided by one common scale for all residuals of a
+/// kind.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Norm,
@@ -121,7 +122,7 @@ pub(crate) fn outliers(
         let (Item::Rest(k) | Item::Move(k)) = item;
         used[k] = false;
         found.push(item);
-        // All residuals of the item are excluded, whichever of them was significant.
+        // All residuals of the rest or move are excluded, whichever of them was significant.
         let all = groups.iter().filter(|group| group.item == item).flat_map(|group| &group.columns);
         all.for_each(|&column| without.leave_out(column));
     }
@@ -187,8 +188,8 @@ pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usi
     linear.rates.iter().flat_map(|(rest, _)| [0, 1, 2].map(|axis| of_axis(*rest, axis))).collect()
 }
 
-/// Scale of a kind of residuals: the median of d divided by its expected median under the null hypothesis, at least
-/// one.
+/// Scale of the residuals of one kind relative to noise: the median of their decreases of chi2, d of model.md (25),
+/// divided by its expected median under the null hypothesis; at least one.
 fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
     let of_kind = judged.iter().filter(|(group, _, freedom)| group.kind == kind && *freedom > 0);
     // Median of the chi2 distribution (Wilson and Hilferty).

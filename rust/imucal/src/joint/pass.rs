@@ -135,7 +135,7 @@ impl Route<'_> {
         while start < last {
             let end = (start + of_block).min(last);
             let force = self.mean_force(start..end, &all, &rotations);
-            // The last steps of the move, if they do not fill a block, are not used.
+            // The last integration steps of the move are not used if they do not fill a block.
             if end - start == of_block {
                 blocks.push(self.block(start..end, force));
                 turns.next_block();

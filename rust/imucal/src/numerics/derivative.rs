@@ -67,7 +67,7 @@ impl Width {
 }
 
 impl<'a> Derivative<'a> {
-    /// Without smoothing: the polynomials pass through neighbouring samples.
+    /// Differentiation rule without smoothing: the polynomials pass through neighbouring samples.
     pub(crate) fn narrow(time_s: &'a [f64]) -> Self {
         let is_again = |k: usize| k > 0 && time_s[k] == time_s[k - 1];
         let (mut distinct, mut places) = (Cow::Borrowed(time_s), Vec::new());
@@ -83,7 +83,7 @@ impl<'a> Derivative<'a> {
         Self { time_s: distinct, places, stencil }
     }
 
-    /// With as much smoothing as the motion in `values` allows.
+    /// Differentiation rule with as much smoothing as the motion in `values` allows.
     pub(crate) fn smooth(time_s: &'a [f64], values: &[Vector3<f64>]) -> Self {
         let mut derivative = Self::narrow(time_s);
         derivative.stencil = derivative.smoothed(values);

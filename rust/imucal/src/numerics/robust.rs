@@ -9,8 +9,8 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 /// exceeds it with a probability of about 1e-6.
 const LIMIT: f64 = 5.2;
 
-/// Score of each item (`size` consecutive rows): the norm of its residuals in a fit without the item, divided by their
-/// standard deviation.
+/// Score of each rest or move (`size` consecutive rows): the norm of its residuals in a fit without it, divided by
+/// their standard deviation.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
@@ -38,7 +38,7 @@ pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     (scores[worst] > LIMIT * scale).then_some(worst)
 }
 
-/// Whether one more item may be excluded: at most a fifth of all items may be excluded, and at least `least` must
+/// Whether one more rest or move may be excluded: at most a fifth of all may be excluded, and at least `least` must
 /// remain.
 pub(crate) fn may_exclude(used: &[bool], least: usize) -> bool {
     let kept = used.iter().filter(|&&kept| kept).count();

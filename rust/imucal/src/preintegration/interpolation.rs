@@ -1,8 +1,8 @@
 //! Interpolation of the rate between two samples.
 
-/// Maximum relative difference of steps that count as equal.
+/// Maximum relative difference of time steps that count as equal.
 const UNEVEN: f64 = 0.01;
-/// Maximum ratio of adjacent steps for cubic interpolation; beyond it linear interpolation is more robust.
+/// Maximum ratio of adjacent time steps for cubic interpolation; beyond it linear interpolation is more robust.
 const MOST_UNEVEN: f64 = 3.0;
 
 /// Interpolation of the rate between two samples.
@@ -12,7 +12,7 @@ pub(crate) enum Interpolation {
     Linear,
     /// Cubic through four samples with nearly equal steps.
     Cubic,
-    /// Cubic through four samples at their own times. These steps are not vectorised.
+    /// Cubic through four samples at their own times. Time steps with this interpolation are not vectorised.
     UnevenCubic,
 }
 
@@ -37,14 +37,14 @@ impl Interpolation {
     }
 }
 
-/// Whether the three steps between four samples are nearly equal.
+/// Whether the three time steps between four samples are nearly equal.
 #[inline(always)]
 fn are_even([t0, t1, t2, t3]: &[f64; 4]) -> bool {
     let (before, h, after) = (t1 - t0, t2 - t1, t3 - t2);
     are_equal_steps(before, h) & are_equal_steps(after, h)
 }
 
-/// Whether two steps, s, are nearly equal.
+/// Whether two time steps, s, are nearly equal.
 #[inline(always)]
 pub(crate) fn are_equal_steps(step: f64, other: f64) -> bool {
     (step - other).abs() <= UNEVEN * other

@@ -43,7 +43,7 @@ pub(crate) fn rate_from_gravity(
     let size = (equations.iter().map(|e| e.turn.norm_squared()).sum::<f64>() / equations.len().max(1) as f64).sqrt();
     let mut weights = vec![1.0; equations.len()];
     let mut p = None;
-    // Reweighted twice, to reduce the influence of jolts in hand-held moves.
+    // The fit is reweighted twice, to reduce the influence of jolts in hand-held moves.
     for _ in 0..3 {
         let entries = solve(&equations, &weights, size)?;
         for (weight, equation) in weights.iter_mut().zip(&equations) {

@@ -21,8 +21,8 @@ use crate::numerics::stats::{median, quantile, sample_interval_s};
 /// Quantile of the rests whose largest change defines standstill, dimensionless. It tolerates a tenth of disturbed
 /// rests.
 const ORDINARY: f64 = 0.9;
-/// Time over which a change of the reading is compared with that at rest, s. A rotation of half a degree exceeds the
-/// limit in this time.
+/// Time over which the change of a reading is compared with the largest such change at rest, s. A rotation of half a
+/// degree exceeds this change within the time.
 const SPAN_S: f64 = 0.3;
 /// Minimum number of samples at standstill from which the level is computed.
 const FEWEST: usize = 8;

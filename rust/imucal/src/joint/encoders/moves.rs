@@ -27,7 +27,7 @@ pub(crate) enum About {
     Stand,
 }
 
-/// One move with the encoder data that it needs.
+/// One move with the encoder angles for its residuals against the stand.
 pub(crate) struct EncoderMove<'a> {
     /// Corrected encoder angles of the samples of the move.
     pub(crate) angles: &'a Angles,

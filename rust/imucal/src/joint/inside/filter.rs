@@ -7,7 +7,7 @@ pub(crate) struct WalkFilter<const N: usize> {
     covariance: [[f64; N]; N],
 }
 
-/// Kalman gain of one measurement: `innovation = seen - observation . states`, `states += shares innovation`.
+/// Kalman gain of one measurement `seen`: `innovation = seen - observation . states`, `states += shares innovation`.
 #[derive(Clone, Copy)]
 pub(crate) struct Gain<const N: usize> {
     pub(crate) shares: [f64; N],

@@ -43,7 +43,7 @@ impl Step {
         Self { before: i, is_linear: interpolation == Interpolation::Linear, shares }
     }
 
-    /// Mean over the step of the quantity that is `value(k)` at sample k.
+    /// Mean over the integration step of the quantity whose value at sample k is `value(k)`.
     #[inline(always)]
     pub(super) fn mean(&self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
         let (k, [before, start, end, after]) = (self.before, self.shares);
@@ -51,7 +51,7 @@ impl Step {
         if self.is_linear { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
     }
 
-    /// Rotation vector of the step, rad, for the rate `rate(k)` at sample k and the duration `step_s`.
+    /// Rotation vector of the integration step, rad, for the rate `rate(k)` at sample k and the duration `step_s`.
     #[inline(always)]
     pub(super) fn turn(&self, rate: impl Fn(usize) -> Vector3<f64>, step_s: f64) -> Vector3<f64> {
         turn(&self.mean(&rate), [&rate(self.before), &rate(self.before + 1)], step_s)
