@@ -16,7 +16,7 @@
 //! use imucal_core::effects::{Effect, EffectValues, State, Surroundings};
 //! use nalgebra::Vector3;
 //!
-//! A gyroscope whose x bias changes by 1e-4 rad/s per kelvin, 20 K above the temperature of its calibration.
+//! // A gyroscope whose x bias changes by 1e-4 rad/s per kelvin, 20 K above the temperature of its calibration.
 //! let effect = Effect::<f64>::find("gyro_bias_temperature").expect("it is in the catalogue");
 //! let drifting = EffectValues::try_new(effect, &[1e-4, 0.0, 0.0], None)?;
 //! let surroundings = Surroundings { temperature_difference_k: Some(20.0), ..Surroundings::unknown() };

@@ -29,7 +29,7 @@
 //! use imucal_core::{calibration::Calibration, integrate::Integrator, sensor::Triad};
 //! use nalgebra::{Matrix3, Vector3};
 //!
-//! These numbers are read from a calibration file in practice.
+//! // These numbers are read from a calibration file in practice.
 //! let accelerometer = Triad::try_new(Matrix3::identity(), Vector3::new(0.3, -0.1, 0.0))?;
 //! let gyroscope = Triad::try_new(Matrix3::from_diagonal_element(0.98), Vector3::new(0.01, 0.0, 0.0))?;
 //! let calibration = Calibration::new(accelerometer, gyroscope);
