@@ -53,7 +53,7 @@ def test_a_real_unit_is_named_and_its_gap_shrinks(data_file, tmp_path, command):
     ("unit", "verdict", "not_there"),
     [
         # Something turns with gravity at twice the Earth's rate.
-        ("imu0", "unknown", "the Earth turns with 7.292e-05"),
+        ("imu0", "unknown", "the Earth's rate is 7.292e-05 rad/s"),
         # The bias wanders, and a drift does not say where to.
         ("imu1", "stochastic", "gyro_bias_drift fits these recordings"),
     ],
