@@ -10,6 +10,7 @@ from imucal.finding import Finding
 
 __all__ = [
     "GAP_FOLDS",
+    "GRAVITY_ON_EARTH_MPS2",
     "MAX_EFFECTS",
     "MAX_PASSES",
     "MIN_REST_S",
@@ -67,6 +68,7 @@ __all__ = [
 
 __version__: str
 MAX_EFFECTS: int
+GRAVITY_ON_EARTH_MPS2: tuple[float, float]
 MAX_PASSES: int
 MIN_REST_S: float
 REFERENCE_TEMPERATURE_DEGC: float

@@ -798,7 +798,7 @@ def folder():
         "singular.json": json.dumps(
             {**document, "accelerometer": {**document["accelerometer"], "T": [[0] * 3] * 3}}
         ),
-        "gravity.json": json.dumps({**document, "gravity_mps2": 1.0}),
+        "gravity.json": json.dumps({**document, "gravity_mps2": 9.75}),
     }
     for name, content in text.items():
         (place / name).write_text(content)
@@ -865,9 +865,13 @@ BAD_FILES = {
         r"\$.accelerometer.T .* 3 items, not 1",
         FormatError,
     ),
-    "evaluate: singular": ("evaluate singular.json good.csv", "has no inverse", FormatError),
+    "evaluate: singular": ("evaluate singular.json good.csv", "nearly singular", FormatError),
     "evaluate: a recording": ("evaluate good.parquet good.csv", "good.parquet is not JSON", FormatError),
-    "evaluate: other units": ("evaluate unit.json control.parquet", "but the calibration expects lsb", None),
+    "evaluate: other units": (
+        "evaluate unit.json control.parquet",
+        "$.raw_units.gyroscope is lsb",
+        FormatError,
+    ),
     "evaluate: no rests": ("evaluate cal.json no-rest.parquet", "no rest of 1 s or more", None),
     "evaluate: NaN for a duration": ("evaluate cal.json good.csv --min-rest-s nan", "min_rest_s = NaN", None),
     "apply: other units": (

@@ -362,9 +362,8 @@ def test_the_table_of_a_day(tmp_path, monkeypatch, capsys):
     assert shown[1] == ["0042", "good", "0", "gyro_bias_x", "0.01", "-0.02", "to", "0.02", "rad/s"]
     assert shown[2] == ["b.json", "poor", "2", "gyro_bias_x", "0.05", "-0.02", "to", "0.02", "rad/s"]
     assert shown[3][:3] == ["0044", "poor", "0"]
-    # Figures that another program wrote judge nothing, but end nothing either.
-    unit(calibration_set={**poor, "chi2_per_dof": "large"}, serial_number="0045").save("d.json")
-    assert main(["limits", "check", "limits.json", "d.json"]) == 0
+    with pytest.raises(imucal.InputError, match=r"\$\.calibration_set\.chi2_per_dof is \"large\""):
+        unit(calibration_set={**poor, "chi2_per_dof": "large"}).save("d.json")
     with Path("day.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["serial_number"], row["file"], row["verdict"]) for row in rows] == [

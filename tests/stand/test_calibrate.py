@@ -210,7 +210,8 @@ def test_the_control_program_is_drawn_and_said(tmp_path, monkeypatch):
         (("--program", "none.json"), "none.json"),
         (("--fault", "fire"), "fault"),
         (("--serial-number", " "), "serial number is empty"),
-        (("--serial-number", "0" * 256), "the serial number has 256 characters, which is too long"),
+        (("--serial-number", "0" * 256), "the serial number has 256 characters: give at most 200"),
+        (("--serial-number", "é" * 200), "the serial number has 200 characters, which is too long"),
         (("--json", "none/result.json"), "there is no folder none"),
     ],
 )

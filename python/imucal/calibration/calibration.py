@@ -20,11 +20,12 @@ from numpy.typing import ArrayLike
 from imucal.arrays import FloatArray, as_matrix
 from imucal.calibration.correction import correct, correct_recording, left_in_data, takes_pieces
 from imucal.calibration.figures import figures_text
-from imucal.calibration.file import document_of, fields_of, require_same_parameters
+from imucal.calibration.file import document_of, fields_of, require_consistent
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.triad import Parameter
-from imucal.document.json_document import Node, read_json, write_json
+from imucal.document.atomic import write_text
+from imucal.document.json_document import Node, read_json, to_json
 from imucal.document.plain import plain
 from imucal.effects.definition import UserEffect, by_name
 from imucal.errors import FormatError, InputError
@@ -170,9 +171,16 @@ class Calibration(SensorModel):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration file atomically.
 
-        Raises InputError if it cannot be written, or if a number is not finite.
+        Raises InputError if it cannot be written, if a number is not finite, and for a calibration that
+        `load` would refuse because it contradicts itself.
         """
-        write_json(self.to_dict(), path)
+        document = self.to_dict()
+        text = to_json(document)
+        try:
+            _calibration_of(Node(document, "$", "this calibration"), self.user_effects)
+        except FormatError as error:
+            raise InputError(str(error)) from None
+        write_text(path, text + "\n")
 
     @staticmethod
     def load(path: str | os.PathLike[str], *, user_effects: Sequence[UserEffect] = ()) -> Calibration:
@@ -194,7 +202,7 @@ def _calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibrati
         calibration = Calibration(**fields_of(node, own))
     except InputError as error:
         raise FormatError(f"{node.file}: {error}") from None
-    require_same_parameters(node.get("parameters"), calibration.parameters)
+    require_consistent(node, calibration, calibration.to_dict())
     return calibration
 
 

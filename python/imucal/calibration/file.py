@@ -12,19 +12,35 @@ from typing import Any, Final, get_args
 import numpy as np
 
 import imucal._core as _core
+from imucal.calibration.consistency import require_covariance, require_written_again
 from imucal.calibration.model import SensorModel
+from imucal.calibration.plausibility import (
+    require_accelerometer,
+    require_gravity,
+    require_gyroscope,
+    require_noise,
+    require_temperature_range,
+)
 from imucal.calibration.provenance import Provenance
+from imucal.calibration.report import (
+    require_date,
+    require_figures,
+    require_fit,
+    require_sha256,
+    require_version,
+)
 from imucal.calibration.triad import FRAMES, Parameter, Triad, as_frame
 from imucal.document.json_document import Node
+from imucal.document.name import require_name
 from imucal.document.plain import plain
 from imucal.document.source import Source
 from imucal.effects.definition import UserEffect
 from imucal.effects.effect import Effect, EffectParameter, EffectValues
 from imucal.effects.table import catalogue
-from imucal.errors import FormatError
+from imucal.errors import FormatError, InputError
 from imucal.recording.recording import AccelUnit, GyroUnit
 
-__all__ = ["document_of", "fields_of", "require_same_parameters"]
+__all__ = ["document_of", "fields_of", "require_consistent"]
 
 SCHEMA: Final = "imucal.calibration/1"
 MODEL: Final = (
@@ -119,49 +135,64 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
     node.require_schema(SCHEMA)
     _require_reference_temperature(node)
     effects = [_effect(item, user_effects) for item in node.get("effects").items()]
+    names_of_effects = [values.name for values, _ in effects]
+    for k, name in enumerate(names_of_effects):
+        if name in names_of_effects[:k]:
+            raise FormatError(
+                f"{node.file}: an effect stands twice: $.effects[{k}] and "
+                f"$.effects[{names_of_effects.index(name)}] "
+                f"are {name}: leave one out"
+            )
     units = node.get("raw_units")
-    frame = node.get("accelerometer").get("frame").text(FRAMES)
+    frame = as_frame(node.get("accelerometer").get("frame").text(FRAMES))
+    accel_unit = units.get("accelerometer").text(get_args(AccelUnit))
+    gyro_unit = units.get("gyroscope").text(get_args(GyroUnit))
+    accelerometer, gyroscope = _triad(node.get("accelerometer")), _triad(node.get("gyroscope"))
+    require_accelerometer(node.get("accelerometer"), accelerometer, frame, accel_unit)
+    require_gyroscope(node.get("gyroscope"), gyroscope, gyro_unit)
     covariance = node.get("covariance")
     names: tuple[str, ...] = ()
     if covariance.value is not None:
         names = tuple(item.text() for item in covariance.get("names").items())
-    temperature = node.get("temperature_range_degc")
+        # The names in the table are compared with those of the matrices later.
+        require_covariance(covariance, [item.get("name").text() for item in node.get("parameters").items()])
     return {
-        "accelerometer": _triad(node.get("accelerometer")),
-        "gyroscope": _triad(node.get("gyroscope")),
-        "frame": as_frame(frame),
-        "accel_unit": units.get("accelerometer").text(get_args(AccelUnit)),
-        "gyro_unit": units.get("gyroscope").text(get_args(GyroUnit)),
-        "gravity_mps2": node.get("gravity_mps2").number(),
+        "accelerometer": accelerometer,
+        "gyroscope": gyroscope,
+        "frame": frame,
+        "accel_unit": accel_unit,
+        "gyro_unit": gyro_unit,
+        "gravity_mps2": require_gravity(node.get("gravity_mps2")),
         "effects": tuple(values for values, _ in effects),
         "user_effects": tuple(effect for _, effect in effects if isinstance(effect, UserEffect)),
         "covariance": covariance.get("matrix").array(len(names), len(names)) if names else None,
         "covariance_names": names,
-        "noise": {name: node.get("noise").get(name).number() for name in node.get("noise").mapping()},
-        "temperature_range_degc": None if temperature.value is None else _pair(temperature),
+        "noise": require_noise(node.get("noise")),
+        "temperature_range_degc": require_temperature_range(node.get("temperature_range_degc")),
         "fit": node.get("fit").mapping(),
-        "calibration_set": _figures(node.get("calibration_set")),
-        "control_set": _figures(node.get("control_set")),
-        "provenance": _provenance(node.get("provenance")),
+        "calibration_set": require_figures(node.get("calibration_set")),
+        "control_set": require_figures(node.get("control_set")),
+        "provenance": _provenance(node.get("provenance"), node.get("control_set")),
         "serial_number": None
         if node.get("serial_number").value is None
-        else node.get("serial_number").text(),
+        else _name(node.get("serial_number")),
     }
 
 
-def require_same_parameters(node: Node, parameters: Sequence[Parameter]) -> None:
-    """Raise FormatError if the table of parameters differs from the matrices that it repeats for readers."""
-    items = node.items()
-    if len(items) != len(parameters):
-        raise FormatError(f"{node.file}: {node.path} has {len(items)} items, {len(parameters)} are needed")
-    for item, parameter in zip(items, parameters, strict=True):
-        if item.get("name").text() != parameter.name:
-            raise FormatError(f"{node.file}: {item.path}.name must be {parameter.name}")
-        if item.get("value").number() != parameter.value:
-            raise FormatError(
-                f"{node.file}: {item.path}.value ({parameter.name}) is {item.get('value').number()} but the "
-                f"matrix or bias has {parameter.value}: correct one of them"
-            )
+def require_consistent(node: Node, model: SensorModel, written: Mapping[str, Any]) -> None:
+    """Raise FormatError if the document contradicts itself.
+
+    model     the calibration that was read
+    written   its document
+    """
+    require_written_again(node, written, model.parameters, model.frame)
+    effects = {
+        effect["name"]: {f"{effect['name']}_{item['name']}": item["value"] for item in effect["parameters"]}
+        for effect in written["effects"]
+    }
+    matrix = written["covariance"]
+    names, numbers = ((), None) if matrix is None else (matrix["names"], np.array(matrix["matrix"]))
+    require_fit(node.get("fit"), effects, names, numbers)
 
 
 def _require_reference_temperature(node: Node) -> None:
@@ -226,29 +257,49 @@ def _stored_definition(node: Node) -> UserEffect:
 
 
 def _triad(node: Node) -> Triad:
-    return Triad(node.get("T").array(3, 3), node.get("bias").array(3))
+    try:
+        return Triad(node.get("T").array(3, 3), node.get("bias").array(3))
+    except InputError as error:
+        raise FormatError(f"{node.file}: {node.path}.T: {error}") from None
 
 
-def _pair(node: Node) -> tuple[float, float]:
-    low, high = node.array(2).tolist()
-    return low, high
-
-
-def _figures(node: Node) -> dict[str, Any] | None:
-    return None if node.value is None else node.mapping()
-
-
-def _provenance(node: Node) -> Provenance:
+def _provenance(node: Node, control_set: Node) -> Provenance:
     def sources(field: str) -> tuple[Source, ...]:
         return tuple(
-            Source(item.get("path").text(), item.get("sha256").text()) for item in node.get(field).items()
+            Source(item.get("path").text(), require_sha256(item.get("sha256")))
+            for item in node.get(field).items()
         )
 
+    files, control_files = sources("files"), sources("control_files")
+    for k, source in enumerate(control_files):
+        for j, other in enumerate(files):
+            if source.sha256 == other.sha256:
+                raise FormatError(
+                    f"{node.file}: {node.path}.control_files[{k}].sha256 is that of {node.path}.files[{j}]: "
+                    "a "
+                    "control recording is not one that the calibration is made of: calibrate again"
+                )
+    if control_files and control_set.value is None:
+        raise FormatError(
+            f"{node.file}: {node.path}.control_files has {len(control_files)} items, but {control_set.path} "
+            "is "
+            "null: correct one of them, or calibrate again"
+        )
     return Provenance(
-        sources("files"),
-        sources("control_files"),
-        node.get("imucal_version").text(),
-        node.get("date").text(),
+        files,
+        control_files,
+        require_version(node.get("imucal_version")),
+        require_date(node.get("date")),
         # Older files have none.
-        node.get("operator").text() if "operator" in node.mapping() else "",
+        _name(node.get("operator"), empty=True) if "operator" in node.mapping() else "",
     )
+
+
+def _name(node: Node, *, empty: bool = False) -> str:
+    """A name in a file; FormatError for one that cannot be printed."""
+    if empty and node.value == "":
+        return ""
+    try:
+        return require_name(node.value, f"{node.path}")
+    except InputError as error:
+        raise FormatError(f"{node.file}: {error}") from None

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from imucal.document.name import require_name
 from imucal.document.source import Source
-from imucal.errors import InputError
 
 __all__ = ["Provenance", "require_serial_number"]
 
@@ -29,12 +29,6 @@ class Provenance:
 
 
 def require_serial_number(serial_number: str | None) -> None:
-    """Raise InputError for a serial number that cannot be printed, as it appears in file names and tables."""
-    if serial_number is None:
-        return
-    if not isinstance(serial_number, str):
-        raise InputError(f"the serial number is {serial_number!r}: give text, {str(serial_number)!r}")
-    if not serial_number.strip():
-        raise InputError("the serial number is empty: give that of the unit, or none")
-    if not serial_number.isprintable():
-        raise InputError(f"the serial number is {serial_number!r}: give characters that can be printed")
+    """Raise InputError for a serial number that is no name, as it appears in file names and tables."""
+    if serial_number is not None:
+        require_name(serial_number, "the serial number")

@@ -27,9 +27,10 @@ ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "triangular": ("xx", "yy", "zz", "yx", "zx", "zy"),
 }
 GYRO_ENTRIES: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
-# Largest condition number of a sensitivity. A larger one means that an axis is missing: its column is zero
-# or parallel to another one.
-MAX_CONDITION: Final = 1e12
+# Largest condition number of a sensitivity. Real triads are below 2. At 100 two axes are within a degree of
+# each
+# other, or one is nearly dead, and the correction multiplies noise and rounding by this number.
+MAX_CONDITION: Final = 100.0
 
 
 def as_frame(name: str) -> Frame:
@@ -44,7 +45,7 @@ def as_frame(name: str) -> Frame:
 class Triad:
     """Three axes of one kind: sensitivity (3, 3) in raw units per SI unit, bias (3,) in raw units.
 
-    Raises InputError if a shape is wrong, a number is not finite, or the sensitivity is singular.
+    Raises InputError if a shape is wrong, a number is not finite, or the sensitivity is nearly singular.
     """
 
     sensitivity: FloatArray
@@ -54,8 +55,15 @@ class Triad:
         sensitivity = as_matrix(self.sensitivity, "sensitivity", (3, 3))
         object.__setattr__(self, "sensitivity", sensitivity)
         object.__setattr__(self, "bias", as_matrix(self.bias, "bias", (3,)))
-        if not np.linalg.cond(sensitivity) < MAX_CONDITION:
-            raise InputError(f"the sensitivity {sensitivity.tolist()} has no inverse: an axis is missing")
+        # Divided by the largest entry, because squares of the entries may overflow.
+        condition = np.linalg.cond(sensitivity / (np.abs(sensitivity).max() or 1.0))
+        if not condition < MAX_CONDITION:
+            raise InputError(
+                f"the sensitivity {sensitivity.tolist()} is nearly singular: its condition number is "
+                f"{condition:.3g}, that of a sensor is below {MAX_CONDITION:g}: an axis is missing, or two "
+                "axes are "
+                "nearly parallel"
+            )
 
 
 @dataclass(frozen=True)

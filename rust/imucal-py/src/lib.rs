@@ -64,6 +64,11 @@ mod _core {
     #[pymodule_export]
     const MAX_EFFECTS: usize = imucal_core::effects::MAX_EFFECTS;
 
+    /// Lowest and highest gravity that a calibration accepts, m/s^2.
+    #[pymodule_export]
+    const GRAVITY_ON_EARTH_MPS2: (f64, f64) =
+        (library::calibrate::GRAVITY_ON_EARTH_MPS2[0], library::calibrate::GRAVITY_ON_EARTH_MPS2[1]);
+
     /// Maximum number of iterations of a correction.
     #[pymodule_export]
     const MAX_PASSES: usize = imucal_core::effects::MAX_PASSES;

@@ -38,7 +38,7 @@ pub use user_effects::{BriefCorrection, CorrectedSamples, SampledField, UserEffe
 
 /// Range of gravity on the surface of the Earth with some margin, m/s^2. It is 9.76 on the highest mountains of the
 /// tropics and 9.83 at the poles.
-const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
+pub const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 
 /// Options of a calibration.
 #[derive(Clone, Debug)]

@@ -1,0 +1,170 @@
+"""Whether a calibration file agrees with itself.
+
+The file repeats the matrices as a table of parameters, the covariance as standard deviations, the raw units
+as units of the parameters, and the frame in words. Each is compared with what the calibration gives when it
+is written again, with a tolerance for decimals rounded by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES, Frame, Parameter
+from imucal.document.agreement import ROUNDING, Origin, require_agreement
+from imucal.document.json_document import Node
+from imucal.errors import FormatError
+
+__all__ = ["origins_of", "require_covariance", "require_written_again"]
+
+WAY_OUT: Final = "correct one of them, or calibrate again"
+# Fields that older files do not have.
+OPTIONAL: Final = frozenset({"reference_temperature_degc", "operator"})
+# Standard deviations are often written with three digits.
+STD_ROUNDING: Final = 1e-3
+# A value may differ by this share of its standard deviation, which no use of it can notice.
+SHARE_OF_STD: Final = 0.01
+# Rounding of an entry of the sensitivity, relative to the largest, and of a bias or a value of an effect, as
+# of
+# nine decimals.
+DECIMALS_ROUNDING: Final = 1e-9
+# The smallest eigenvalue of the correlation matrix is negative by no more than this if its entries are
+# rounded to
+# seven digits.
+CORRELATION_ROUNDING: Final = 1e-5
+
+
+def require_written_again(
+    node: Node, written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
+) -> None:
+    """Raise FormatError for the first field that differs from the calibration written again.
+
+    written      the document of the calibration that was read
+    parameters   those of the calibration
+    """
+    origins = origins_of(written, parameters, frame)
+    require_agreement(
+        node,
+        written,
+        origin=lambda path: origins.get(path, Origin("the rest of the file")),
+        optional=OPTIONAL,
+        way_out=WAY_OUT,
+    )
+
+
+def origins_of(
+    written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
+) -> dict[str, Origin]:
+    """By path, the other place in the file for each field that repeats one."""
+    places = _places(written, frame)
+    names = [] if written["covariance"] is None else written["covariance"]["names"]
+    variances = {name: f"$.covariance.matrix[{k}][{k}]" for k, name in enumerate(names)}
+    sizes = {
+        sensor: max(abs(number) for row in written[key]["T"] for number in row)
+        for sensor, key in (("accel", "accelerometer"), ("gyro", "gyroscope"))
+    }
+    origins = {
+        "$.model": Origin("this version of the schema"),
+        "$.body_frame": Origin("$.accelerometer.frame"),
+        "$.parameters": Origin("the matrices with $.effects"),
+    }
+    for k, parameter in enumerate(parameters):
+        place, unit_place = places[parameter.name]
+        scale = (
+            sizes[parameter.name.partition("_")[0]] if "_sensitivity_" in parameter.name and k < 21 else 1.0
+        )
+        tolerance = max(DECIMALS_ROUNDING * scale if k < 21 else 0.0, SHARE_OF_STD * (parameter.std or 0.0))
+        std = Origin(
+            f"the root of {variances[parameter.name]}" if parameter.name in variances else "$.covariance",
+            relative=STD_ROUNDING,
+        )
+        row = f"$.parameters[{k}]"
+        origins |= {
+            f"{row}.name": Origin(f"the order of the parameters with {place}"),
+            f"{row}.value": Origin(place, tolerance),
+            f"{row}.std": std,
+            f"{row}.unit": Origin(unit_place),
+        }
+        if k >= 21:
+            origins[place.removesuffix("value") + "std"] = std
+    return origins
+
+
+def _places(written: Mapping[str, Any], frame: Frame) -> dict[str, tuple[str, str]]:
+    """By name of the parameter, the path of its value and the path of its unit."""
+    places = {}
+    for sensor, key, entries in (
+        ("accel", "accelerometer", ACCEL_ENTRIES[frame]),
+        ("gyro", "gyroscope", GYRO_ENTRIES),
+    ):
+        unit = f"$.raw_units.{key}"
+        for k, axis in enumerate("xyz"):
+            places[f"{sensor}_bias_{axis}"] = (f"$.{key}.bias[{k}]", unit)
+        for entry in entries:
+            row, column = ("xyz".index(axis) for axis in entry)
+            places[f"{sensor}_sensitivity_{entry}"] = (f"$.{key}.T[{row}][{column}]", unit)
+    for k, effect in enumerate(written["effects"]):
+        numbers = [(f"parameters[{j}]", number) for j, number in enumerate(effect["parameters"])]
+        for field, number in [*numbers, *([("shape", effect["shape"])] if effect["shape"] else [])]:
+            path = f"$.effects[{k}].{field}"
+            places[f"{effect['name']}_{number['name']}"] = (f"{path}.value", f"{path}.unit")
+    return places
+
+
+def require_covariance(node: Node, parameters: Sequence[str]) -> None:
+    """Raise FormatError unless this is a covariance matrix of the parameters, with rows in their order.
+
+    node         the field `covariance`, not null
+    parameters   names of all parameters in their order
+    """
+    names, following = [item.text() for item in node.get("names").items()], iter(parameters)
+    for k, name in enumerate(names):
+        if name not in parameters:
+            raise FormatError(
+                f"{node.file}: {node.path}.names[{k}] is {name}, but $.parameters has no such parameter: "
+                f"{WAY_OUT}"
+            )
+        if name not in following:
+            raise FormatError(
+                f"{node.file}: {node.path}.names[{k}] is {name}, but $.parameters[{parameters.index(name)}] "
+                "is: "
+                "the rows of the covariance are in the order of the parameters: exchange the names again, or "
+                "calibrate again"
+            )
+    matrix = node.get("matrix").array(len(names), len(names))
+    place = f"{node.path}.matrix"
+    variance = np.diag(matrix)
+    for k in np.flatnonzero(variance < 0).tolist():
+        raise FormatError(f"{node.file}: {place}[{k}][{k}] is {variance[k]}: a variance is not negative")
+    _require_symmetric(node, place, matrix)
+    known = np.flatnonzero(variance > 0)
+    sigma = np.sqrt(variance[known])
+    correlation = matrix[np.ix_(known, known)] / sigma[:, None] / sigma
+    smallest = float(np.linalg.eigvalsh(correlation)[0]) if len(known) else 0.0
+    if smallest < -CORRELATION_ROUNDING:
+        raise FormatError(
+            f"{node.file}: {place} is no covariance matrix: its correlations have the eigenvalue "
+            f"{smallest:.3g}, "
+            f"and none may be negative: {WAY_OUT}"
+        )
+
+
+def _require_symmetric(node: Node, place: str, matrix: FloatArray) -> None:
+    """Raise FormatError for the first pair of entries that differ, or that give a correlation above 1."""
+    size, other = np.abs(matrix), np.abs(matrix).T
+    sigma = np.sqrt(np.diag(matrix))
+    sigmas = sigma[:, None] * sigma
+    differs = np.abs(matrix - matrix.T) > 1e-12 * sigmas + ROUNDING * np.maximum(size, other)
+    for i, j in np.argwhere(differs).tolist():
+        raise FormatError(
+            f"{node.file}: {place}[{i}][{j}] is {matrix[i, j]}, but {place}[{j}][{i}] is {matrix[j, i]}: a "
+            f"covariance matrix is symmetric: {WAY_OUT}"
+        )
+    for i, j in np.argwhere(size > sigmas * (1.0 + CORRELATION_ROUNDING)).tolist():
+        raise FormatError(
+            f"{node.file}: {place}[{i}][{j}] is {matrix[i, j]}, but {place}[{i}][{i}] and {place}[{j}][{j}] "
+            f"allow at most {sigmas[i, j]:.6g}: a correlation is at most 1: {WAY_OUT}"
+        )

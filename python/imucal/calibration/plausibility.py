@@ -1,0 +1,165 @@
+"""Checks of the numbers of a calibration file against its body frame and against what sensors can be."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+
+import imucal._core as _core
+from imucal.arrays import FloatArray
+from imucal.calibration.triad import Frame, Triad
+from imucal.document.json_document import Node
+from imucal.errors import FormatError
+
+__all__ = [
+    "require_accelerometer",
+    "require_gravity",
+    "require_gyroscope",
+    "require_noise",
+    "require_temperature_range",
+]
+
+AGAIN: Final = "correct it, or calibrate again"
+# Difference of two entries of a sensitivity that is explained by rounding, relative to its largest entry.
+ENTRY_ROUNDING: Final = 1e-7
+# Range of the sensitivity by raw unit, in raw units per SI unit. In SI units a factor of five is no scale
+# factor
+# error but another unit. Counts: accelerometers have 8 bits at +-30 g (0.43 per m/s^2) to 32 bits at +-1 g,
+# gyroscopes 8 bits at +-4000 deg/s (1.8 per rad/s) to 32 bits at +-10 deg/s.
+SENSITIVITY: Final[dict[tuple[str, str], tuple[float, float]]] = {
+    ("accelerometer", "m/s^2"): (0.2, 5.0),
+    ("gyroscope", "rad/s"): (0.2, 5.0),
+    ("accelerometer", "lsb"): (0.4, 3e8),
+    ("gyroscope", "lsb"): (1.5, 2e10),
+}
+# Largest bias by raw unit: 10 g, 2000 deg/s, and half the range of 34 bits, because counts may have an
+# offset.
+BIAS: Final = {"m/s^2": 98.0665, "rad/s": 34.9066, "lsb": 2.0**33}
+# Largest white noise of a unit at rest by unit: 50 mg/sqrt(Hz) and 6 deg/s/sqrt(Hz), fifty times that of the
+# noisiest MEMS sensors.
+NOISE: Final = {"mps2": 0.5, "radps": 0.1}
+NOISE_UNITS: Final = {"accel": "mps2", "gyro": "radps"}
+# Range of temperatures, degC: what MEMS sensors are specified for, with some margin.
+TEMPERATURE_DEGC: Final = (-60.0, 150.0)
+
+
+def require_accelerometer(node: Node, triad: Triad, frame: Frame, unit: str) -> None:
+    """Raise FormatError unless the triad is one of an accelerometer in this body frame."""
+    matrix, T = triad.sensitivity, node.get("T")
+    rounding = ENTRY_ROUNDING * float(np.abs(matrix).max())
+    for row, column in ((1, 0), (2, 0), (2, 1)):
+        lower, upper = float(matrix[row, column]), float(matrix[column, row])
+        places = (f"{T.path}[{row}][{column}]", f"{T.path}[{column}][{row}]")
+        if frame == "symmetric" and abs(lower - upper) > rounding:
+            raise FormatError(
+                f"{node.file}: {places[0]} is {lower}, but {places[1]} is {upper}: in the frame "
+                f"{node.path}.frame, symmetric, both are the same number: correct one of them"
+            )
+        if frame == "triangular" and abs(upper) > rounding:
+            raise FormatError(
+                f"{node.file}: {places[1]} is {upper}, but in the frame {node.path}.frame, triangular, it is "
+                f"0: {AGAIN}"
+            )
+    smallest = float(np.linalg.eigvalsh((matrix + matrix.T) / 2.0)[0] if frame == "symmetric" else 1.0)
+    if smallest <= 0.0:
+        raise FormatError(
+            f"{node.file}: {T.path} has the eigenvalue {smallest:.6g}, but in the frame {node.path}.frame, "
+            f"symmetric, all are positive: {AGAIN}"
+        )
+    _require_positive_diagonal(node, T, matrix, frame)
+    _require_range(node, triad, "accelerometer", unit)
+
+
+def require_gyroscope(node: Node, triad: Triad, unit: str) -> None:
+    """Raise FormatError unless the triad is one of a gyroscope in a right-handed body frame."""
+    determinant = float(np.linalg.det(triad.sensitivity / np.abs(triad.sensitivity).max()))
+    if determinant <= 0.0:
+        raise FormatError(
+            f"{node.file}: {node.path}.T has a negative determinant, but the body frame of the accelerometer "
+            f"is right-handed: {AGAIN}"
+        )
+    _require_range(node, triad, "gyroscope", unit)
+
+
+def _require_positive_diagonal(node: Node, T: Node, matrix: FloatArray, frame: Frame) -> None:
+    for axis in range(3):
+        if matrix[axis, axis] <= 0.0:
+            raise FormatError(
+                f"{node.file}: {T.path}[{axis}][{axis}] is {matrix[axis, axis]}, but in the frame "
+                f"{node.path}.frame, {frame}, it is positive: {AGAIN}"
+            )
+
+
+def _require_range(node: Node, triad: Triad, sensor: str, unit: str) -> None:
+    low, high = SENSITIVITY[sensor, unit]
+    sizes = np.linalg.svd(triad.sensitivity, compute_uv=False)
+    smallest, largest = float(sizes[-1]), float(sizes[0])
+    if not (low <= smallest and largest <= high):
+        si_unit = {"accelerometer": "m/s^2", "gyroscope": "rad/s"}[sensor]
+        wrong = smallest if smallest < low else largest
+        raise FormatError(
+            f"{node.file}: {node.path}.T is about {wrong:.3g} {unit} per {si_unit}, but $.raw_units.{sensor} "
+            "is "
+            f"{unit}, in which a sensor has {low:g} to {high:g}: correct the unit, or calibrate again"
+        )
+    for axis, bias in enumerate(triad.bias.tolist()):
+        if abs(bias) > BIAS[unit]:
+            raise FormatError(
+                f"{node.file}: {node.path}.bias[{axis}] is {bias} {unit}, beyond the {BIAS[unit]:.4g} {unit} "
+                "that "
+                f"a sensor can have: {AGAIN}"
+            )
+
+
+def require_gravity(node: Node) -> float:
+    """Local gravity, m/s^2; FormatError if it occurs nowhere on Earth."""
+    gravity, (low, high) = node.number(), _core.GRAVITY_ON_EARTH_MPS2
+    if not low <= gravity <= high:
+        raise FormatError(
+            f"{node.file}: {node.path} is {gravity}, but on Earth gravity is {low} to {high} m/s^2: {AGAIN}"
+        )
+    return gravity
+
+
+def require_temperature_range(node: Node) -> tuple[float, float] | None:
+    """The lowest and the highest temperature, degC; FormatError if reversed or impossible."""
+    if node.value is None:
+        return None
+    low, high = node.array(2).tolist()
+    if low > high:
+        raise FormatError(
+            f"{node.file}: {node.path}[0] is {low}, but {node.path}[1] is {high}: the lowest temperature "
+            "comes "
+            "first: exchange them"
+        )
+    for index, degc in enumerate((low, high)):
+        if not TEMPERATURE_DEGC[0] <= degc <= TEMPERATURE_DEGC[1]:
+            raise FormatError(
+                f"{node.file}: {node.path}[{index}] is {degc} degC, outside {TEMPERATURE_DEGC[0]:g} to "
+                f"{TEMPERATURE_DEGC[1]:g} degC: convert it from its unit, or calibrate again"
+            )
+    return low, high
+
+
+def require_noise(node: Node) -> dict[str, float]:
+    """The noise figures; FormatError for an unknown name, a missing axis, or noise that no sensor has."""
+    figures = {name: node.get(name).number() for name in node.mapping()}
+    for name, value in figures.items():
+        parts = re.fullmatch(r"(accel|gyro)_noise_density(_[xyz])?_(mps2|radps)_per_sqrt_hz", name)
+        if parts is None or NOISE_UNITS[parts[1]] != parts[3]:
+            raise FormatError(
+                f"{node.file}: {node.path}.{name} is no noise figure: its name is like "
+                "gyro_noise_density_x_radps_per_sqrt_hz or accel_noise_density_x_mps2_per_sqrt_hz"
+            )
+        if not 0.0 <= value <= NOISE[parts[3]]:
+            raise FormatError(
+                f"{node.file}: {node.path}.{name} is {value}, but the noise of a sensor is 0 to "
+                f"{NOISE[parts[3]]}: {AGAIN}"
+            )
+        others = [name.replace(f"{parts[2]}_", f"_{axis}_", 1) for axis in "xyz"] if parts[2] else []
+        missing = [other for other in others if other not in figures]
+        if missing:
+            raise FormatError(f"{node.file}: {node.path} has {name}, but not {missing[0]}: {AGAIN}")
+    return figures

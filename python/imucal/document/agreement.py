@@ -1,0 +1,95 @@
+"""Whether a document agrees with itself: with the document that its own fields give when written again.
+
+Documents repeat some of their contents for readers, such as a table of parameters beside the matrices. A file
+that was edited by hand in one of two places contradicts itself, and no reader can know which one is meant.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Callable, Container
+from dataclasses import dataclass
+from typing import Any, Final
+
+from imucal.document.json_document import Node
+from imucal.errors import FormatError
+
+__all__ = ["ROUNDING", "Origin", "agree", "require_agreement"]
+
+# Relative difference of two numbers that is explained by rounding, as of a file written with seven digits.
+ROUNDING: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a repeated value of a document comes from.
+
+    place      the other place in the document
+    absolute   difference of two numbers that is explained by rounding
+    relative   the same, relative to the larger number
+    """
+
+    place: str
+    absolute: float = 0.0
+    relative: float = ROUNDING
+
+
+def agree(one: float, other: float, *, absolute: float = 0.0, relative: float = ROUNDING) -> bool:
+    """Whether two numbers differ by no more than rounding."""
+    return abs(one - other) <= max(absolute, relative * max(abs(one), abs(other)))
+
+
+def require_agreement(
+    given: Node, written: Any, *, origin: Callable[[str], Origin], optional: Container[str], way_out: str
+) -> None:
+    """Raise FormatError for the first value of a document that differs from the value written again.
+
+    given     the document as it was read
+    written   the document that its fields give, as plain values
+    origin    by path, the origin of the value written again
+    optional  names of fields that older files do not have
+    way_out   what to do about a difference
+    """
+    # Fast path: nearly all parts of a document are unchanged.
+    if type(given.value) is type(written) and given.value == written:
+        return
+    if isinstance(written, dict):
+        fields = given.mapping()
+        for name in fields:
+            if name not in written:
+                close = difflib.get_close_matches(name, list(written), n=1, cutoff=0.5)
+                hint = f": is it {close[0]}?" if close else ": leave it out"
+                raise FormatError(f"{given.file}: {given.path}.{name} is an unknown field{hint}")
+        for name, value in written.items():
+            if name in fields or name not in optional:
+                require_agreement(given.get(name), value, origin=origin, optional=optional, way_out=way_out)
+    elif isinstance(written, list):
+        items = given.items()
+        if len(items) != len(written):
+            raise FormatError(
+                f"{given.file}: {given.path} has {len(items)} items, but {origin(given.path).place} gives "
+                f"{len(written)}: {way_out}"
+            )
+        for item, value in zip(items, written, strict=True):
+            require_agreement(item, value, origin=origin, optional=optional, way_out=way_out)
+    elif not _is_same(given.value, written, origin(given.path)):
+        raise FormatError(
+            f"{given.file}: {given.path} is {_shown(given.value)}, but {origin(given.path).place} gives "
+            f"{_shown(written)}: {way_out}"
+        )
+
+
+def _is_same(given: Any, written: Any, origin: Origin) -> bool:
+    if _is_number(given) and _is_number(written):
+        return agree(given, written, absolute=origin.absolute, relative=origin.relative)
+    return type(given) is type(written) and bool(given == written)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 120 else text[:117] + "..."

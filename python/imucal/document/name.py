@@ -1,0 +1,51 @@
+"""What a name may contain: that of a unit, a serial number, an operator, an effect, or a column.
+
+Names appear in tables, file names, pages, and in the YAML, XML, C and Rust of other programs. A name is one
+line of printable characters. Line separators, control characters and marks that reverse the direction of text
+could otherwise start a new line or hide part of one. Names of files cannot be chosen here, so they are shown
+escaped.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from imucal.errors import InputError
+
+__all__ = ["LONGEST_NAME", "require_name", "shown"]
+
+# Longest name, characters: one that fits on a line of a terminal and into a file name.
+LONGEST_NAME: Final = 200
+
+
+def require_name(name: object, what: str) -> str:
+    """The name; InputError, with the character that it must not contain, if it is no name."""
+    if not isinstance(name, str):
+        raise InputError(f"{what} is {name!r}: give text, {str(name)!r}")
+    if not name.strip():
+        raise InputError(f"{what} is empty: give one or more printable characters")
+    if len(name) > LONGEST_NAME:
+        raise InputError(f"{what} has {len(name)} characters: give at most {LONGEST_NAME}")
+    if not name.isprintable():
+        wrong = next(character for character in name if not character.isprintable())
+        raise InputError(
+            f"{what} is '{shown(name)}', which contains the character U+{ord(wrong):04X}: give characters "
+            "that "
+            "can be printed on one line"
+        )
+    return name
+
+
+def shown(text: str, *, keep: str = "") -> str:
+    """The text with an escape, such as that of JSON, for each character that cannot be printed.
+
+    keep   characters that are not escaped, such as a line break
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else _escape(c) for c in text)
+
+
+def _escape(character: str) -> str:
+    code = ord(character)
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
