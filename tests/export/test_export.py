@@ -557,7 +557,13 @@ def test_the_frame_of_kalibr_costs_nothing(files):
 
 def test_figures_that_are_poor_are_said(files, tmp_path, capsys):
     unit = imucal.Calibration.load(files / "cal.json")
-    poor = {**unit.calibration_set, "chi2_per_dof": 400.0}
+    poor = {
+        "chi2_per_dof": 400.0,
+        "gravity_norm_rms_mps2": 0.01,
+        "gravity_direction_rms_deg": 1.0,
+        "rests": 20,
+        "moves": 19,
+    }
     dataclasses.replace(unit, control_set=poor).save(tmp_path / "poor.json")
     said = "warning: this calibration is poor: control set: residuals are 20 times what noise explains"
     for path, is_said in ((files / "cal.json", False), (tmp_path / "poor.json", True)):
