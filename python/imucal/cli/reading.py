@@ -61,9 +61,15 @@ class Reading:
     receive_time: Annotated[
         bool, _option("--receive-time", "ROS, MCAP: use the time stamps of the bag, not of the messages.")
     ] = False
-    time_unit: Annotated[str | None, _option("--time-unit", "imu_tk: s (default), ms, us or ns.")] = None
-    accel_unit: Annotated[str | None, _option("--accel-unit", "imu_tk: lsb (default) or m/s^2.")] = None
-    gyro_unit: Annotated[str | None, _option("--gyro-unit", "imu_tk: lsb (default) or rad/s.")] = None
+    time_unit: Annotated[str | None, _option("--time-unit", "Two files without units: s, ms, us or ns.")] = (
+        None
+    )
+    accel_unit: Annotated[
+        str | None, _option("--accel-unit", "Two files without units: lsb, m/s^2, g, mg.")
+    ] = None
+    gyro_unit: Annotated[
+        str | None, _option("--gyro-unit", "Two files without units: lsb, rad/s, deg/s.")
+    ] = None
 
     def one(self, paths: Sequence[Path]) -> Recording:
         """The recording in these files."""
@@ -81,10 +87,10 @@ class Reading:
             return use(iter([self.one(paths)]))
 
     def each(self, paths: Sequence[Path]) -> list[Recording]:
-        """The recordings in these files; formats with two files per recording take them in pairs."""
+        """The recordings in these files; those with one file per sensor are taken in pairs."""
         from imucal.io import files_per_recording
 
-        size = files_per_recording(self.format)
+        size = files_per_recording(self.format, paths)
         if len(paths) % size:
             raise InputError(
                 f"{len(paths)} files given, but the format {self.format} needs {size} for each recording"

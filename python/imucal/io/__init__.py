@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from imucal.document.source import require_file
 from imucal.errors import InputError
@@ -12,6 +12,7 @@ from imucal.io.canonical import write_columns, write_parts
 from imucal.io.formats import FORMATS, Format
 from imucal.io.names import NAMES
 from imucal.io.recognition import recognise
+from imucal.io.sensor_files import are_pair
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import column_names
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording
@@ -38,24 +39,27 @@ def read(
     group: str | None = None,
     receive_time: bool | None = None,
     time_unit: str | None = None,
-    accel_unit: AccelUnit | None = None,
-    gyro_unit: GyroUnit | None = None,
+    accel_unit: AccelUnit | Literal["g", "mg"] | None = None,
+    gyro_unit: GyroUnit | Literal["deg/s", "mdeg/s"] | None = None,
 ) -> Recording:
     """Read one recording.
 
-    paths      path of one file; of two files (accelerometer, gyroscope) for imu_tk; of a folder for a ROS 2
-               bag
+    paths      path of one file; of two files, one per sensor; of a folder with such files or a ROS 2 bag; of
+               a zip archive with such files
     format     a name of `imucal.io.FORMATS`; None detects the format from the file
     columns    [columns] a canonical name for every column, `-` for a column to ignore;
-               [csv, parquet, matlab, hdf5, numpy] "canonical=name,..." if the file uses other names
-    rate_hz    [columns, csv, parquet, matlab, hdf5, numpy] sampling rate, Hz, if there is no time column
+               [csv, folder, labels, parquet, matlab, hdf5, numpy] "canonical=name,..." if the file uses other
+               names
+    rate_hz    [columns, csv, folder, labels, vectornav, parquet, matlab, hdf5, numpy] sampling rate, Hz, if
+               there is no time column
     skip_rows  [columns] number of lines to skip at the start of the file
     topic      [rosbag, mcap] topic of the messages; [ulog, dataflash] name of the message
     instance   [ulog, dataflash] number of the sensor, from 0
     group      [matlab, hdf5, numpy] group that contains the arrays
     receive_time   [rosbag, mcap] use the time stamps of the bag instead of those of the messages
-    time_unit  [imu_tk] s (default), ms, us or ns
-    accel_unit, gyro_unit  [imu_tk] "lsb" (default), or "m/s^2" and "rad/s"
+    time_unit  [imu_tk, pair, folder] s, ms, us or ns, if there is no header that gives it
+    accel_unit, gyro_unit  [imu_tk, pair, folder] "lsb" (default of imu_tk), "m/s^2" and "rad/s"; for pair and
+               folder also "g", "mg", "deg/s" and "mdeg/s", if there is no header that gives it
 
     Physical units are converted to SI, counts are unchanged. Time in ms, us or ns is counted from the first
     sample, time in s is unchanged. Empty cells become NaN. Repairs to the data are reported in the
@@ -137,6 +141,8 @@ def write_pieces(pieces: Iterable[Recording], path: str | os.PathLike[str]) -> N
     write_parts((column_names(piece) for piece in pieces), path)
 
 
-def files_per_recording(format: str | None) -> int:
-    """The number of files that one recording in this format consists of."""
+def files_per_recording(format: str | None, paths: Sequence[str | os.PathLike[str]] = ()) -> int:
+    """The number of files that one recording consists of; 2 for two files with one sensor each."""
+    if format is None and len(paths) == 2:
+        return 2 if are_pair(paths) else 1
     return FORMATS[format].files if format in FORMATS else 1

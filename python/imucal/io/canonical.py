@@ -13,10 +13,11 @@ from imucal.arrays import FloatArray
 from imucal.document.atomic import write_atomically
 from imucal.document.source import first_bytes, open_file, open_large
 from imucal.errors import FormatError, InputError
-from imucal.io.columns import mapping_of
+from imucal.io.headed import recording_of_text
+from imucal.io.mapping import mapping_of
 from imucal.io.names import is_canonical
 from imucal.io.table import ROWS_AT_ONCE, Stored, Table
-from imucal.io.text import read_headed
+from imucal.io.text import open_text
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
@@ -56,8 +57,7 @@ def read_csv(
              own names are canonical and are not given here.
     rate_hz  sampling rate, Hz, if there is no time column
     """
-    file = open_file(path)
-    return recording_from_table(chosen(read_headed(file), columns), [file.source], rate_hz)
+    return recording_of_text(open_text(open_file(path)), columns, rate_hz)
 
 
 def read_parquet(

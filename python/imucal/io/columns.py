@@ -6,13 +6,15 @@ import os
 from collections.abc import Sequence
 
 from imucal.document.source import open_file
-from imucal.errors import InputError
+from imucal.errors import FormatError, InputError
+from imucal.io.headed import require_agreement
+from imucal.io.mapping import column_list
 from imucal.io.names import NAMES, SKIP, is_canonical
-from imucal.io.text import read_headerless
+from imucal.io.text import open_text, read_rows
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
-__all__ = ["column_list", "mapping_of", "read_columns"]
+__all__ = ["read_columns"]
 
 
 def read_columns(
@@ -34,31 +36,20 @@ def read_columns(
         raise InputError(f"columns is {','.join(names)!r}, which contains no canonical name: {NAMES}")
     if skip_rows < 0:
         raise InputError(f"skip_rows is {skip_rows}: give the number of lines to skip, 0 or more")
-    file = open_file(path)
-    table = read_headerless(file, [SKIP[0] if name in SKIP else name for name in names], skip_rows)
-    return recording_from_table(table, [file.source], rate_hz)
-
-
-def column_list(columns: str | Sequence[str]) -> list[str]:
-    """The names in a comma-separated list."""
-    return [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
-
-
-def mapping_of(columns: str | Sequence[str]) -> dict[str, str] | None:
-    """{"time_s": "t"} for "time_s=t"; None for a list of names without `=`.
-
-    Raises InputError if only some names have a `=`, or a canonical name is given twice.
-    """
-    split = [name.partition("=") for name in column_list(columns)]
-    pairs = [(ours.strip(), theirs.strip()) for ours, _, theirs in split]
-    if not any(theirs for _, theirs in pairs):
-        return None
-    for ours, theirs in pairs:
-        if not ours or not theirs:
-            raise InputError(
-                f"columns contains {ours or theirs!r} without a partner: give canonical=name for all "
-                "columns, or only names"
-            )
-        if sum(ours == other for other, _ in pairs) > 1:
-            raise InputError(f"columns contains {ours} twice: give it once")
-    return dict(pairs)
+    names = [SKIP[0] if name in SKIP else name for name in names]
+    used = [index for index, name in enumerate(names) if is_canonical(name)]
+    text = open_text(open_file(path), width=len(names), used=used, skip_rows=skip_rows)
+    layout = text.layout
+    if not layout.first:
+        raise FormatError(
+            f"{text.name}: no line consists of numbers only: check that it is the right file, and a text file"
+        )
+    if len(layout.first) == len(names) + 1 and not layout.first[-1]:
+        names.append(SKIP[0])
+    if len(layout.first) != len(names):
+        raise FormatError(
+            f"{text.name}: line {layout.line} has {len(layout.first)} values but {len(names)} columns are "
+            f"named ({', '.join(names)}): name every column, '-' for a column to ignore"
+        )
+    require_agreement(text.name, layout, names, check_axes=True)
+    return recording_from_table(read_rows(text, names), text.sources, rate_hz)

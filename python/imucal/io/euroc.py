@@ -9,14 +9,14 @@ import os
 
 from imucal.document.source import open_file
 from imucal.errors import FormatError
-from imucal.io.text import read_headed
+from imucal.io.text import open_text, read_rows
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
 __all__ = ["is_euroc", "read_euroc"]
 
 CANONICAL_NAME = {
-    "#timestamp [ns]": "time_ns",
+    "timestamp [ns]": "time_ns",
     **{f"w_RS_S_{axis} [rad s^-1]": f"gyro_{axis}_radps" for axis in "xyz"},
     **{f"a_RS_S_{axis} [m s^-2]": f"accel_{axis}_mps2" for axis in "xyz"},
 }
@@ -29,13 +29,12 @@ def is_euroc(header: list[str]) -> bool:
 
 def read_euroc(path: str | os.PathLike[str]) -> Recording:
     """Read a EuRoC IMU file. Time is counted from the first sample."""
-    file = open_file(path)
-    table = read_headed(file)
-    missing = [name for name in CANONICAL_NAME if name not in table.names]
+    text = open_text(open_file(path))
+    names = text.layout.names or []
+    missing = [name for name in CANONICAL_NAME if name not in names]
     if missing:
         raise FormatError(
-            f"{file.name}: the EuRoC column '{missing[0]}' is missing; found: {', '.join(table.names)}"
+            f"{text.name}: the EuRoC column '{missing[0]}' is missing; found: {', '.join(names)}"
         )
-    return recording_from_table(
-        table.renamed([CANONICAL_NAME.get(name, name) for name in table.names]), [file.source]
-    )
+    table = read_rows(text, [CANONICAL_NAME.get(name, name) for name in names])
+    return recording_from_table(table, text.sources)

@@ -16,6 +16,8 @@ from imucal.io.matlab import read_matlab
 from imucal.io.numpy_files import read_numpy
 from imucal.io.pieces import csv_pieces, parquet_pieces
 from imucal.io.ros import read_mcap, read_rosbag
+from imucal.io.sensor_files import read_folder, read_pair
+from imucal.io.sentences import read_labels, read_vectornav
 from imucal.io.ulog import read_ulog
 from imucal.recording.recording import Recording
 
@@ -79,9 +81,9 @@ FORMATS: Final[dict[str, Format]] = {
         "CSV with a header",
         1,
         None,
-        "canonical names in the first line, or --columns with canonical=name",
-        "columns with canonical names, and other numeric columns as auxiliary inputs; --columns "
-        "canonical=name for files with other names",
+        "a header in one of the first 50 lines",
+        "columns with canonical names, and other numeric columns as auxiliary inputs; columns with other "
+        "names by --columns canonical=name, or without it if the header gives sensor, axis and unit of each",
         NAMED_UNITS,
         DATED_TIME,
         ("columns", "rate_hz"),
@@ -108,7 +110,7 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "--columns",
-        "numbers separated by comma, semicolon, tab or spaces; text lines at the start are skipped",
+        "numbers separated by tab, semicolon, comma or spaces; a header is compared with the given names",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "rate_hz", "skip_rows"),
@@ -119,12 +121,63 @@ FORMATS: Final[dict[str, Format]] = {
         "imu_tk pair",
         2,
         None,
-        "two files",
-        "two text files, accelerometer and gyroscope, with the columns time, x, y, z and equal time stamps",
+        "two files without a header",
+        "two text files, accelerometer and gyroscope, with the columns time, x, y, z; other time stamps are "
+        "resampled",
         "raw counts, or SI with --accel-unit m/s^2 and --gyro-unit rad/s",
         "the first column, in s or --time-unit",
         ("time_unit", "accel_unit", "gyro_unit"),
         "acc.mat gyro.mat",
+    ),
+    "pair": Format(
+        read_pair,
+        "one text file per sensor",
+        2,
+        None,
+        "two files with headers",
+        "two text files in any order, each with time, x, y, z of one sensor",
+        "by the headers, else --accel-unit (m/s^2, g, mg, lsb) and --gyro-unit (rad/s, deg/s, mdeg/s, lsb)",
+        f"stamps since 1970 if both have them, else the time column; {OWN_CLOCKS}",
+        ("time_unit", "accel_unit", "gyro_unit"),
+        "Accelerometer.csv Gyroscope.csv",
+    ),
+    "folder": Format(
+        read_folder,
+        "folder or zip of text files",
+        1,
+        None,
+        "a folder or zip archive with .csv or .txt files",
+        "the one text file with both sensors, or one file per sensor as for pair; other files are ignored",
+        "as for csv and pair",
+        f"as for csv and pair; {OWN_CLOCKS}",
+        ("columns", "rate_hz", "time_unit", "accel_unit", "gyro_unit"),
+        "phone.zip",
+    ),
+    "labels": Format(
+        read_labels,
+        "label:value lines",
+        1,
+        None,
+        "lines such as ax:0.01 ay:0.02 az:9.81",
+        "the labels as column names, as in csv; lines with other labels are left out, with a warning",
+        NAMED_UNITS,
+        DATED_TIME,
+        ("columns", "rate_hz"),
+        "plotter.txt --columns time_s=t,accel_x_mps2=ax,accel_y_mps2=ay,accel_z_mps2=az,"
+        "gyro_x_radps=gx,gyro_y_radps=gy,gyro_z_radps=gz",
+    ),
+    "vectornav": Format(
+        read_vectornav,
+        "VectorNav ASCII output",
+        1,
+        None,
+        "sentences $VNYMR, $VNIMU, $VNQMR or $VNMAR",
+        "accelerations, rates, and the temperature of $VNIMU; sentences with a wrong check sum are left out, "
+        "with a warning",
+        "m/s^2, rad/s and degC, by the VN-100 user manual",
+        "none in the sentences: --rate-hz",
+        ("columns", "rate_hz"),
+        "imu.txt --rate-hz 100",
     ),
     "euroc": Format(
         read_euroc,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
-from imucal.io.columns import column_list, mapping_of
+from imucal.io.mapping import column_list, mapping_of
 from imucal.io.names import AXES, NAMES, SKIP, is_canonical
 from imucal.io.table import Table
 from imucal.io.vocabulary import recording_from_table

@@ -5,10 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from imucal.document.source import Source, open_large
-from imucal.errors import FormatError
+from imucal.errors import FormatError, InputError
 from imucal.io.canonical import chosen, parquet_table, read_csv
+from imucal.io.copies import has_equal_stamps
+from imucal.io.headed import names_given
+from imucal.io.layout import Layout
+from imucal.io.names import is_canonical
 from imucal.io.table import Table, parts
 from imucal.io.text import NotInPartsError, headed_parts
 from imucal.io.vocabulary import Clock, recording_from_table
@@ -30,20 +35,36 @@ def csv_pieces(
     """
     source, clock = open_large(path), Clock()
     try:
-        for table in headed_parts(path):
-            yield _piece(chosen(table, columns), source, rate_hz, clock)
+        for table in headed_parts(path, lambda layout: _names(path, layout, columns)):
+            yield _piece(table, source, rate_hz, clock)
     except NotInPartsError:
         if clock.rows:
             raise
         yield read_csv(path, columns=columns, rate_hz=rate_hz)
 
 
+def _names(path: str | os.PathLike[str], layout: Layout, columns: str | Sequence[str] | None) -> list[str]:
+    """The names of the columns; NotInPartsError if only the whole text gives them, or the error in them."""
+    name = Path(path).name
+    if columns is None and not any(map(is_canonical, layout.names or [])):
+        raise NotInPartsError(name)
+    try:
+        names = names_given(name, layout, columns)
+    except InputError:
+        raise NotInPartsError(name) from None
+    return names
+
+
 def _piece(table: Table, source: Source, rate_hz: float | None, clock: Clock) -> Recording:
     try:
-        return recording_from_table(table, [source], rate_hz, clock)
+        piece = recording_from_table(table, [source], rate_hz, clock)
     except FormatError:
         # Reading the whole file gives an error message with the line number.
         raise NotInPartsError(table.file) from None
+    if rate_hz is None and has_equal_stamps(piece.time_s):
+        # Copies of rows are found, and counted, in the whole recording only.
+        raise NotInPartsError(table.file)
+    return piece
 
 
 def parquet_pieces(

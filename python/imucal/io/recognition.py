@@ -10,18 +10,31 @@ from typing import Any, Final
 from imucal.document.source import first_bytes, is_folder
 from imucal.errors import FormatError
 from imucal.io.canonical import PARQUET_MAGIC
-from imucal.io.columns import mapping_of
 from imucal.io.dataflash import DATAFLASH_MAGIC
 from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
+from imucal.io.layout import HEAD, is_number
+from imucal.io.mapping import mapping_of
 from imucal.io.matlab import MATLAB_MAGIC
-from imucal.io.names import NAMES, is_canonical
+from imucal.io.names import NAMES
+from imucal.io.packed import (
+    OLD_SPREADSHEET,
+    TEXT_ENDINGS,
+    ZIP,
+    kind_of_zip,
+    unpacked_start,
+)
 from imucal.io.ros import ROS1_MAGIC
-from imucal.io.suggestion import columns_suggested
-from imucal.io.text import first_fields, is_number
+from imucal.io.sentences import are_labels, are_sentences
+from imucal.io.text import head_of
 from imucal.io.ulog import ULOG_MAGIC
 
 __all__ = ["recognise"]
+
+SPREADSHEETS: Final = (".xlsx", ".xlsm", ".ods", ".numbers")
+SPREADSHEET_WAY_OUT: Final = (
+    "open it and save the sheet as CSV (File > Save As > CSV UTF-8), or choose CSV in the export"
+)
 
 # First bytes of a file, and the format that they identify.
 STARTS: Final = (
@@ -34,10 +47,8 @@ STARTS: Final = (
     (DATAFLASH_MAGIC, "dataflash"),
     (b"\x89HDF\r\n\x1a\n", "hdf5"),
     (b"\x93NUMPY", "numpy"),
-    (b"PK\x03\x04", "numpy"),
+    (ZIP, "numpy"),
 )
-# Part of a text file that is searched for its first line, bytes.
-LONGEST_HEADER = 1 << 16
 # Extensions used by one format only. They identify a file whose first bytes are damaged.
 ENDINGS: Final = {
     ".parquet": "parquet",
@@ -59,28 +70,63 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     Raises FormatError if the format cannot be determined, and the errors of `first_bytes`.
     """
     if len(paths) == 2:
-        return "imu_tk"
+        return "pair" if any(_has_header(path) for path in paths) else "imu_tk"
     path = Path(paths[0])
-    if is_folder(path) and (path / "metadata.yaml").is_file():
-        return "rosbag"
+    if is_folder(path):
+        if (path / "metadata.yaml").is_file():
+            return "rosbag"
+        if any(each.name.lower().endswith(TEXT_ENDINGS) for each in path.iterdir()):
+            return "folder"
     start = first_bytes(paths[0], max(len(magic) for magic, _ in STARTS))
+    _refuse_spreadsheet(path, start)
+    if start.startswith(ZIP) and path.suffix.lower() != ".npz":
+        return _format_of_zip(path)
     for magic, name in STARTS:
         if start.startswith(magic):
             return name
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
+    head = unpacked_start(path.name, path, HEAD)
+    if are_sentences(head):
+        return "vectornav"
+    if are_labels(head):
+        return "labels"
     if "columns" in options and mapping_of(options["columns"]) is None:
         return "columns"
-    fields = first_fields(path.name, first_bytes(path, LONGEST_HEADER))
-    if is_euroc(fields):
-        return "euroc"
-    if "columns" in options or any(is_canonical(field) for field in fields):
+    if "columns" in options:
         return "csv"
-    shown = ", ".join(fields[:12])
-    pair = len(fields) == 4 and all(map(is_number, fields))
-    hint = "It looks like one file of an imu_tk pair: add --format imu_tk for two files. " if pair else ""
+    _, layout = head_of(path)
+    if layout.names is not None:
+        return "euroc" if is_euroc(layout.names) else "csv"
+    shown = ", ".join(layout.first[:12])
+    hint = (
+        "It looks like one file of an imu_tk pair: add --format imu_tk for two files. "
+        if len(layout.first) == 4 and all(map(is_number, layout.first))
+        else ""
+    )
     raise FormatError(
         f"{path.name}: the format could not be determined; first line: {shown[:200]}. "
-        f"{hint or columns_suggested(fields)}Give the format "
-        f"({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
+        f"{hint}Give the format ({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
     )
+
+
+def _has_header(path: str | os.PathLike[str]) -> bool:
+    return head_of(path)[1].names is not None
+
+
+def _refuse_spreadsheet(path: Path, start: bytes) -> None:
+    if start.startswith(OLD_SPREADSHEET):
+        raise FormatError(f"{path.name} is a spreadsheet (Excel 97 to 2003): {SPREADSHEET_WAY_OUT}")
+
+
+def _format_of_zip(path: Path) -> str:
+    kind = "spreadsheet" if path.suffix.lower() in SPREADSHEETS else kind_of_zip(path)
+    if kind == "spreadsheet":
+        raise FormatError(
+            f"{path.name} is a spreadsheet (Excel, LibreOffice or Numbers): {SPREADSHEET_WAY_OUT}"
+        )
+    if kind == "other":
+        raise FormatError(
+            f"{path.name} is a zip archive without text files: unpack it, and give the recording"
+        )
+    return "numpy" if kind == "numpy" else "folder"

@@ -24,7 +24,7 @@ from imucal.arrays import FloatArray
 from imucal.document.source import Source
 from imucal.errors import FormatError
 from imucal.finding import Finding
-from imucal.recording.recording import Recording
+from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["Stream", "median_rate_hz", "recording_from_streams"]
 
@@ -43,7 +43,7 @@ class Stream:
 
     name              name in the file
     time_ns           (N,) integers, ns
-    values            (N, 3) m/s^2 or rad/s
+    values            (N, 3) m/s^2 or rad/s, or counts
     temperature_degc  (N,) degC, or None
     """
 
@@ -60,7 +60,14 @@ def median_rate_hz(time_ns: NDArray[np.int64]) -> float:
 
 
 def recording_from_streams(
-    file: str, accel: Stream, gyro: Stream, sources: Sequence[Source], findings: Sequence[Finding] = ()
+    file: str,
+    accel: Stream,
+    gyro: Stream,
+    sources: Sequence[Source],
+    findings: Sequence[Finding] = (),
+    *,
+    accel_unit: AccelUnit = "m/s^2",
+    gyro_unit: GyroUnit = "rad/s",
 ) -> Recording:
     """One recording of both sensors. Time is counted from its first sample.
 
@@ -72,7 +79,7 @@ def recording_from_streams(
         if not len(stream.time_ns):
             raise FormatError(f"{file}: {stream.name} contains no samples: record it, or choose another")
     if np.array_equal(accel.time_ns, gyro.time_ns):
-        return _recording(file, accel, gyro, sources, findings)
+        return _recording(file, accel, gyro, sources, findings, accel_unit, gyro_unit)
     accel, gyro = _resampleable(file, accel), _resampleable(file, gyro)
     accel_hz, gyro_hz = median_rate_hz(accel.time_ns), median_rate_hz(gyro.time_ns)
     if gyro_hz > SAME_RATE * accel_hz:
@@ -113,11 +120,17 @@ def recording_from_streams(
         way_out="to measure the noise of the sensor itself, record both sensors at the same instants",
     )
     both = (moved, kept) if clock is gyro else (kept, moved)
-    return _recording(file, *both, sources, [*findings, finding])
+    return _recording(file, *both, sources, [*findings, finding], accel_unit, gyro_unit)
 
 
 def _recording(
-    file: str, accel: Stream, gyro: Stream, sources: Sequence[Source], findings: Sequence[Finding]
+    file: str,
+    accel: Stream,
+    gyro: Stream,
+    sources: Sequence[Source],
+    findings: Sequence[Finding],
+    accel_unit: AccelUnit,
+    gyro_unit: GyroUnit,
 ) -> Recording:
     temperatures = (stream.temperature_degc for stream in (accel, gyro))
     known = (each for each in temperatures if each is not None and np.isfinite(each).any())
@@ -126,6 +139,8 @@ def _recording(
         accel.values,
         gyro.values,
         temperature_degc=next(known, None),
+        accel_unit=accel_unit,
+        gyro_unit=gyro_unit,
         name=file,
         sources=sources,
         findings=findings,

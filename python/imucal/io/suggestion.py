@@ -1,76 +1,108 @@
-"""A proposal for the option --columns, guessed from the column names of a file, as a hint in error messages.
-
-Time (ms), Acc X (g), ..., Gyr Z (deg/s)  ->  --columns 'time_ms=Time (ms),accel_x_g=Acc X (g),...'
-"""
+"""What to do about a header without canonical names: how its numbers read, and the option --columns."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.io.dates import is_date_column
+from imucal.io.header import Header, Triad, header_of
 from imucal.io.names import is_canonical
+from imucal.io.scale import Reading, accel_reading, gyro_reading, time_reading
 
-__all__ = ["columns_suggested"]
-
-TIME: Final = re.compile(r"^(t|time|times|timestamp|stamp|ts|sec|seconds|elapsed)(?![a-z])", re.IGNORECASE)
-TRIADS: Final = {
-    "accel": re.compile(r"^(a|f|acc\w*?|specific[ _]force|linear[ _]?acc\w*?)[ _.\[(-]*([xyz])(?![a-z])"),
-    "gyro": re.compile(r"^(g|w|gyr\w*?|omega|ang\w*?[ _](?:rate|vel)\w*?|rot\w*?)[ _.\[(-]*([xyz])(?![a-z])"),
-}
-# Pattern of each unit in a column name, tried in this order; the last entry is the default.
-UNITS: Final = {
-    "time": (("ns", r"\bns\b|nano"), ("us", r"\b[uµμ]s\b|micro"), ("ms", r"\bms\b|milli"), ("s", "")),
-    "accel": (
-        ("lsb", "lsb|raw|count"),
-        ("mps2", r"m/s|mps|m\.s|ms-2"),
-        ("mg", r"\bmg\b"),
-        ("g", r"\bg\b"),
-        ("mps2", ""),
-    ),
-    "gyro": (
-        ("lsb", "lsb|raw|count"),
-        # "rad" comes before "dps" because "radps" contains both.
-        ("radps", "rad"),
-        ("mdps", "mdps|mdeg"),
-        ("dps", "deg|dps|°"),
-        ("radps", ""),
-    ),
-}
+__all__ = ["columns_suggested", "suggestion"]
 
 
-def columns_suggested(names: Iterable[str]) -> str:
-    """A sentence that proposes the option --columns; empty if accelerometer and gyroscope are incomplete."""
-    guessed: dict[str, str] = {}
-    there = set()
-    for name in names:
-        role = _role(name)
-        if role is None or "," in name or "=" in name or "'" in name:
-            continue
-        what, ours = role
-        if what in there:
-            return ""
-        there.add(what)
-        if not is_canonical(name):
-            guessed[ours] = name
-    if not guessed or not {f"{triad}_{axis}" for triad in TRIADS for axis in "xyz"} <= there:
-        return ""
-    pairs = ",".join(f"{ours}={theirs}" for ours, theirs in guessed.items())
-    return f"If these are the columns and their units: --columns '{pairs}' (columns=...). "
+def suggestion(
+    header: Header,
+    cells: Mapping[str, Sequence[str]],
+    works: Callable[[str], bool],
+    numbers: Callable[[str], Any],
+) -> str:
+    """Sentences on the columns of a file that is not read by its header alone; empty if they are unknown.
+
+    cells    the first cells of each column
+    works    whether the file is read with a value of --columns
+    numbers  the first numbers of a column
+    """
+    if not (header.accel and header.gyro):
+        return _without_a_sensor(header)
+    accel, gyro = header.accel[0], header.gyro[0]
+    sentences, guessed = [], []
+    for triad, what, reading_of in ((accel, "accel", accel_reading), (gyro, "gyro", gyro_reading)):
+        values: FloatArray = np.column_stack([numbers(name) for name in triad.columns])
+        unit, sentence = _unit(triad, reading_of(values))
+        sentences += sentence
+        guessed.append((triad, what, unit))
+    time, sentence = _time(header, cells, numbers)
+    sentences += sentence
+    others = [t.columns[0] for t in (*header.accel[1:], *header.gyro[1:])]
+    if others:
+        sentences.append(f"there are further sensors ({', '.join(others)}, ...): choose one")
+    shown = f"No unit is taken for granted: {'; '.join(sentences)}. " if sentences else ""
+    missing = [what for _, what, unit in guessed if unit is None]
+    pairs = [time] if time and not is_canonical(time.partition("=")[2]) else []
+    lines = []
+    for gyro_unit in ("dps", "radps") if missing == ["gyro"] else ("",):
+        names = [
+            f"{what}_{axis}_{unit or gyro_unit}={name}"
+            for triad, what, unit in guessed
+            for axis, name in zip("xyz", triad.columns, strict=True)
+            if not is_canonical(name)
+        ]
+        columns = ",".join([*pairs, *names])
+        if "accel" not in missing and columns and works(columns):
+            lines.append(f"--columns '{columns}'" + ("" if time else " --rate-hz HZ"))
+    if not lines:
+        return shown
+    if len(lines) > 1:
+        return f"{shown}Give the one that is right: {' or '.join(lines)}. "
+    return f"{shown}If these are the columns and their units: {lines[0]} (columns=...). "
 
 
-def _role(name: str) -> tuple[str, str] | None:
-    """Quantity and canonical name guessed for a column name: ("accel_x", "accel_x_g"); None if unknown."""
-    plain = name.strip().lower()
-    if TIME.match(plain):
-        return "time", f"time_{_unit('time', plain)}"
-    for triad, pattern in TRIADS.items():
-        if (match := pattern.match(plain)) is not None:
-            what = f"{triad}_{match[2]}"
-            return what, f"{what}_{_unit(triad, plain[match.end() :])}"
-    return None
+def columns_suggested(names: Sequence[str], numbers: Callable[[str], Any]) -> str:
+    """A sentence that proposes the option --columns for these columns; empty if they are unknown.
+
+    numbers  the first numbers of a column
+    """
+    cells = {name: [str(cell) for cell in numbers(name)[:50]] for name in names}
+    return suggestion(header_of(names), cells, lambda _: True, numbers)
 
 
-def _unit(of: str, name: str) -> str:
-    spaced = name.replace("_", " ")
-    return next(unit for unit, pattern in UNITS[of] if re.search(pattern, spaced))
+def _without_a_sensor(header: Header) -> str:
+    if header.linear and not header.accel:
+        return (
+            "Its acceleration is without gravity (linear acceleration), which a calibration needs: export "
+            "the accelerometer with gravity. "
+        )
+    if header.accel or header.gyro or header.plain:
+        what = "accelerometer" if header.accel else "gyroscope" if header.gyro else "one sensor"
+        return f"It holds {what} only: give both files of the recording with --format pair. "
+    return ""
+
+
+def _unit(triad: Triad, reading: Reading) -> tuple[str | None, list[str]]:
+    if triad.unit is not None:
+        return triad.unit, []
+    return reading.likely, [reading.text]
+
+
+def _time(
+    header: Header, cells: Mapping[str, Sequence[str]], numbers: Callable[[str], Any]
+) -> tuple[str | None, list[str]]:
+    """canonical=name for the time column, or None."""
+    import pyarrow as pa
+
+    for name, unit in header.times:
+        if unit is not None:
+            return f"time_{'us' if unit == '100us' else unit}={name}", []
+        if is_date_column(pa.array([str(cell) for cell in cells[name]])) is not None:
+            return f"time_s={name}", []
+    for name, _ in header.times:
+        reading = time_reading(numbers(name))
+        if reading.likely is not None:
+            return f"time_{reading.likely}={name}", [reading.text]
+    return None, []

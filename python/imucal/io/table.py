@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
+
+from imucal.finding import Finding
 
 __all__ = ["ROWS_AT_ONCE", "Stored", "Table", "parts"]
 
@@ -27,13 +29,19 @@ class Stored:
 
 @dataclass(frozen=True)
 class Table:
-    """Named columns of one file, of equal length: either Arrow arrays or `Stored` columns."""
+    """Named columns of one file, of equal length: either Arrow arrays or `Stored` columns.
+
+    place        location of row i in the file, for messages: "line 12"
+    findings     what the reader repaired or left out
+    ticks_per_s  ticks of the time column in a second, if its canonical name cannot say so; or None
+    """
 
     file: str
     names: list[str]
     columns: list[Any]
-    # Location of row i in the file, for messages: "line 12".
     place: Callable[[int], str]
+    findings: tuple[Finding, ...] = ()
+    ticks_per_s: float | None = None
 
     def column(self, name: str) -> Any:
         """The column of this name."""
@@ -41,7 +49,7 @@ class Table:
 
     def renamed(self, names: list[str]) -> Table:
         """The columns under new names."""
-        return Table(self.file, names, self.columns, self.place)
+        return replace(self, names=names)
 
 
 def parts(columns: Sequence[Any]) -> Iterator[list[Any]]:

@@ -14,20 +14,24 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
+from imucal.io.copies import without_copies
 from imucal.io.names import AXES, SKIP, is_canonical, time_unit, triad_part
 from imucal.io.suggestion import columns_suggested
 from imucal.io.table import Table, parts
 from imucal.recording.recording import Recording
 from imucal.units import COLUMN_UNITS, TICKS_PER_S
 
-__all__ = ["Clock", "column_names", "recording_from_table"]
+__all__ = ["Clock", "column_names", "float64", "recording_from_table"]
+
+# Rows whose numbers are looked at to propose units.
+HEAD_ROWS: Final = 1500
 
 
 def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
@@ -89,7 +93,7 @@ def recording_from_table(
         if name not in used and name not in SKIP and name and _is_numeric(column)
     }
     wanted.read()
-    return Recording(
+    recording = Recording(
         time_s,
         accel,
         gyro,
@@ -100,7 +104,9 @@ def recording_from_table(
         gyro_unit="lsb" if gyro_unit == "lsb" else "rad/s",
         name=table.file,
         sources=sources,
+        findings=table.findings,
     )
+    return recording if rate_hz is not None or clock is not None else without_copies(recording)
 
 
 def _refuse_duplicates(table: Table) -> None:
@@ -131,7 +137,7 @@ class _Wanted:
         out = np.empty(self.rows) if into is None else into
 
         def take(where: slice, part: Any) -> None:
-            values = _float64(part)
+            values = float64(part)
             out[where] = values if factor == 1.0 else values * factor
 
         self._want(name, take)
@@ -155,7 +161,7 @@ class _Wanted:
                     part = part.fill_null(0)
                 values = part.to_numpy().astype(np.int64)
             else:
-                values = _float64(part)
+                values = float64(part)
                 present = np.isfinite(values)
             if clock.first is None and present.any():
                 clock.first = values[present.argmax()]
@@ -183,7 +189,7 @@ class _Wanted:
         self._takers.append(take)
 
 
-def _float64(part: Any) -> NDArray[np.float64]:
+def float64(part: Any) -> NDArray[np.float64]:
     """A numeric column, or a part of one, as float64, with empty cells as NaN."""
     # Not with Arrow's own conversion: loading its function library takes longer than reading a short file.
     return np.asarray(part.to_numpy(zero_copy_only=False), dtype=np.float64)
@@ -258,7 +264,7 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
     name = names[0]
     used.add(name)
     unit = name.removeprefix("time_")
-    of_date = _ticks_per_s(table.column(name))
+    of_date = _ticks_per_s(table.column(name)) or table.ticks_per_s
     if unit == "s" and of_date is None:
         return wanted.numbers(name)
     return wanted.since_first(name, of_date or TICKS_PER_S[unit])
@@ -273,7 +279,15 @@ def _ticks_per_s(column: Any) -> float | None:
 
 def _found(table: Table) -> str:
     """A list of the column names, with a proposal for --columns if they are not canonical."""
-    return f"found: {', '.join(table.names)}. {columns_suggested(table.names)}"
+
+    def numbers(name: str) -> NDArray[np.float64]:
+        column = table.column(name)
+        first = next(parts([column]), [None])[0]
+        if first is None or not _is_numeric(column):
+            return np.array([math.nan])
+        return float64(first[:HEAD_ROWS])
+
+    return f"found: {', '.join(table.names)}. {columns_suggested(table.names, numbers)}"
 
 
 def _is_numeric(column: Any) -> bool:

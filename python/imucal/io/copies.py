@@ -1,0 +1,72 @@
+"""Rows that a logger wrote twice: the same time stamp with the same values."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.io.remarks import remark
+from imucal.recording.recording import Recording
+
+__all__ = ["has_equal_stamps", "without_copies"]
+
+# Time stamps compared at once; they fit into the processor's cache.
+STAMPS_AT_ONCE: Final = 1 << 14
+
+
+def has_equal_stamps(time_s: FloatArray) -> bool:
+    """Whether a time stamp does not increase, so that rows may be copies."""
+    # In parts, so that memory for the steps does not grow with the recording.
+    starts = range(0, len(time_s), STAMPS_AT_ONCE)
+    return any((np.diff(time_s[at : at + STAMPS_AT_ONCE + 1]) <= 0).any() for at in starts)
+
+
+def without_copies(recording: Recording) -> Recording:
+    """The recording without rows that are exact copies of an earlier row, with a warning that counts them.
+
+    If other rows have equal time stamps with different values, nothing is left out: the stamps are then too
+    coarse for the samples, of which some are equal by chance.
+    """
+    time_s = recording.time_s
+    if not has_equal_stamps(time_s):
+        return recording
+    columns = [time_s, *recording.specific_force.T, *recording.angular_rate.T]
+    if recording.temperature_degc is not None:
+        columns.append(recording.temperature_degc)
+    if recording.stand_rad is not None:
+        columns += [*recording.stand_rad.T]
+    rows = np.column_stack(
+        [np.asarray(c, dtype=np.float64) for c in (*columns, *recording.auxiliary.values())]
+    )
+    # Compared byte by byte, so that NaN equals NaN.
+    keys = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
+    _, first = np.unique(keys, return_index=True)
+    is_first = np.zeros(len(time_s), dtype=bool)
+    is_first[first] = True
+    count = int(np.count_nonzero(~is_first))
+    if not count or len(np.unique(time_s[is_first])) < np.count_nonzero(is_first):
+        return recording
+    at = int(np.flatnonzero(~is_first)[0])
+    warning = replace(
+        remark(
+            recording.name,
+            "rows_written_twice",
+            f"{count} rows are exact copies of an earlier row (time stamp and values), the first at "
+            f"{time_s[at]:.6g} s; they were left out",
+            "check the logger, which writes rows twice",
+        ),
+        count=count,
+    )
+    return replace(
+        recording,
+        time_s=time_s[is_first],
+        specific_force=recording.specific_force[is_first],
+        angular_rate=recording.angular_rate[is_first],
+        temperature_degc=None if recording.temperature_degc is None else recording.temperature_degc[is_first],
+        stand_rad=None if recording.stand_rad is None else recording.stand_rad[is_first],
+        auxiliary={name: values[is_first] for name, values in recording.auxiliary.items()},
+        findings=(*recording.findings, warning),
+    )

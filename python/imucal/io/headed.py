@@ -1,0 +1,274 @@
+"""Text tables with a header: canonical names, names given by the caller, or names with all units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.errors import FormatError, InputError
+from imucal.finding import Finding
+from imucal.io.dates import is_date_column
+from imucal.io.header import Header, Triad, header_of
+from imucal.io.layout import Layout, split_line
+from imucal.io.mapping import mapping_of
+from imucal.io.names import NAMES, SKIP, is_canonical, time_unit, triad_part
+from imucal.io.remarks import remark
+from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g
+from imucal.io.suggestion import suggestion
+from imucal.io.table import Table
+from imucal.io.text import Text, read_rows
+from imucal.io.unit_words import split_unit
+from imucal.io.vocabulary import recording_from_table
+from imucal.recording.recording import Recording
+
+__all__ = [
+    "Head",
+    "layout_header",
+    "names_given",
+    "read_headed",
+    "recording_of_text",
+    "require_agreement",
+    "time_of",
+]
+
+# Ticks of SampleTimeFine of an MTi in a second, by the MT low-level communication protocol.
+TICKS_100US: Final = 1e4
+# Rows from which the first numbers of a file are taken.
+HEAD_ROWS: Final = 1500
+
+
+class Head:
+    """The first cells of a text table by column name."""
+
+    def __init__(self, text: Text) -> None:
+        layout = text.layout
+        lines = text.content[layout.start : layout.start + (1 << 16)].decode(errors="replace").split("\n")
+        if layout.start + (1 << 16) < len(text.content):
+            lines = lines[:-1]
+        rows = [split_line(line, layout.separator) for line in lines[:HEAD_ROWS] if line.strip()]
+        names = layout.names or [str(index) for index in range(layout.width)]
+        width = len(layout.first)
+        rows = [row for row in rows if len(row) == width]
+        self.cells = {name: [row[i] for row in rows if i < len(row)] for i, name in enumerate(names)}
+        self._decimal = layout.decimal
+
+    def numbers(self, name: str) -> Any:
+        """The first numbers of a column; NaN for cells that are none."""
+        return np.array([_number(cell, self._decimal) for cell in self.cells.get(name, [])])
+
+    def triad(self, triad: Triad) -> Any:
+        """The first samples of three columns, (N, 3)."""
+        return np.column_stack([self.numbers(name) for name in triad.columns])
+
+    def is_date(self, name: str) -> bool:
+        """Whether a column holds dates or times of day."""
+        import pyarrow as pa
+
+        return is_date_column(pa.array(self.cells.get(name, [])[:50], pa.string())) is not None
+
+
+def _number(cell: str, decimal: str) -> float:
+    try:
+        return float(cell.replace(",", ".") if decimal == "," else cell)
+    except ValueError:
+        return float("nan")
+
+
+def recording_of_text(text: Text, columns: str | Sequence[str] | None, rate_hz: float | None) -> Recording:
+    """The recording in a text table with a header; arguments as for `read_csv`."""
+    return recording_from_table(read_headed(text, columns, rate_hz), text.sources, rate_hz)
+
+
+def layout_header(layout: Layout) -> Header:
+    """The roles of the columns of a layout."""
+    return header_of(layout.names or [], layout.described, layout.preamble)
+
+
+def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float | None = None) -> Table:
+    """The table of a text with a header, under canonical names."""
+    layout = text.layout
+    if layout.names is None:
+        raise FormatError(
+            f"{text.name}: there is no header line above the first row of numbers, line {layout.line}: name "
+            "every column in its order (columns=..., --columns time_s,accel_x_g,...), '-' for a column to "
+            "ignore"
+        )
+    if columns is not None or any(map(is_canonical, layout.names)):
+        return read_rows(text, names_given(text.name, layout, columns))
+    return _by_header(text, rate_hz)
+
+
+def names_given(name: str, layout: Layout, columns: str | Sequence[str] | None) -> list[str]:
+    """The name of each column: as in the header, or as `columns` gives it, with `-` for those left out."""
+    header = layout.names or []
+    if columns is None:
+        return [column or SKIP[0] for column in header]
+    mapping = mapping_of(columns)
+    if mapping is None:
+        raise InputError(f"{name} has named columns: give canonical=name pairs, not a list of names")
+    names = [SKIP[0]] * len(header)
+    for ours, theirs in mapping.items():
+        found = [i for i, column in enumerate(header) if column == theirs]
+        found = found or [i for i, text in enumerate(layout.described) if text == theirs]
+        found = found or [i for i, column in enumerate(header) if column == theirs.lstrip("#%/ ")]
+        if not found:
+            raise InputError(f"{name}: there is no column {theirs!r}; found: {', '.join(header)}")
+        if len(found) > 1:
+            raise InputError(
+                f"{name}: {len(found)} columns are called {theirs!r}: rename them, or name every column in "
+                "its order (--columns time_s,accel_x_g,... --format columns)"
+            )
+        names[found[0]] = ours
+    require_agreement(name, layout, names, check_axes=False)
+    named = {ours.rpartition("_")[0] for ours in mapping}
+    for i, column in enumerate(header):
+        if names[i] in SKIP and is_canonical(column) and column.rpartition("_")[0] not in named:
+            names[i] = column
+    return names
+
+
+def require_agreement(name: str, layout: Layout, names: Sequence[str], *, check_axes: bool) -> None:
+    """Raises InputError if the header says another unit, sensor or axis than the given names."""
+    if layout.names is None or len(layout.names) != len(names):
+        return
+    header = layout_header(layout)
+    roles = {
+        column: (what, axis)
+        for what, triads in (("accel", header.accel), ("gyro", header.gyro))
+        for triad in triads
+        for axis, column in zip("xyz", triad.columns, strict=True)
+    }
+    for column, described, ours in zip(layout.names, layout.described, names, strict=True):
+        part, of_time = triad_part(ours), time_unit(ours)
+        _, unit = split_unit(described)
+        wrong = None
+        if part is not None and part[0] in ("accel", "gyro"):
+            if (unit is not None and unit[0] in ("accel", "gyro", "any") and unit[1] != part[2]) or (
+                unit is not None and unit[0] in ("time", "temp", "other")
+            ):
+                wrong = f"the unit {unit[1]}"
+            elif column in roles and roles[column][0] != part[0]:
+                wrong = {"accel": "an accelerometer", "gyro": "a gyroscope"}[roles[column][0]]
+            elif check_axes and column in roles and roles[column][1] != part[1]:
+                wrong = f"the axis {roles[column][1]}"
+        elif of_time is not None and unit is not None and unit[0] == "time" and unit[1] != of_time:
+            wrong = f"the unit {unit[1]}"
+        if wrong is not None:
+            raise InputError(
+                f"{name}: the header contradicts the given columns: {ours} is given for the column "
+                f"{described!r}, which says {wrong}: correct --columns, or leave the header out "
+                "(--skip-rows, with a name for every column) if it is wrong"
+            )
+
+
+def _by_header(text: Text, rate_hz: float | None) -> Table:
+    """The table of a text whose header gives sensor, axis and unit of all columns; otherwise FormatError."""
+    layout = text.layout
+    header, head = layout_header(layout), Head(text)
+    sure = _sure(header, head, rate_hz is not None)
+    if sure is None:
+        raise FormatError(_unsure(text, header, head))
+    time, ticks = sure
+    names = [SKIP[0]] * len(layout.names or [])
+    known = {name: index for index, name in reversed(list(enumerate(layout.names or [])))}
+    for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
+        for axis, name in zip("xyz", triad.columns, strict=True):
+            names[known[name]] = f"{what}_{axis}_{triad.unit}"
+    if time is not None:
+        names[known[time[0]]] = time[1]
+    if header.temperature is not None:
+        names[known[header.temperature]] = "temp_degc"
+    table = replace(read_rows(text, names), ticks_per_s=ticks)
+    return replace(table, findings=(*table.findings, _as_read(text.name, header, time)))
+
+
+def _sure(header: Header, head: Head, has_rate: bool) -> tuple[tuple[str, str] | None, float | None] | None:
+    """(name, canonical name) of the time column and its ticks, if the header leaves nothing open."""
+    if len(header.accel) != 1 or len(header.gyro) != 1:
+        return None
+    accel, gyro = header.accel[0], header.gyro[0]
+    if accel.unit is None or gyro.unit is None:
+        return None
+    gravity = gravity_g(head.triad(accel), accel.unit)
+    # The data speak against what the header says, for example acceleration without gravity.
+    if np.isfinite(gravity) and not NO_GRAVITY_G < gravity < 1 / NO_GRAVITY_G:
+        return None
+    if has_rate:
+        return None, None
+    time = time_of(header, head)
+    return None if time is None else time
+
+
+def time_of(header: Header, head: Head) -> tuple[tuple[str, str], float | None] | None:
+    """(name, canonical name) of the time column, and its ticks per second if that name cannot say them.
+
+    Stamps since 1970 come before a time since the start, because two files have only those in common.
+    """
+    for name, _ in header.times:
+        unit = epoch_unit(head.numbers(name))
+        if unit is not None:
+            return (name, f"time_{unit}"), None
+    for name, unit in header.times:
+        if unit == "100us":
+            return (name, "time_us"), TICKS_100US
+        if unit is not None and not head.is_date(name):
+            return (name, f"time_{unit}"), None
+    for name, _ in header.times:
+        if head.is_date(name):
+            return (name, "time_s"), None
+    return None
+
+
+def _as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
+    shown = [] if time is None else [f"{time[1]}={time[0]}"]
+    for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
+        shown += [f"{what}_{a}_{triad.unit}={n}" for a, n in zip("xyz", triad.columns, strict=True)]
+    by = (
+        f" (units of {header.program})"
+        if "header" not in (header.accel[0].source, header.gyro[0].source)
+        else ""
+    )
+    return remark(
+        file,
+        "read_by_header",
+        f"columns and units were read from the header{by}: {', '.join(shown)}",
+        "if this is wrong, give the right ones with --columns",
+    )
+
+
+def _unsure(text: Text, header: Header, head: Head) -> str:
+    """The message about a header that leaves something open."""
+    layout = text.layout
+
+    def works(columns: str) -> bool:
+        short = Text(text.name, text.content[: layout.start] + _whole_rows(text), layout, text.sources)
+        has_time = any(map(str.strip, (c for c in columns.split(",") if c.startswith("time_"))))
+        try:
+            recording_of_text(short, columns, None if has_time else 100.0)
+        except (FormatError, InputError):
+            return False
+        return True
+
+    if header.accel and (unit := header.accel[0].unit) is not None:
+        gravity = gravity_g(head.triad(header.accel[0]), unit)
+        if np.isfinite(gravity) and not NO_GRAVITY_G < gravity < 1 / NO_GRAVITY_G:
+            return (
+                f"{text.name}: the header says {unit} for {header.accel[0].columns[0]}, ..., but the median "
+                f"magnitude then is {gravity:.3g} g ({accel_reading(head.triad(header.accel[0])).text}): "
+                "export the accelerometer with gravity, or correct the unit in the header"
+            )
+    shown = ", ".join(layout.names or [])
+    return (
+        f"{text.name}: the format could not be determined; first line: {shown[:200]}. "
+        f"{suggestion(header, head.cells, works, head.numbers)}Name the columns (columns=..., --columns): "
+        f"{NAMES}"
+    )
+
+
+def _whole_rows(text: Text) -> bytes:
+    start = text.layout.start
+    part = text.content[start : start + (1 << 15)]
+    return part if start + len(part) == len(text.content) else part[: part.rfind(b"\n") + 1]

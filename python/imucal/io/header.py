@@ -1,0 +1,295 @@
+"""What the columns of a text file are, by their names.
+
+Roles are taken from the words of a name, units only from a unit that is written in the header, or from the
+documented export of a program that is recognised by its header.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
+
+from imucal.io.unit_words import split_unit
+
+__all__ = ["Header", "Triad", "header_of"]
+
+ACCEL: Final = {
+    *("a", "ac", "acc", "accel", "accl", "accelerometer", "acceleration", "accelerometers", "accels", "af"),
+    *("specific", "gf", "gforce", "acce", "accs", "accelero", "totalacceleration"),
+}
+GYRO: Final = {
+    *(
+        "g",
+        "gy",
+        "gyr",
+        "gyro",
+        "gyros",
+        "gyroscope",
+        "w",
+        "omega",
+        "angular",
+        "rotation",
+        "rate",
+        "ang",
+        "rot",
+    ),
+    *("angvel", "angrate", "turnrate"),
+}
+# Words of columns that are neither the accelerometer with gravity nor the gyroscope.
+OTHER: Final = {
+    *(
+        "user",
+        "free",
+        "gravity",
+        "grav",
+        "mag",
+        "magn",
+        "magnet",
+        "magnetic",
+        "magnetometer",
+        "quat",
+        "euler",
+    ),
+    *("quaternion", "roll", "pitch", "yaw", "orientation", "position", "pos", "std", "var", "cov"),
+    *("covariance", "bias", "offset", "absolute", "abs", "norm", "delta", "earth", "world", "nav", "global"),
+    *("status", "flag", "velocity", "inc", "dq", "dv", "angle", "temperature", "temp", "setpoint", "debug"),
+    *(
+        "axisp",
+        "axisi",
+        "axisd",
+        "axisf",
+        "motor",
+        "uncorrected",
+        "north",
+        "east",
+        "down",
+        "attitude",
+        "dgyro",
+    ),
+}
+LINEAR: Final = {"linear", "lin", "linearacceleration", "linacc", "linaccel"}
+TIME: Final = re.compile(
+    r"^(t|time|times|timestamp|timestamps|stamp|ts|sec|secs|seconds|elapsed|epoch|unix|millis|micros|clock|"
+    r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|yyyy|uptime|"
+    r"packettime|systime|timeus|timems|loggingtime|ms|us|ns)$"
+)
+# Words of a second time column, less suitable than the others.
+NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
+WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%")
+# Names in one piece: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
+JOINED: Final = re.compile(
+    r"^(?:(a|acc|accel|ac|f|gf|g|gy|gyr|gyro|w|omega)([xyz])|([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
+)
+
+
+@dataclass(frozen=True)
+class Triad:
+    """Three columns of one sensor.
+
+    columns  names in the file, in the order x, y, z
+    unit     ending of the canonical names (mps2, g, mg, lsb; radps, dps, mdps), or None if nobody gives it
+    source   what gives the unit: "header", or the program that writes such files
+    """
+
+    columns: tuple[str, str, str]
+    unit: str | None
+    source: str = "header"
+
+
+@dataclass(frozen=True)
+class Header:
+    """The columns of a text file by role.
+
+    accel, gyro  the triads, the more likely one first
+    linear       triads of acceleration without gravity
+    plain        triads whose names are only x, y, z, with the sensor of their unit, or ""
+    times        name, unit or None, and unit source of the time columns
+    temperature  name of a column in degC, or None
+    program      the program or app that writes such files, or None
+    """
+
+    accel: list[Triad] = field(default_factory=list)
+    gyro: list[Triad] = field(default_factory=list)
+    linear: list[Triad] = field(default_factory=list)
+    plain: list[tuple[Triad, str]] = field(default_factory=list)
+    times: list[tuple[str, str | None]] = field(default_factory=list)
+    temperature: str | None = None
+    program: str | None = None
+
+
+@dataclass(frozen=True)
+class _Program:
+    """A program whose files are recognised by their header, and the units that its manual gives."""
+
+    name: str
+    accel: str
+    gyro: str
+    # Unit of the time columns whose names do not give it.
+    times: dict[str, str]
+
+
+# (quantity, rest of the name): {axis: (name, unit)}.
+_Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
+
+
+def header_of(
+    names: Sequence[str], described: Sequence[str] | None = None, preamble: Sequence[str] = ()
+) -> Header:
+    """The roles of the columns.
+
+    described  the names, each with the unit of a line of units
+    preamble   lines before the header
+    """
+    described = names if described is None else described
+    program = _program(names, preamble)
+    groups: _Groups = {}
+    times: list[tuple[str, str | None]] = []
+    temperature = None
+    for name, text in zip(names, described, strict=True):
+        bare, unit = split_unit(text)
+        words = [word.lower() for word in WORD.findall(re.sub(r"_CAL$|_cal$", "", bare))]
+        if _is_time(words, unit):
+            known = unit[1] if unit and unit[0] == "time" else _time_in_words(words)
+            if known is None and program is not None:
+                known = program.times.get(name.strip().lower())
+            times.append((name, known))
+            continue
+        if unit == ("temp", "degc") and temperature is None:
+            temperature = name
+            continue
+        role = _role(words, bare, unit)
+        if role is not None:
+            what, axis, key = role
+            groups.setdefault((what, key), {}).setdefault(axis, (name, unit[1] if unit else None))
+    header = Header(times=times, temperature=temperature, program=program.name if program else None)
+    if not any(what == "gyro" and len(found) == 3 for (what, _), found in groups.items()):
+        _index_axes(names, described, groups)
+    for (what, _), found in groups.items():
+        if len(found) != 3:
+            continue
+        units = {found[axis][1] for axis in "xyz"}
+        unit_name = units.pop() if len(units) == 1 else None
+        columns = (found["x"][0], found["y"][0], found["z"][0])
+        of = {"plain-accel": "accel", "plain-gyro": "gyro"}.get(what, what)
+        source = "header"
+        if unit_name is None and program is not None and of in ("accel", "gyro"):
+            unit_name, source = (program.accel if of == "accel" else program.gyro), program.name
+        triad = Triad(columns, unit_name or None, source)
+        if what.startswith("plain"):
+            header.plain.append((triad, what.partition("-")[2]))
+        else:
+            {"accel": header.accel, "gyro": header.gyro, "linear": header.linear}[what].append(triad)
+    if program is not None and program.name == "ROS" and not header.accel:
+        # linear_acceleration of sensor_msgs/Imu includes gravity.
+        header.accel.extend(Triad(t.columns, t.unit or program.accel, program.name) for t in header.linear)
+        header.linear.clear()
+    return header
+
+
+def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
+    """The quantity, the axis, and the rest of the name, which is equal for the axes of one sensor."""
+    of = unit[0] if unit else ""
+    if of in ("time", "temp", "angle", "other"):
+        return None
+    joined = JOINED.match(
+        re.sub(r"^[^a-z]+|[^a-z]+$", "", bare.lower().rpartition(".")[2].rpartition("/")[2])
+    )
+    if joined:
+        word, axis = (joined[1], joined[2]) if joined[1] else (joined[4], joined[3])
+        rest = bare.lower().replace(joined[0], "")
+        words = [word, *(w.lower() for w in WORD.findall(rest))]
+    else:
+        axes = [word[0] for word in words if re.fullmatch(r"[xyz](out|axis)?(l|h)?", word)]
+        if len(axes) != 1:
+            return None
+        axis = axes[0]
+        words = [word for word in words if not re.fullmatch(r"[xyz](out|axis)?(l|h)?", word)]
+    key = " ".join(words)
+    if "velocity" in words and "angular" in words:
+        words = [word for word in words if word != "velocity"]
+    if any(word in OTHER for word in words):
+        return None
+    if any(word in LINEAR for word in words):
+        return ("linear", axis, key) if of != "gyro" else None
+    if of == "accel" and words and words[-1] in ("g", "f"):
+        return "accel", axis, key
+    is_gyro = any(word in GYRO for word in words) and not any(word in ACCEL and word != "a" for word in words)
+    is_accel = any(word in ACCEL for word in words) or (words[:1] == ["f"])
+    if is_gyro and of != "accel":
+        return "gyro", axis, key
+    if is_accel and of != "gyro":
+        return "accel", axis, key
+    if all(word in ("axis", "value", "values", "data", "raw", "sensor") for word in words):
+        return (f"plain-{of}" if of in ("accel", "gyro") else "plain"), axis, key
+    return None
+
+
+def _index_axes(
+    names: Sequence[str],
+    described: Sequence[str],
+    groups: dict[tuple[str, str], dict[str, tuple[str, str | None]]],
+) -> None:
+    """Add sensors whose axes are numbered: gyroADC[0], gyroADC[1], gyroADC[2]."""
+    for name, text in zip(names, described, strict=True):
+        match = re.search(r"^\s*(\w+)\[([012])\]", text)
+        if match is None:
+            continue
+        _, unit = split_unit(text.replace(match[0], match[1]))
+        stem = match[1].lower()
+        what = (
+            "gyro"
+            if stem in ("gyroadc", "gyro")
+            else "accel"
+            if stem in ("accsmooth", "acc", "accadc")
+            else None
+        )
+        if what is not None:
+            axis = "xyz"[int(match[2])]
+            groups.setdefault((what, stem), {}).setdefault(axis, (name, unit[1] if unit else None))
+
+
+def _is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
+    if not words or (unit is not None and unit[0] != "time"):
+        return False
+    return any(TIME.match(word) for word in words) and not any(
+        word in NOT_TIME or word in OTHER or word in ACCEL or word in GYRO for word in words
+    )
+
+
+def _time_in_words(words: list[str]) -> str | None:
+    for unit, spelled in (
+        ("s", ("sec", "secs", "seconds")),
+        ("ms", ("ms", "millis", "milliseconds", "timems")),
+        ("us", ("us", "micros", "microseconds", "timeus")),
+        ("ns", ("ns", "nanos", "nanoseconds")),
+    ):
+        if any(word in spelled for word in words):
+            return unit
+    return None
+
+
+def _program(names: Sequence[str], preamble: Sequence[str]) -> _Program | None:
+    """The program whose export this is, if its header alone tells it."""
+    low = {name.strip().lower() for name in names}
+    text = "\n".join(preamble).lower()
+    if {"acc_x", "gyr_x"} <= low and ("sampletimefine" in low or "packetcounter" in low):
+        # Movella DOT writes deg/s and microseconds, MT Manager rad/s and 100 us, under the same names.
+        if "devicetag" in text or "outputrate" in text or "xsens dot" in text or "movella dot" in text:
+            return _Program("Movella DOT", "mps2", "dps", {"sampletimefine": "us"})
+        if "mt manager" in text or "general information" in text or "mtmanager" in text:
+            return _Program("Xsens MT Manager", "mps2", "radps", {"sampletimefine": "100us"})
+        return None
+    if "seconds_elapsed" in low and {"x", "y", "z"} <= low:
+        return _Program("Sensor Logger", "", "radps", {"time": "ns"})
+    if {"gfx", "gfy", "gfz"} <= low and "time" in low:
+        return _Program("Physics Toolbox", "g", "radps", {"time": "s"})
+    is_ros = any("angular_velocity" in name for name in low) and any(
+        "linear_acceleration" in name for name in low
+    )
+    if is_ros:
+        return _Program("ROS", "mps2", "radps", {})
+    if "actigraph" in text:
+        return _Program("ActiGraph", "g", "dps", {})
+    return None

@@ -1,0 +1,287 @@
+"""The layout of a text table, found in the start of the file.
+
+The header may stand in any of the first lines: after comments (`#`, `%`, `//`), a `sep=` line and free text.
+A second line with the unit of each column may follow it. Rows of data are told from text by their numbers.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from imucal.errors import FormatError
+from imucal.io.names import is_canonical
+from imucal.io.unit_words import unit_of
+
+__all__ = ["HEAD", "Layout", "is_number", "is_value", "layout_of", "plain_text", "split_line"]
+
+# Size of the start of a file in which header and first row are searched, bytes.
+HEAD: Final = 1 << 16
+# Lines before the first row that may hold the header.
+HEADER_LINES: Final = 50
+# Lines at the end of the head from which separator and number of columns are determined.
+SAMPLE_LINES: Final = 60
+NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
+DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+# Something that starts like a date or a time of day; `imucal.io.dates` reads it.
+DATE: Final = re.compile(
+    r"(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|\w{3,9}\.? \d{1,2}, \d{4})", re.ASCII
+)
+COMMENT: Final = re.compile(r"^\s*(#|%|//)+\s*")
+SEPARATORS: Final = ("\t", ";", ",", " ")
+# Old spreadsheet programs end lines with a carriage return only.
+BOMS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the parts of a text table are.
+
+    names      column names, or None without a header
+    units      text of a line with the unit of each column, or None
+    preamble   lines before the header
+    separator  between fields; " " stands for any number of spaces
+    decimal    decimal point, "." or ","
+    start      offset of the first row, bytes
+    line       number of the line at `start`, from 1
+    width      number of fields of a row
+    first      fields of the first row; empty without rows
+    """
+
+    names: list[str] | None
+    units: list[str] | None
+    preamble: list[str]
+    separator: str
+    decimal: str
+    start: int
+    line: int
+    width: int
+    first: list[str]
+
+    @property
+    def described(self) -> list[str]:
+        """The column names, each with the unit of the line of units."""
+        names = self.names or []
+        if self.units is None:
+            return list(names)
+        return [
+            f"{name} [{unit.strip('()[]{}')}]" if unit else name
+            for name, unit in zip(names, self.units, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class _Line:
+    number: int
+    offset: int
+    text: str
+
+
+def plain_text(name: str, content: bytes) -> bytes:
+    """The text as UTF-8 with line feeds; not copied if it is so already. Raises FormatError if binary."""
+    for mark, encoding in BOMS:
+        if content.startswith(mark):
+            try:
+                return content[: len(content) // 2 * 2].decode(encoding).encode()
+            except UnicodeDecodeError:
+                raise FormatError(f"{name} is no valid UTF-16 text: export it again as UTF-8") from None
+    start = content[:4096]
+    if b"\0" in start:
+        # UTF-16 without a mark: every second byte of Latin text is zero.
+        for zeros, encoding in ((start[1::2], "utf-16-le"), (start[0::2], "utf-16-be")):
+            if zeros and zeros.count(0) == len(zeros) and len(zeros) > 20:
+                return content[: len(content) // 2 * 2].decode(encoding, "replace").encode()
+        raise FormatError(f"{name} is a binary file, not text: give the recording as CSV or Parquet")
+    if b"\r" in content[:HEAD] and b"\n" not in content[: 16 * HEAD] and b"\n" not in content:
+        content = content.replace(b"\r", b"\n")
+    return content
+
+
+def layout_of(
+    name: str, text: bytes, *, width: int | None = None, used: Sequence[int] = (), skip_rows: int = 0
+) -> Layout:
+    """The layout of a text, of which the start suffices.
+
+    width      number of columns, if it is known
+    used       the columns that must hold numbers or dates, if they are known
+    skip_rows  lines at the start in which no row is searched
+
+    Raises FormatError if the text contains only blank lines.
+    """
+    lines = list(_lines(text))
+    if not lines:
+        raise FormatError(f"{name} contains only blank lines: a header line and rows are needed")
+    sought = [line for line in lines if line.number > skip_rows]
+    separator = _separator(sought, lines[:3], width)
+    decimal = _decimal(sought, separator)
+    at = _first_row(sought, separator, decimal, width, used)
+    if at is None:
+        return _without_rows(lines, text)
+    row = sought[at]
+    first = split_line(row.text, separator)
+    head = _header([line for line in lines if line.number < row.number], separator, first)
+    names, units, preamble = head
+    return Layout(
+        names, units, preamble, separator, decimal, row.offset, row.number, len(names or first), first
+    )
+
+
+def _without_rows(lines: list[_Line], text: bytes) -> Layout:
+    """The layout of a text without rows of numbers: the first line with canonical names is the header."""
+    header = next((line for line in lines if any(map(is_canonical, _fields(line.text)))), lines[0])
+    names = _fields(header.text)
+    separator = next((mark for mark in SEPARATORS if mark in header.text), ",")
+    after = next((line for line in lines if line.number > header.number), None)
+    start, number = (len(text), header.number + 1) if after is None else (after.offset, after.number)
+    return Layout(names, None, [], separator, ".", start, number, len(names), [])
+
+
+def _lines(text: bytes) -> Iterator[_Line]:
+    """The lines of the head that are not blank, without a last one that the head cuts."""
+    head, offset = text[:HEAD], 0
+    if head.startswith(b"\xef\xbb\xbf"):
+        offset = 3
+    is_cut = len(text) > len(head) or len(head) == HEAD
+    pieces = head[offset:].split(b"\n")
+    for number, piece in enumerate(pieces, start=1):
+        if piece.strip() and not (is_cut and number == len(pieces) and number > 1):
+            yield _Line(number, offset, _decoded(piece).strip("\r\n"))
+        offset += len(piece) + 1
+
+
+def _decoded(piece: bytes) -> str:
+    try:
+        return piece.decode()
+    except UnicodeDecodeError:
+        return piece.decode("cp1252", "replace")
+
+
+def split_line(text: str, separator: str) -> list[str]:
+    """The fields of a line, without quotes and spaces around them."""
+    text = text.strip(" \r\n") if separator == "\t" else text.strip()
+    if separator == " ":
+        return [field.strip('"') for field in text.split()]
+    if '"' in text:
+        return [
+            field.strip() for field in next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+        ]
+    return [field.strip() for field in text.split(separator)]
+
+
+def _fields(text: str) -> list[str]:
+    text = COMMENT.sub("", text)
+    separator = next((mark for mark in SEPARATORS if mark in text), ",")
+    return split_line(text, separator)
+
+
+def is_number(field: str) -> bool:
+    """Whether a field is a number with a decimal point."""
+    return NUMBER.fullmatch(field) is not None
+
+
+def is_value(field: str, decimal: str = ".") -> bool:
+    """Whether a field is a number or begins like a date."""
+    if decimal == "," and DECIMAL_COMMA.fullmatch(field):
+        return True
+    return NUMBER.fullmatch(field) is not None or DATE.match(field) is not None
+
+
+def _separator(lines: list[_Line], first: list[_Line], width: int | None) -> str:
+    """The separator that splits the last lines of the head into most numbers; a tab before all others."""
+    sample = lines[-SAMPLE_LINES:]
+    best, most = ",", 0
+    for mark in SEPARATORS:
+        count = 0
+        for line in sample:
+            if mark != " " and mark not in line.text:
+                continue
+            fields = split_line(line.text, mark)
+            if width is not None and len(fields) not in (width, width + 1):
+                continue
+            decimal = "." if mark == "," and '"' not in line.text else ","
+            count += sum(is_value(field, decimal) for field in fields)
+        if count > most:
+            best, most = mark, count
+    if not most:
+        text = " ".join(line.text for line in first)
+        return next((mark for mark in SEPARATORS if mark in text), ",")
+    return best
+
+
+def _decimal(lines: list[_Line], separator: str) -> str:
+    if separator == "," and not any('"' in line.text for line in lines[-SAMPLE_LINES:]):
+        return "."
+    for line in lines[-SAMPLE_LINES:]:
+        if "," in line.text and any(DECIMAL_COMMA.fullmatch(f) for f in split_line(line.text, separator)):
+            return ","
+    return "."
+
+
+def _first_row(
+    lines: list[_Line], separator: str, decimal: str, width: int | None, used: Sequence[int]
+) -> int | None:
+    """The index of the first row: the first line with numbers and the usual number of fields."""
+    split = [split_line(line.text, separator) for line in lines]
+
+    def is_row(fields: list[str]) -> bool:
+        if used and len(fields) == width:
+            return all(is_value(fields[column], decimal) or not fields[column] for column in used) and any(
+                fields[column] for column in used
+            )
+        filled = [field for field in fields if field]
+        numbers = sum(is_value(field, decimal) for field in filled)
+        return numbers > 0 and 2 * numbers >= len(filled)
+
+    rows = [index for index, fields in enumerate(split) if is_row(fields)]
+    if not rows:
+        return None
+    usual, _ = Counter(len(split[index]) for index in rows[-SAMPLE_LINES:]).most_common(1)[0]
+    if width is not None and any(len(split[index]) == width for index in rows):
+        usual = width
+    return next(index for index in rows if len(split[index]) == usual)
+
+
+def _header(
+    above: list[_Line], separator: str, first: list[str]
+) -> tuple[list[str] | None, list[str] | None, list[str]]:
+    """Names, units, and the lines before them, from the lines above the first row."""
+    above = above[-HEADER_LINES:]
+    for index in range(len(above) - 1, -1, -1):
+        names = _names(above[index].text, separator, first)
+        if names is None:
+            continue
+        units = None
+        if index and _are_units(names):
+            upper = _names(above[index - 1].text, separator, first)
+            if upper is not None:
+                names, units, index = upper, names, index - 1
+        return names, units, [line.text for line in above[:index]]
+    return None, None, [line.text for line in above]
+
+
+def _names(text: str, separator: str, first: list[str]) -> list[str] | None:
+    """The fields of a line if it can be the header of a row with the fields `first`."""
+    text = COMMENT.sub("", text)
+    for mark in (separator, *(mark for mark in SEPARATORS if mark != separator)):
+        if mark not in text:
+            continue
+        fields = split_line(text, mark)
+        canonical = any(map(is_canonical, fields))
+        width = len(first)
+        while len(fields) > width and not fields[-1]:
+            fields.pop()
+        if len(fields) == width - 1 and not first[-1]:
+            # Each row ends with a separator.
+            fields.append("")
+        named = sum(bool(field) and not is_value(field) for field in fields)
+        if (len(fields) == width and 2 * named > width) or (canonical and mark != " "):
+            return fields
+    return None
+
+
+def _are_units(fields: list[str]) -> bool:
+    return sum(unit_of(field) is not None for field in fields) >= 2 and not any(map(is_canonical, fields))

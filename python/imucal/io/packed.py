@@ -1,0 +1,109 @@
+"""Compressed text files (gzip), and what is in a zip archive."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import os
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Final
+
+from imucal.document.source import first_bytes
+from imucal.errors import FormatError
+
+__all__ = ["GZIP", "OLD_SPREADSHEET", "ZIP", "Archive", "kind_of_zip", "unpacked", "unpacked_start"]
+
+GZIP: Final = b"\x1f\x8b"
+ZIP: Final = b"PK\x03\x04"
+# First bytes of a compound file, the format of .xls and .doc.
+OLD_SPREADSHEET: Final = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+# Limits of the size of decompressed data, against files made to fill the memory: ratio, and bytes.
+LARGEST_RATIO, ALWAYS_ALLOWED = 40, 200_000_000
+TEXT_ENDINGS: Final = (".csv", ".txt", ".tsv", ".dat", ".log", ".asc")
+
+
+def unpacked(name: str, content: bytes) -> bytes:
+    """The content of a file, decompressed if it is a gzip file."""
+    if not content.startswith(GZIP):
+        return content
+    limit = max(LARGEST_RATIO * len(content), ALWAYS_ALLOWED)
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
+            text = file.read(limit + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FormatError(f"{name} cannot be decompressed ({error}): copy or compress it again") from None
+    if len(text) > limit:
+        raise FormatError(
+            f"{name} is more than {LARGEST_RATIO} times larger decompressed: decompress it first"
+        )
+    return text
+
+
+def unpacked_start(name: str, path: str | os.PathLike[str], count: int) -> bytes:
+    """The first bytes of a file, decompressed if it is a gzip file."""
+    start = first_bytes(path, count)
+    if not start.startswith(GZIP):
+        return start
+    try:
+        return zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(start, count)
+    except zlib.error as error:
+        raise FormatError(f"{name} cannot be decompressed ({error}): copy or compress it again") from None
+
+
+class Archive:
+    """The text files in a zip archive."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.name = Path(path).name
+        try:
+            with zipfile.ZipFile(path) as archive:
+                self.members = [info.filename for info in archive.infolist() if not info.is_dir()]
+        except (OSError, zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+            raise FormatError(
+                f"{self.name} is a damaged zip archive ({error}): copy or export it again"
+            ) from None
+        self._path = path
+
+    def texts(self) -> list[str]:
+        """The names of the text files, without those that describe the archive."""
+        return [
+            name
+            for name in self.members
+            if name.lower().endswith(TEXT_ENDINGS) and "__MACOSX" not in name and "meta/" not in name.lower()
+        ]
+
+    def read(self, member: str, count: int = -1) -> bytes:
+        """The content of a file, or its start."""
+        try:
+            with zipfile.ZipFile(self._path) as archive, archive.open(member) as file:
+                size = archive.getinfo(member)
+                limit = max(LARGEST_RATIO * size.compress_size, ALWAYS_ALLOWED)
+                content = file.read(limit + 1 if count < 0 else count)
+        except (
+            OSError,
+            zipfile.BadZipFile,
+            NotImplementedError,
+            RuntimeError,
+            zlib.error,
+            EOFError,
+        ) as error:
+            raise FormatError(
+                f"{self.name}: {member} cannot be read ({error}): unpack the archive, and give the file"
+            ) from None
+        if len(content) > limit:
+            raise FormatError(f"{self.name}: {member} is too large decompressed: unpack the archive first")
+        return content
+
+
+def kind_of_zip(path: str | os.PathLike[str]) -> str:
+    """What a zip archive is: "numpy", "spreadsheet", "texts" or "other"."""
+    members = Archive(path).members
+    if members and all(name.endswith(".npy") for name in members):
+        return "numpy"
+    if any(name.startswith(("xl/", "Index/")) for name in members) or "content.xml" in members:
+        return "spreadsheet"
+    if any(name.lower().endswith(TEXT_ENDINGS) for name in members):
+        return "texts"
+    return "other"

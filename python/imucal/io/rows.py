@@ -1,0 +1,287 @@
+"""Rows of a text table that Arrow does not read: lines of text, incomplete lines, and rows without values.
+
+Such lines are left out with a warning that counts them, unless they are too many: then the text is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from imucal.errors import FormatError
+from imucal.finding import Finding
+from imucal.io.dates import FORMS, is_date_column, nanoseconds
+from imucal.io.layout import DATE, Layout, is_number, is_value, split_line
+from imucal.io.names import SKIP, is_canonical, time_unit
+from imucal.io.remarks import remark
+from imucal.io.table import Table
+
+__all__ = ["LastLine", "cleaned_columns", "without_blank_rows"]
+
+# Largest share of rows with a part that is no number, for example garbled by a serial line, that is left out.
+MOST_GARBLED: Final = 0.01
+# Largest ratio of text lines to rows.
+MOST_TEXT: Final = 1.0
+# Block size that makes Arrow infer column types from the whole file, bytes; Arrow's maximum.
+LARGEST_BLOCK: Final = 2**31 - 1
+# Rows before the last one whose last field shows with how many digits it is written.
+COMPARED_ROWS: Final = 20
+# Regular expression of a number, for RE2; {point} is the decimal point.
+NUMBER: Final = r"^\s*[-+]?(\d+{point}?\d*|{point}\d+)([eE][-+]?\d+)?\s*$|^\s*[-+]?(?i:nan|inf|infinity)\s*$"
+COMMENTS: Final = ("#", "%", "//")
+
+
+class LastLine:
+    """The last line of a text, which is left out if it is incomplete.
+
+    A line without a line end is incomplete if it has too few fields, or if its last field has fewer decimals
+    than that of all rows before it.
+    """
+
+    def __init__(self, content: bytes, layout: Layout) -> None:
+        self.end = len(content)
+        self.cut = ""
+        if content.endswith(b"\n") or not layout.first:
+            return
+        start = content.rfind(b"\n") + 1
+        if start <= layout.start:
+            return
+        line = content[start:].decode(errors="replace")
+        before = content[max(layout.start, start - (1 << 14)) : start].split(b"\n")[1:-1][-COMPARED_ROWS:]
+        if line.strip() and _is_cut(line, [row.decode(errors="replace") for row in before], layout):
+            self.end, self.cut = start, line.strip()
+
+    def findings(self, file: str) -> tuple[Finding, ...]:
+        """A warning if the last line was left out."""
+        return (_warning(file, [f"an incomplete last line ({self.cut[:40]!r})"], 1),) if self.cut else ()
+
+
+def _is_cut(line: str, before: Sequence[str], layout: Layout) -> bool:
+    fields = split_line(line, layout.separator)
+    rows = [split_line(row, layout.separator) for row in before if row.strip()]
+    if not rows or any(len(row) != len(rows[0]) for row in rows):
+        return False
+    if len(fields) < len(rows[0]):
+        return any(is_value(field, layout.decimal) for field in fields)
+    if len(fields) > len(rows[0]):
+        return False
+    if not fields[-1] or not is_value(fields[-1], layout.decimal):
+        return all(is_value(row[-1], layout.decimal) for row in rows)
+    decimals = {len(row[-1].rpartition(layout.decimal)[2]) for row in rows if layout.decimal in row[-1]}
+    return (
+        len(rows) >= COMPARED_ROWS // 2
+        and len(decimals) == 1
+        and all(layout.decimal in row[-1] for row in rows)
+        and len(fields[-1].rpartition(layout.decimal)[2]) < decimals.pop()
+    )
+
+
+def without_blank_rows(table: Table) -> Table:
+    """The table without rows that have no value at all, such as `,,,,,,`, with a warning."""
+    import pyarrow as pa
+
+    if not table.columns or not all(column.null_count for column in table.columns):
+        return table
+    rows = pa.table(list(table.columns), names=[str(i) for i in range(len(table.columns))])
+    kept = _filled(rows)
+    count = rows.num_rows - (kept.to_numpy(zero_copy_only=False).sum() if len(kept) else 0)
+    if not count:
+        return table
+    warning = _warning(table.file, [f"{count} rows without values"], int(count))
+    return replace(table, columns=rows.filter(kept).columns, findings=(*table.findings, warning))
+
+
+def _filled(rows: Any) -> Any:
+    """Whether a row has any value."""
+    from pyarrow import compute
+
+    filled = rows.column(0).is_valid()
+    for column in rows.columns[1:]:
+        filled = compute.or_(filled, column.is_valid())
+    return filled
+
+
+@dataclass
+class _LeftOut:
+    """Lines with a wrong number of fields: (row from 0 among all, text, whether it is text)."""
+
+    lines: list[tuple[int, str, bool]]
+    width: int
+
+    def note(self, row: Any) -> str:
+        fields = [field.strip() for field in (row.text or "").replace(";", ",").replace("\t", ",").split(",")]
+        text = (row.text or "").strip()
+        numbers = sum(is_number(field) or DATE.match(field) is not None for field in fields)
+        is_text = text.startswith(COMMENTS) or 2 * numbers < len(fields)
+        self.lines.append((row.number - 1, text, is_text))
+        return "skip"
+
+
+def cleaned_columns(
+    file: str, buffer: Any, layout: Layout, names: list[str], place: Callable[[int], str], last: LastLine
+) -> Table:
+    """The table of a text with lines that are no rows, which are left out with a warning.
+
+    Raises FormatError with the place of the first such line if there are too many.
+    """
+    import numpy as np
+    import pyarrow as pa
+    from pyarrow import csv
+
+    used = [index for index, name in enumerate(names) if name not in SKIP]
+    left = _LeftOut([], len(names))
+    try:
+        rows = csv.read_csv(
+            pa.BufferReader(buffer),
+            # With one thread, Arrow gives the number of a row.
+            csv.ReadOptions(
+                column_names=[str(index) for index in range(len(names))],
+                block_size=min(max(buffer.size, 1), LARGEST_BLOCK),
+                use_threads=False,
+            ),
+            csv.ParseOptions(delimiter=layout.separator, invalid_row_handler=left.note),
+            csv.ConvertOptions(
+                include_columns=[str(index) for index in used],
+                column_types={str(index): pa.string() for index in used if is_canonical(names[index])},
+                strings_can_be_null=True,
+                check_utf8=False,
+                decimal_point=layout.decimal,
+            ),
+        )
+    except pa.ArrowException as error:
+        reason = str(error).splitlines()[0]
+        raise FormatError(f"{file} cannot be read as a table of numbers: {reason}") from None
+    numbers = [row for row, _, _ in left.lines]
+
+    def place_of(row: int) -> str:
+        """The place of a row of the table, among the rows that Arrow skipped."""
+        at = row
+        for skipped in numbers:
+            at += skipped <= at
+        return place(at)
+
+    columns, bad = [], {}
+    for index, column in zip(used, rows.columns, strict=True):
+        name = names[index]
+        if is_canonical(name):
+            column, bad[name] = _numbers(name, column, layout.decimal)
+        columns.append(column)
+    filled = [(~column.is_null().to_numpy()) for column in rows.columns]
+    in_rows = np.array(list(bad.values())) if bad else np.zeros((0, rows.num_rows), bool)
+    count_bad = in_rows.sum(axis=0) if len(in_rows) else np.zeros(rows.num_rows, int)
+    given = np.array([filled[i] for i, index in enumerate(used) if is_canonical(names[index])])
+    is_text = (count_bad > 0) & (2 * count_bad > given.sum(axis=0))
+    is_garbled = (count_bad > 0) & ~is_text
+    is_blank = ~np.any(filled, axis=0)
+    kept = ~(is_text | is_garbled | is_blank)
+    _refuse_too_many(file, names, rows, used, bad, kept, is_text, is_garbled, left, place_of, place, layout)
+    parts = []
+    text_lines = [text for _, text, of_text in left.lines if of_text]
+    short = [text for _, text, of_text in left.lines if not of_text]
+    if text_lines or is_text.any():
+        first = text_lines[0] if text_lines else _row_text(rows, int(is_text.argmax()))
+        parts.append(f"{len(text_lines) + int(is_text.sum())} lines of text (the first: {first[:40]!r})")
+    if short:
+        parts.append(f"{len(short)} lines with too few or too many values (the first: {short[0][:40]!r})")
+    if is_garbled.any():
+        at = int(is_garbled.argmax())
+        parts.append(f"{int(is_garbled.sum())} lines with text among the numbers (the first: {place_of(at)})")
+    if is_blank.any():
+        parts.append(f"{int(is_blank.sum())} rows without values")
+    if last.cut:
+        parts.append(f"an incomplete last line ({last.cut[:40]!r})")
+    out = len(left.lines) + int((~kept).sum()) + bool(last.cut)
+    findings = (_warning(file, parts, out),) if parts else ()
+    table = pa.table(columns, names=[str(index) for index in used]).filter(pa.array(kept))
+    return Table(file, [names[index] for index in used], table.columns, place_of, findings)
+
+
+def _numbers(name: str, column: Any, decimal: str) -> tuple[Any, Any]:
+    """A column of text as numbers, or as it is if it holds dates; and which of its cells are neither."""
+    import numpy as np
+    import pyarrow as pa
+    from pyarrow import compute
+
+    pattern = NUMBER.replace("{point}", "[.,]" if decimal == "," else r"\.")
+    good = compute.fill_null(compute.match_substring_regex(column, pattern), True)
+    bad = ~good.to_numpy()
+    if time_unit(name) is not None and 2 * bad.sum() > len(bad):
+        is_date = is_date_column(column)
+        if is_date is not None:
+            dates = compute.if_else(is_date, column, pa.scalar(None, column.type))
+            ns = nanoseconds(dates)
+            if ns is not None:
+                stamps = pa.array(ns, pa.int64(), mask=dates.is_null().to_numpy()).view(pa.timestamp("ns"))
+                return pa.chunked_array([stamps]), ~compute.fill_null(is_date, True).to_numpy()
+    text = compute.if_else(good, column, pa.scalar(None, column.type))
+    text = compute.utf8_trim_whitespace(text)
+    text = compute.replace_substring_regex(text, r"^\+", "")
+    if decimal == ",":
+        text = compute.replace_substring(text, ",", ".")
+    is_whole = not compute.any(compute.match_substring_regex(text, r"[.eEnN]")).as_py()
+    try:
+        return compute.cast(text, pa.int64() if is_whole else pa.float64()), bad
+    except pa.ArrowException:
+        values = [float(cell) if cell else np.nan for cell in text.to_pylist()]
+        return pa.chunked_array([pa.array(values, pa.float64())]), bad
+
+
+def _refuse_too_many(
+    file: str,
+    names: list[str],
+    rows: Any,
+    used: list[int],
+    bad: dict[str, Any],
+    kept: Any,
+    is_text: Any,
+    is_garbled: Any,
+    left: _LeftOut,
+    place_of: Callable[[int], str],
+    place: Callable[[int], str],
+    layout: Layout,
+) -> None:
+    """Raises FormatError if more lines would be left out than a logger's messages or a bad line explain."""
+    good = int(kept.sum())
+    short = [line for line in left.lines if not line[2]]
+    text_lines = int(is_text.sum()) + len(left.lines) - len(short)
+    if len(short) > MOST_GARBLED * good:
+        row, text, _ = short[0]
+        actual = len(split_line(text, layout.separator))
+        hint = ""
+        if layout.separator == "," and actual >= 2 * left.width - 1:
+            hint = " (if commas are decimal points here, export it with another separator)"
+        raise FormatError(
+            f"{file}: {place(row)} has {actual} values, {left.width} are needed{hint}: complete or remove it"
+        )
+    too_much_text = text_lines > MOST_TEXT * good
+    if too_much_text or int(is_garbled.sum()) > MOST_GARBLED * good:
+        which = is_text | is_garbled if too_much_text else is_garbled
+        if not which.any():
+            row, text, _ = next(line for line in left.lines if line[2])
+            raise FormatError(
+                f"{file}: {text_lines} lines of text among {good} rows of numbers, the first is {place(row)} "
+                f"{text[:40]!r}: check that it is the right file, or remove them"
+            )
+        row = int(which.argmax())
+        name = next(name for name, cells in bad.items() if cells[row])
+        cell = rows.column(str(next(i for i in used if names[i] == name)))[row].as_py()
+        forms = f" (dates are read in forms such as {FORMS})" if time_unit(name) is not None else ""
+        raise FormatError(
+            f"{file}: {place_of(row)}, column {name}: {str(cell)[:40]!r} is not a number{forms}: "
+            "correct it or leave the cell empty"
+        )
+
+
+def _row_text(rows: Any, row: int) -> str:
+    return " ".join(str(cell) for column in rows.columns if (cell := column[row].as_py()) is not None)
+
+
+def _warning(file: str, parts: Sequence[str], count: int) -> Finding:
+    left = remark(
+        file,
+        "lines_left_out",
+        f"left out: {', '.join(parts)}",
+        "check that no samples are lost there, or remove these lines from the file",
+    )
+    return replace(left, count=count)

@@ -1,0 +1,176 @@
+"""How the first numbers of a file would read in each unit, for a header that gives none.
+
+An accelerometer that includes gravity has a median magnitude of 1 g. A gyroscope's unit shows in the size of
+its counts (131 per deg/s, say) and in its noise, which is 0.01 to 0.3 deg/s per sample for MEMS sensors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.units import COLUMN_UNITS, DEGREE_RAD, STANDARD_GRAVITY_MPS2, TICKS_PER_S
+
+__all__ = ["Reading", "accel_reading", "epoch_unit", "gravity_g", "gyro_reading", "time_reading"]
+
+# Range of the median magnitude of an accelerometer, g, that counts as gravity, although it moves at times.
+GRAVITY_G: Final = (0.7, 1.4)
+# Largest median magnitude, g, of acceleration without gravity.
+NO_GRAVITY_G: Final = 0.3
+# Counts per deg/s in datasheets: MPU-60x0, ICM and BMI series (powers of two of 16.4), LSM6 and L3G (mdps per
+# count, inverted), BNO055 (16).
+COUNTS_PER_DPS: Final = (
+    *(16.4, 32.8, 65.6, 65.5, 131.0, 131.072, 262.4, 16.384, 32.768, 65.536, 262.144, 16.0, 14.375),
+    *(1000 / 4.375, 1000 / 8.75, 1000 / 17.5, 1000 / 35.0, 1000 / 70.0),
+)
+# Noise per sample of a MEMS gyroscope, rad/s: the usual size, and the factor from which on a unit that gives
+# another noise is unlikely; rad/s and deg/s differ by 57.
+USUAL_NOISE_RADPS: Final = 0.05 * DEGREE_RAD
+UNLIKELY_FACTOR: Final = 12.0
+# Largest rate that MEMS gyroscopes measure, rad/s.
+LARGEST_RATE_RADPS: Final = 4100 * DEGREE_RAD
+# Sampling rates of inertial sensors, Hz.
+RATES_HZ: Final = (5.0, 40_000.0)
+# Samples of a block whose differences show the noise.
+BLOCK: Final = 20
+# Epoch stamps, s since 1970: 2001 to 2100.
+EPOCH_S: Final = (1.0e9, 4.2e9)
+UNIT_TEXT: Final = {
+    **{"mps2": "m/s^2", "g": "g", "mg": "mg", "lsb": "counts"},
+    **{"radps": "rad/s", "dps": "deg/s", "mdps": "mdeg/s"},
+}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the numbers of a sensor would be in each unit.
+
+    likely  ending of the canonical names of the likely unit, or None
+    text    the sentence that shows it
+    """
+
+    likely: str | None
+    text: str
+
+
+def gravity_g(values: FloatArray, unit: str) -> float:
+    """The median magnitude of the accelerometer, g; NaN for counts."""
+    if unit == "lsb" or not len(values):
+        return math.nan
+    return float(
+        np.nanmedian(np.linalg.norm(values, axis=1)) * COLUMN_UNITS["accel"][unit] / STANDARD_GRAVITY_MPS2
+    )
+
+
+def accel_reading(values: FloatArray) -> Reading:
+    """The reading of an accelerometer's first samples, (N, 3)."""
+    size = float(np.nanmedian(np.linalg.norm(values, axis=1))) if len(values) else math.nan
+    shown = ", ".join(f"{gravity_g(values, unit):.3g} g as {UNIT_TEXT[unit]}" for unit in ("mps2", "g", "mg"))
+    text = f"accelerometer: median magnitude {size:.4g}, which is {shown}"
+    low, high = GRAVITY_G
+    likely = next((unit for unit in ("mps2", "g", "mg") if low < gravity_g(values, unit) < high), None)
+    is_whole = bool(len(values)) and _is_whole(values)
+    if likely == "mg" and is_whole and not 900 < size < 1100:
+        likely = None
+    if likely is None and is_whole and size > 50:
+        likely, text = "lsb", f"{text}; whole numbers, so probably counts ({size:.0f} per g)"
+    elif likely is None and size * 1.0 < NO_GRAVITY_G * STANDARD_GRAVITY_MPS2:
+        text += "; it seems not to include gravity, which a calibration needs"
+    return Reading(likely, text)
+
+
+def gyro_reading(values: FloatArray) -> Reading:
+    """The reading of a gyroscope's first samples, (N, 3)."""
+    noise, largest = _noise(values), float(np.nanmax(np.abs(values), initial=0.0))
+    text = (
+        f"gyroscope: noise per sample {noise:.2g}, which is {noise:.2g} deg/s as deg/s, "
+        f"{noise / DEGREE_RAD:.2g} deg/s as rad/s"
+    )
+    if len(values) and _is_whole(values) and largest > 5:
+        return Reading("lsb", f"gyroscope: whole numbers up to {largest:.0f}, so probably counts")
+    for unit, factor in (("dps", 1.0), ("radps", 1 / DEGREE_RAD), ("mdps", 1e-3)):
+        counts = _counts_per_dps(values * factor)
+        if counts is not None:
+            return Reading(unit, f"{text}; its steps are {counts:.4g} counts per deg/s as {UNIT_TEXT[unit]}")
+    if largest > LARGEST_RATE_RADPS:
+        return Reading(
+            "dps" if largest < 6000 else "mdps", f"{text}; rates up to {largest:.4g} exclude rad/s"
+        )
+    if noise > 0:
+        as_radps, as_dps = (abs(math.log(noise * factor / USUAL_NOISE_RADPS)) for factor in (1.0, DEGREE_RAD))
+        if as_radps > math.log(UNLIKELY_FACTOR) > as_dps:
+            return Reading("dps", text)
+        if as_dps > math.log(UNLIKELY_FACTOR) > as_radps:
+            return Reading("radps", text)
+    return Reading(None, f"{text}: the data do not tell which")
+
+
+def time_reading(values: Any) -> Reading:
+    """The reading of a time column without a unit, from its step."""
+    unit = epoch_unit(values)
+    if unit is not None:
+        return Reading(unit, f"time: stamps since 1970 in {unit}")
+    steps = np.diff(np.asarray(values, dtype=np.float64))
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else math.nan
+    rates = {unit: ticks / step for unit, ticks in TICKS_PER_S.items()}
+    fitting = [unit for unit, rate in rates.items() if RATES_HZ[0] <= rate <= RATES_HZ[1]]
+    shown = ", ".join(f"{rates[unit]:.4g} Hz as {unit}" for unit in ("s", "ms", "us"))
+    # A step below one that reads as s is a fraction, which counters in ms or us do not have.
+    is_whole = bool(len(steps)) and _is_whole(np.asarray(values, dtype=np.float64))
+    fitting = [unit for unit in fitting if (unit == "s") != is_whole or len(fitting) == 1]
+    return Reading(fitting[0] if fitting else None, f"time: steps of {step:.4g}, {shown}")
+
+
+def epoch_unit(values: Any) -> str | None:
+    """The unit of time stamps that can only count from 1970; None for others."""
+    finite = np.asarray(values, dtype=np.float64)
+    finite = finite[np.isfinite(finite)]
+    if not len(finite):
+        return None
+    for unit, ticks in TICKS_PER_S.items():
+        if EPOCH_S[0] <= finite[0] / ticks <= EPOCH_S[1] and (unit != "s" or not _is_whole(finite)):
+            # 1e9 us is also a quarter of an hour of uptime, so whole stamps in s are not taken for an epoch.
+            return unit if unit != "ns" or finite[0] > 1e18 else None
+    return None
+
+
+def _is_whole(values: FloatArray) -> bool:
+    finite = values[np.isfinite(values)]
+    return bool(len(finite)) and bool((finite == np.round(finite)).all())
+
+
+def _noise(values: FloatArray) -> float:
+    """Standard deviation of the noise per sample, from the quietest tenth of short blocks."""
+    steps = np.diff(values, axis=0)
+    steps = steps[np.isfinite(steps).all(axis=1)]
+    if len(steps) < 2:
+        return 0.0
+    blocks = [
+        steps[at : at + BLOCK].std() / math.sqrt(2) for at in range(0, max(len(steps) - BLOCK, 1), BLOCK)
+    ]
+    return float(np.quantile(blocks, 0.1))
+
+
+def _counts_per_dps(values_dps: FloatArray) -> float | None:
+    """The counts per deg/s of a known sensor of which all values are whole multiples, or None."""
+    finite = values_dps[np.isfinite(values_dps)]
+    distinct = np.unique(np.abs(finite[finite != 0]))
+    if len(distinct) < 4:
+        return None
+    # Values that are short decimals anyway, such as 0.25, fit scales of 16 and 100 by their printing.
+    if np.allclose(distinct * 100, np.round(distinct * 100), atol=1e-9):
+        return None
+    smallest = float(distinct[0])
+    for counts in COUNTS_PER_DPS:
+        multiples = distinct * counts
+        if (
+            smallest * counts > 0.5
+            and (np.abs(multiples - np.round(multiples)) < 0.02).all()
+            and distinct[-1] * counts < 33000
+        ):
+            return counts
+    return None

@@ -1,0 +1,196 @@
+"""Lines that name their values: `ax:0.01 ay:0.02` of the Arduino plotter, and sentences of VectorNav."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from imucal.document.source import open_file
+from imucal.errors import FormatError, InputError
+from imucal.finding import Finding
+from imucal.io.headed import recording_of_text
+from imucal.io.layout import plain_text
+from imucal.io.mapping import mapping_of
+from imucal.io.packed import unpacked
+from imucal.io.remarks import remark
+from imucal.io.table import Table
+from imucal.io.text import open_text
+from imucal.io.vocabulary import recording_from_table
+from imucal.recording.recording import Recording
+
+__all__ = ["are_labels", "are_sentences", "read_labels", "read_vectornav"]
+
+# A label and its number: `ax:0.01`, `ax = 0.01`, `"ax": 0.01`.
+PAIR: Final = re.compile(
+    r"[\"']?([A-Za-z_][\w ]*?(?:\[\w+\])?)[\"']?\s*[:=]\s*"
+    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:])"
+)
+# Fields of the sentences, by the VN-100 user manual (registers 27, 54): yaw, pitch, roll, then vectors.
+_ACCEL: Final = [f"accel_{axis}_mps2" for axis in "xyz"]
+_GYRO: Final = [f"gyro_{axis}_radps" for axis in "xyz"]
+SENTENCES: Final = {
+    "VNYMR": ["-"] * 6 + _ACCEL + _GYRO,
+    "VNIMU": ["-"] * 3 + _ACCEL + _GYRO + ["temp_degc", "-"],
+    "VNQMR": ["-"] * 7 + _ACCEL + _GYRO,
+    "VNMAR": ["-"] * 3 + _ACCEL + _GYRO,
+}
+SENTENCE: Final = re.compile(
+    rb"^(.*?)\$(VN(?:YMR|IMU|QMR|MAR)),([^*\r\n$]*)\*?([0-9A-Fa-fXx]*)[ \t\r]*$", re.MULTILINE
+)
+# Largest share of sentences with a wrong check sum.
+MOST_WRONG: Final = 0.1
+
+
+def are_labels(start: bytes) -> bool:
+    """Whether most lines of a text consist of labels with numbers, at least three."""
+    lines = [line for line in start.decode(errors="replace").splitlines()[1:41] if line.strip()]
+    labelled = [
+        line for line in lines if len(PAIR.findall(line)) >= 3 and not PAIR.sub("", line).strip(" \t,;|{}&")
+    ]
+    return len(lines) > 2 and 2 * len(labelled) > len(lines)
+
+
+def are_sentences(start: bytes) -> bool:
+    """Whether a text contains sentences of VectorNav with accelerations and rates."""
+    return re.search(rb"\$VN(YMR|IMU|QMR|MAR),", start) is not None
+
+
+def read_labels(
+    path: str | os.PathLike[str], *, columns: str | Sequence[str] | None = None, rate_hz: float | None = None
+) -> Recording:
+    """Read lines of `label:value`; the labels are the column names. Other arguments as for `read_csv`."""
+    file = open_file(path)
+    lines = plain_text(file.name, unpacked(file.name, file.content)).decode(errors="replace").splitlines()
+    found = [PAIR.findall(line) for line in lines]
+    labels = Counter(tuple(label.strip() for label, _ in pairs) for pairs in found if len(pairs) >= 3)
+    if not labels:
+        raise FormatError(
+            f"{file.name}: no line consists of label:value pairs: check that it is the right file"
+        )
+    names = labels.most_common(1)[0][0]
+    rows, left = [",".join(names)], 0
+    for line, pairs in zip(lines, found, strict=True):
+        if tuple(label.strip() for label, _ in pairs) == names:
+            rows.append(",".join(number for _, number in pairs))
+        elif line.strip():
+            left += 1
+    if left > len(rows):
+        raise FormatError(
+            f"{file.name}: {left} of {len(lines)} lines have other labels: export one kind of line"
+        )
+    text = open_text(replace(file, content="\n".join([*rows, ""]).encode()))
+    recording = recording_of_text(text, columns, rate_hz)
+    return _with(recording, [_left_out(file.name, left, "lines without these labels")] if left else [])
+
+
+def read_vectornav(
+    path: str | os.PathLike[str], *, columns: str | Sequence[str] | None = None, rate_hz: float | None = None
+) -> Recording:
+    """Read the sentences $VNYMR, $VNIMU, $VNQMR and $VNMAR of VectorNav; they contain no time.
+
+    columns  a name for every field, the name of the sentence first, instead of those of the manual
+    """
+    file = open_file(path)
+    content = plain_text(file.name, unpacked(file.name, file.content))
+    found = SENTENCE.findall(content)
+    kinds = Counter(kind for _, kind, _, _ in found)
+    if not kinds:
+        raise FormatError(
+            f"{file.name}: there is no sentence $VNYMR or $VNIMU: check that it is the right file"
+        )
+    kind = kinds.most_common(1)[0][0]
+    sentences = [(kind + b"," + body, given) for _, of, body, given in found if of == kind]
+    good = [(body, given) for body, given in sentences if _is_valid(body, given)]
+    findings = []
+    placeholders = len({given for _, given in sentences}) == 1 and len({body for body, _ in sentences}) > 1
+    if placeholders and 2 * len(good) < len(sentences):
+        findings.append(
+            remark(
+                file.name,
+                "checksums_missing",
+                f"all sentences have the check sum {sentences[0][1].decode() or '(none)'}, which is a "
+                "placeholder, so garbled sentences cannot be found",
+                "record with check sums",
+            )
+        )
+        good = sentences
+    wrong = len(sentences) - len(good)
+    if wrong > max(MOST_WRONG * len(sentences), 1):
+        raise FormatError(
+            f"{file.name}: {wrong} of {len(sentences)} sentences have a wrong check sum: it is "
+            "altered, or the line lost bytes: record again at a higher baud rate or a lower output rate"
+        )
+    names = SENTENCES[kind.decode()] if columns is None else _given(file.name, columns)
+    rows = [body.partition(b",")[2].split(b",") for body, _ in good]
+    full = [row for row in rows if len(row) == len(names)]
+    if not full:
+        raise FormatError(
+            f"{file.name}: the sentences have {len(rows[0])} fields, {len(names)} are named: name every field"
+        )
+    other = (
+        len([line for line in content.split(b"\n") if line.strip()]) - len(sentences) + len(rows) - len(full)
+    )
+    if wrong:
+        findings.append(_left_out(file.name, wrong, "sentences with a wrong check sum"))
+    if other:
+        findings.append(_left_out(file.name, other, "other lines"))
+    table = _table(file.name, names, full)
+    return _with(recording_from_table(table, [file.source], rate_hz), findings)
+
+
+def _given(file: str, columns: str | Sequence[str]) -> list[str]:
+    if mapping_of(columns) is not None:
+        raise InputError(f"{file} has no column names: give a name for every field, '-' to ignore it")
+    names = [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
+    return names[1:]
+
+
+def _is_valid(body: bytes, given: bytes) -> bool:
+    """Whether a sentence has its check sum: the 8-bit exclusive or, or CRC-16-CCITT."""
+    if len(given) == 2 and given.upper() != b"XX":
+        total = 0
+        for byte in body:
+            total ^= byte
+        return total == int(given, 16) if given.isalnum() and _is_hex(given) else False
+    if len(given) == 4 and _is_hex(given):
+        import binascii
+
+        return binascii.crc_hqx(body, 0) == int(given, 16)
+    return False
+
+
+def _is_hex(text: bytes) -> bool:
+    return all(byte in b"0123456789abcdefABCDEF" for byte in text)
+
+
+def _table(file: str, names: list[str], rows: Sequence[Sequence[bytes]]) -> Table:
+    import pyarrow as pa
+
+    used = [index for index, name in enumerate(names) if name != "-"]
+    columns: list[Any] = []
+    for index in used:
+        try:
+            columns.append(pa.chunked_array([pa.array([float(row[index]) for row in rows])]))
+        except ValueError:
+            raise FormatError(
+                f"{file}: field {index + 1} of a sentence is not a number: record again"
+            ) from None
+    return Table(file, [names[index] for index in used], columns, lambda row: f"sentence {row + 1}")
+
+
+def _left_out(file: str, count: int, what: str) -> Finding:
+    warning = remark(
+        file,
+        "lines_left_out",
+        f"left out: {count} {what}",
+        "check that no samples are lost there, or remove these lines from the file",
+    )
+    return replace(warning, count=count)
+
+
+def _with(recording: Recording, findings: Sequence[Finding]) -> Recording:
+    return replace(recording, findings=(*recording.findings, *findings))
