@@ -8,6 +8,7 @@
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
+#   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
@@ -167,7 +168,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy gap-benchmark plan stand first-steps docs-figures docs-pictures
+.PHONY: demo bench accuracy gap-benchmark plan traps stand first-steps docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -198,6 +199,10 @@ first-steps: $(VENV)/.installed
 plan: $(VENV)/.installed
 	$(call say,Plans)
 	PYTHONPATH=benches $(PY) -m plan
+
+traps: $(VENV)/.installed
+	$(call say,Traps)
+	PYTHONPATH=benches:tests/traps $(PY) benches/traps.py
 
 stand: $(VENV)/.installed
 	$(call say,Units on the line)

@@ -220,6 +220,18 @@ REFUSED = {
     ),
     "half the sample rate": refused(time(lambda t: t * 2), "gyro_units", "the sample rate"),
     "wrong sample rate": refused(time(lambda t: t * 1.5), "gyro_units", "the sample rate"),
+    "samples written twice, time made anew": refused(
+        rows_with_new_time(
+            lambda n: np.sort(np.r_[np.arange(n), np.random.default_rng(0).choice(n, n // 5, replace=False)])
+        ),
+        "samples_duplicated",
+        "they are additional rows.*drop the repeated rows",
+    ),
+    "single samples lost, time made anew": refused(
+        rows_with_new_time(lambda n: np.setdiff1d(np.arange(n), np.arange(70, n, 101))),
+        "samples_missing",
+        "jumps by two time steps",
+    ),
     # Range
     "gyroscope cut off": refused(
         rate(lambda w: np.clip(w, -2, 2)), "gyro_saturation", "extreme value 2.00000 rad/s"
@@ -420,9 +432,6 @@ def at_2_hz():
 
 POOR = {
     "samples lost, time made anew": rows_with_new_time(without(*((a + 45, a + 55) for a, _ in MOVES))),
-    "samples written twice, time made anew": rows_with_new_time(
-        lambda n: np.sort(np.r_[np.arange(n), np.random.default_rng(0).choice(n, n // 5, replace=False)])
-    ),
     "gyroscope cut off before its filter": rate(
         lambda w: noise(0.003)(np.clip(w, -3, 3) * [1.01, 0.98, 1.02])
     ),

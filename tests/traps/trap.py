@@ -16,7 +16,7 @@ from typing import Any, Literal
 import imucal
 from imucal.cli import main
 
-# Largest accepted error of a parameter in a usable result, in its stated standard deviations. With 21 parameters
+# Largest accepted error of a parameter in a usable result, in its stated standard deviations. With 21 parameters,
 # noise alone exceeds it once in 80,000 calibrations.
 WITHIN_SIGMAS = 5.0
 

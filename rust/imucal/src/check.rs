@@ -9,6 +9,7 @@
 
 mod bursts;
 mod clock;
+mod continuity;
 #[cfg(test)]
 mod example;
 mod gains;
@@ -66,7 +67,10 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     let mut findings = values::check_finite(recording, &survey.not_finite);
     findings.extend(clock::check(recording, &survey.steps));
     findings.extend(stuck::check(recording, &survey.runs));
-    findings.extend(repeats::check(recording, &survey.repeats));
+    let discontinuous = continuity::check(recording, &survey.repeats);
+    let counts_repeats = discontinuous.as_ref().is_some_and(|finding| finding.code == "samples_duplicated");
+    findings.extend(repeats::check(recording, &survey.repeats).filter(|_| !counts_repeats));
+    findings.extend(discontinuous);
     let unsigned = unsigned::check(recording, &survey);
     let is_unsigned = |column: &String| unsigned.iter().any(|wrong| wrong.columns.contains(column));
     // A channel whose counts wrap around at zero reaches both ends of the number range without being saturated.

@@ -102,6 +102,17 @@ LOST = (
         )
         for every in (101, 507)
     ),
+    *(
+        calibrating(
+            "samples are lost",
+            f"one of {every}, time from the sample number",
+            with_new_time(rows(one_in(every))),
+            poor(),
+            incomplete(),
+            refused("missing"),
+        )
+        for every in (20, 50, 100)
+    ),
     calibrating(
         "samples are lost",
         "0.1 s of every move, time from the sample number",
@@ -127,6 +138,17 @@ WRITTEN_TWICE = (
             refused("samples_duplicated"),
         )
         for every in (30, 100, 300)
+    ),
+    *(
+        calibrating(
+            "samples are written twice",
+            f"one of {every}, time from the sample number",
+            with_new_time(rows(twice(every))),
+            poor(),
+            refused("samples_duplicated"),
+            good("samples_duplicated"),
+        )
+        for every in (5, 20)
     ),
 )
 

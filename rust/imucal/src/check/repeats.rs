@@ -18,20 +18,16 @@ const FEWEST: usize = 5;
 /// repeated rows must outnumber rows with five repeated values by more than 2 to 1. A rest without noise is a long
 /// sequence of equal rows and is excluded by [`LONGEST_REPEAT`].
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
-    let Repeats { doubled, near, .. } = repeats;
-    if doubled.samples < FEWEST || doubled.samples <= 2 * near {
-        return None;
-    }
-    let share = 100.0 * doubled.samples as f64 / recording.len() as f64;
+    let count = repeats.reported()?;
+    let share = 100.0 * count as f64 / recording.len() as f64;
     Some(Finding {
-        place: doubled.place(recording),
-        count: doubled.samples,
+        place: repeats.doubled.place(recording),
+        count,
         value: share,
         unit: "%",
         message: format!(
-            "{} rows ({share:.2} %) repeat all six values of the row before, the first {}",
-            doubled.samples,
-            doubled.first_place(recording)
+            "{count} rows ({share:.2} %) repeat all six values of the row before, the first {}",
+            repeats.doubled.first_place(recording)
         ),
         way_out: "record at the rate at which the sensor gives new samples, or drop the repeated rows".into(),
         ..Finding::warning("samples_duplicated", recording.name)
@@ -54,6 +50,12 @@ pub(super) struct Repeats {
 }
 
 impl Repeats {
+    /// Number of repeated rows, if they are too many for coincidences.
+    pub(super) fn reported(&self) -> Option<usize> {
+        let count = self.doubled.samples;
+        (count >= FEWEST && count > 2 * self.near).then_some(count)
+    }
+
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let time_s = part.recording.time_s;
         for (i, equal) in part.equal() {

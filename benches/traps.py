@@ -1,0 +1,124 @@
+"""Traps and clean runs: `make traps`, to docs/results/traps.md.
+
+Every row of the table of traps (tests/traps) is asked by command. Clean runs in five conditions must be good: a
+tool that refuses everything would pass the first table.
+"""
+
+import dataclasses
+import tempfile
+from collections import Counter, defaultdict
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.progress import track
+
+import imucal
+from imucal.rig.motion import Tumble
+from imucal.rig.unit import Unit
+from rows import TRAPS
+from sections import write_section
+from trap import WITHIN_SIGMAS, answers_to
+
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs/results/traps.md"
+OUTCOMES = ("refused", "poor", "incomplete", "good", "wrong")
+# Runs of each condition, with the seeds from 0.
+CLEAN_RUNS = 100
+
+
+def unit(profile, seed):
+    """A unit drawn from a datasheet's tolerances that has biases, gains, misalignments and noise only."""
+    return dataclasses.replace(Unit.random(profile, seed), effects=())
+
+
+def stand(seed, profile="bmi088", **options):
+    program = imucal.Program.random(seed=seed, moves=30, hold_s=2.0)
+    return imucal.simulate(program, seed=seed, unit=unit(profile, seed), **{"rate_hz": 200.0, **options})
+
+
+def hand(seed):
+    return imucal.simulate(
+        Tumble(seed=seed, poses=24, hold_s=3.0), seed=seed, unit=unit("bmi088", seed), rate_hz=200.0
+    )
+
+
+CONDITIONS = {
+    "on the stand, BMI088 at 200 Hz": stand,
+    "by hand, BMI088 at 200 Hz": hand,
+    "on the stand at 50 Hz": partial(stand, rate_hz=50.0),
+    "coarse counts: MPU-6050": partial(stand, profile="mpu6050"),
+    "temperature cycle of 30 degC": partial(stand, temperature="cycle:10:40:120"),
+}
+
+
+def trap_table():
+    by_kind = defaultdict(Counter)
+    wrong = []
+    for trap in track(TRAPS, description="Traps"):
+        with tempfile.TemporaryDirectory() as folder:
+            observed = answers_to(trap, Path(folder)).by_command
+        by_kind[trap.kind][observed.outcome] += 1
+        if not observed.is_right(trap):
+            wrong.append(
+                f"{trap.kind}, {trap.name}: {observed.outcome}, not {' or '.join(map(str, trap.right))}"
+            )
+    rows = [
+        f"| {kind} | {sum(counts.values())} | "
+        + " | ".join(str(counts[name] or "") for name in OUTCOMES)
+        + " |"
+        for kind, counts in sorted(by_kind.items())
+    ]
+    total = sum(by_kind.values(), Counter())
+    rows.append(f"| **all** | {len(TRAPS)} | " + " | ".join(str(total[name]) for name in OUTCOMES) + " |")
+    return "\n".join(["| kind | rows | " + " | ".join(OUTCOMES) + " |", "|---|" + "---:|" * 6, *rows]), wrong
+
+
+def clean_table():
+    rows = []
+    for condition, make in CONDITIONS.items():
+        verdicts, errors = Counter(), []
+        for seed in track(range(CLEAN_RUNS), description=condition):
+            run = make(seed)
+            try:
+                result = imucal.calibrate(run.recording)
+            except imucal.ImucalError:
+                verdicts["refused"] += 1
+                continue
+            verdicts[result.verdict] += 1
+            truth = {parameter.name: parameter.value for parameter in run.truth.calibration.parameters}
+            errors += [
+                abs(p.value - truth[p.name]) / p.std
+                for p in result.parameters
+                # With a bias instability the bias is not constant, and its true mean is not that of the unit.
+                if not p.name.startswith("gyro_bias")
+            ]
+        shown = " | ".join(str(verdicts[name]) for name in ("good", "incomplete", "poor", "refused"))
+        inside = 100.0 * np.mean(np.array(errors) < 1.96)
+        rows.append(f"| {condition} | {CLEAN_RUNS} | {shown} | {inside:.1f} % | {max(errors):.1f} |")
+    head = "| condition | runs | good | incomplete | poor | refused | within 1.96 sigma | worst, sigma |"
+    return "\n".join([head, "|---|" + "---:|" * 7, *rows])
+
+
+def main():
+    table, wrong = trap_table()
+    told = "\n".join(f"- {row}" for row in wrong) or "Every row has an outcome that is right."
+    write_section(
+        PAGE,
+        "Traps",
+        "Rows by kind and outcome",
+        f"{len(TRAPS)} inputs that easily give a wrong result. Wrong: a usable result with a parameter more "
+        f"than {WITHIN_SIGMAS:g} stated standard deviations from the truth.\n\n{table}\n\n{told}",
+    )
+    write_section(
+        PAGE,
+        "Traps",
+        "Clean runs",
+        f"Seeds 0 to {CLEAN_RUNS - 1} of each condition; errors of all parameters but the gyroscope's biases."
+        "\n\n"
+        f"{clean_table()}",
+    )
+
+
+if __name__ == "__main__":
+    main()

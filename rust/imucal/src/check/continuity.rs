@@ -1,0 +1,199 @@
+//! Check whether time stamps that were made from the sample number agree with the motion.
+//!
+//! ```text
+//! d_i = w_i - w_(i-1)      m = (d_(i-1) + d_(i+1)) / 2      k = d_i . m / |m|^2
+//! ```
+//!
+//! In a smooth motion the change `d_i` of the rate `w` over a time step is the mean `m` of its neighbours: `k` is 1. If a
+//! sample between two rows was lost, the time between them is twice as long and `k` is 2. Noise and rough motion make `k`
+//! scatter about 1 without a second peak. Stamps that were recorded with the samples show the loss as a gap; evenly
+//! numbered stamps hide it, and the gyroscope's sensitivity is then wrong by the share of lost samples.
+
+use nalgebra::Vector3;
+
+use super::Tally;
+use super::repeats::Repeats;
+use crate::finding::Finding;
+use crate::numerics::stats::quantile_of;
+use crate::recording::{Recording, Samples};
+
+/// Maximum distance of a time stamp from sample number / rate, in time steps, for stamps that were made from the sample
+/// number. It allows for stamps rounded to a ninth of the time step.
+const EVEN: f64 = 0.12;
+/// Minimum size of `m` in standard deviations of the noise of `d_i - m`; there noise changes `k` by 1/8 (1 sigma).
+const CLEAR: f64 = 8.0;
+/// Maximum relative difference of the neighbours `d_(i-1)` and `d_(i+1)` in a smooth motion.
+const SMOOTH: f64 = 0.5;
+/// Maximum relative size of the part of `d_i` across `m`.
+const ACROSS: f64 = 0.35;
+/// Values of `k` at which one sample was lost: 2, within the noise that [`CLEAR`] allows.
+const LOST: [f64; 2] = [1.75, 2.25];
+/// Values of `k` between the peaks at 1 and at 2, which rough motion reaches as well.
+const BETWEEN: [f64; 2] = [1.35, 1.65];
+/// Minimum number of lost samples for a finding.
+const FEWEST: usize = 5;
+/// Minimum ratio of the number of values at 2 to the number of values between 1 and 2.
+const PEAK: usize = 3;
+/// Mean of `k` at repeated rows below which the rows are additional rows, for which it is 1; for samples that the sensor
+/// held it is 2.
+const ADDITIONAL: f64 = 1.5;
+
+/// Reports lost samples and additional rows in a recording whose time stamps were made from the sample number.
+pub(super) fn check(recording: &Recording<'_>, repeats: &Repeats) -> Option<Finding> {
+    if !is_even(recording.time_s) {
+        return None;
+    }
+    let rate = recording.angular_rate;
+    additional(recording, repeats).or_else(|| lost(recording, noise_of_changes(rate)?))
+}
+
+/// Whether all time stamps are sample number / rate.
+fn is_even(time_s: &[f64]) -> bool {
+    let ([first_s, .., last_s], count) = (time_s, time_s.len()) else { return false };
+    let step_s = (last_s - first_s) / (count - 1) as f64;
+    let is_near = |(i, stamp_s): (usize, &f64)| (stamp_s - first_s - i as f64 * step_s).abs() <= EVEN * step_s;
+    step_s > 0.0 && time_s.iter().enumerate().all(is_near)
+}
+
+fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
+    let rate = recording.angular_rate;
+    let (mut lost, mut between) = (Tally::default(), 0);
+    for i in 2..rate.len() - 1 {
+        match change_over_neighbours(rate, [i - 2, i - 1, i, i + 1], noise) {
+            Some(k) if (LOST[0]..LOST[1]).contains(&k) => lost.add(i),
+            Some(k) if (BETWEEN[0]..BETWEEN[1]).contains(&k) => between += 1,
+            _ => {}
+        }
+    }
+    if lost.samples < FEWEST || lost.samples < PEAK * between {
+        return None;
+    }
+    Some(Finding {
+        place: lost.place(recording),
+        count: lost.samples,
+        value: lost.samples as f64,
+        unit: "samples",
+        message: format!(
+            "the rate jumps by two time steps at {} samples, the first {}, but the time stamps are even: samples were \
+             lost before the stamps were made from the sample number",
+            lost.samples,
+            lost.first_place(recording)
+        ),
+        way_out:
+            "record again without losing samples, or record the time stamp of each sample with it: the sensitivity of \
+             the gyroscope would be wrong by the share of lost samples"
+                .into(),
+        ..Finding::error("samples_missing", recording.name)
+    })
+}
+
+/// Reports repeated rows across which the rate changes by one time step: the row before was written twice.
+fn additional(recording: &Recording<'_>, repeats: &Repeats) -> Option<Finding> {
+    let count = repeats.reported()?;
+    let rate = recording.angular_rate;
+    let noise = noise_of_changes(rate)?;
+    let is_repeat = |i: usize| rate.at(i) == rate.at(i - 1);
+    // Across a repeated row: the repeat is row i - 1, so the rows around it are i - 2 and i.
+    let across = (3..rate.len() - 1).filter(|&i| is_repeat(i - 1) && !is_repeat(i) && !is_repeat(i - 2));
+    let (sum, number) = across
+        .filter_map(|i| change_over_neighbours(rate, [i - 3, i - 2, i, i + 1], noise))
+        .fold((0.0, 0usize), |(sum, number), k| (sum + k, number + 1));
+    let mean = sum / number as f64;
+    if number < FEWEST || mean > ADDITIONAL {
+        return None;
+    }
+    let share = 100.0 * count as f64 / recording.len() as f64;
+    Some(Finding {
+        count,
+        value: share,
+        unit: "%",
+        message: format!(
+            "{count} rows ({share:.2} %) repeat all six values of the row before, and across them the rate changes by \
+             {mean:.2} time steps: they are additional rows, but the time stamps were made from the sample number and \
+             count them"
+        ),
+        way_out: "drop the repeated rows, then give the rate of the sensor with --rate-hz if the rows were written twice, or \
+             keep the time stamps of the other rows if a slower sensor was polled"
+            .into(),
+        ..Finding::error("samples_duplicated", recording.name)
+    })
+}
+
+/// `k` for the change between the two middle rows of four; None where the motion is too slow, too rough, or not finite.
+fn change_over_neighbours(rate: Samples<'_>, rows: [usize; 4], noise: f64) -> Option<f64> {
+    let [a, b, c, d] = rows.map(|row| Vector3::from(rate.at(row)));
+    let (before, change, after) = (b - a, c - b, d - c);
+    let mean = (before + after) / 2.0;
+    let length2 = mean.norm_squared();
+    let is_clear = length2 > (CLEAR * noise).powi(2) && (after - before).norm_squared() < SMOOTH.powi(2) * length2;
+    let k = change.dot(&mean) / length2;
+    (is_clear && (change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
+}
+
+/// Standard deviation of one axis of `d_i - m`, raw units, from its median size: most changes are smooth.
+fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
+    /// Median length of a vector with three independent standard normal components.
+    const MEDIAN_LENGTH: f64 = 1.538_172;
+    let count = rate.len().checked_sub(3).filter(|count| *count > 0)?;
+    let sizes = |first: usize, to: &mut [f64]| {
+        for (size, i) in to.iter_mut().zip(first..) {
+            let [a, b, c, d] = [i, i + 1, i + 2, i + 3].map(|row| Vector3::from(rate.at(row)));
+            *size = ((c - b) - (b - a + d - c) / 2.0).norm();
+        }
+    };
+    let noise = quantile_of(count, sizes, 0.5) / MEDIAN_LENGTH;
+    noise.is_finite().then_some(noise)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example::Columns;
+    use super::*;
+    use crate::check::survey::Survey;
+
+    fn found(columns: &Columns) -> Option<Finding> {
+        check(&columns.recording(), &Survey::of(&columns.recording()).repeats)
+    }
+
+    /// The rows with these indices; the time stamps are kept, or made from the sample number.
+    fn rows(kept: impl Iterator<Item = usize>, made_anew: bool) -> Columns {
+        let all = Columns::tumbling();
+        let mut columns = Columns { time_s: Vec::new(), force: Vec::new(), rate: Vec::new() };
+        for i in kept {
+            columns.time_s.push(if made_anew { columns.time_s.len() as f64 * 0.01 } else { all.time_s[i] });
+            columns.force.push(all.force[i]);
+            columns.rate.push(all.rate[i]);
+        }
+        columns
+    }
+
+    #[test]
+    fn a_recording_without_fault_is_continuous() {
+        assert!(found(&Columns::tumbling()).is_none());
+        assert!(found(&Columns::tumbling().quantised(0.04, 0.006)).is_none());
+    }
+
+    #[test]
+    fn lost_samples_show_in_even_stamps_only() {
+        let kept = || (0..4000).filter(|i| i % 40 != 7);
+        let finding = found(&rows(kept(), true)).unwrap();
+        assert_eq!((finding.code, finding.severity), ("samples_missing", crate::finding::Severity::Error));
+        assert!((20..=100).contains(&finding.count), "{finding:?}");
+        assert!(found(&rows(kept(), false)).is_none());
+    }
+
+    #[test]
+    fn additional_rows_are_no_held_samples() {
+        let twice = (0..4000).flat_map(|i| std::iter::repeat_n(i, if i % 20 == 7 { 2 } else { 1 }));
+        assert_eq!(found(&rows(twice, true)).unwrap().code, "samples_duplicated");
+        let held = (0..4000).map(|i| if i % 20 == 7 { i - 1 } else { i });
+        assert!(found(&rows(held, true)).is_none());
+        assert!(found(&rows((0..4000).map(|i| i - i % 2), true)).is_none());
+    }
+
+    #[test]
+    fn few_rows_are_no_evidence() {
+        assert!(found(&rows(0..2, true)).is_none());
+        assert!(found(&rows(0..3, true)).is_none());
+    }
+}
