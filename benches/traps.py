@@ -1,7 +1,7 @@
 """Traps and clean runs: `make traps`, to docs/results/traps.md.
 
-Every row of the table of traps (tests/traps) is asked by command. Clean runs in five conditions must be good: a
-tool that refuses everything would pass the first table.
+Every row of the table of traps (tests/traps) is asked by command. Clean runs in five conditions must be good:
+a tool that refuses everything would pass the first table.
 """
 
 import dataclasses

@@ -16,8 +16,8 @@ from typing import Any, Literal
 import imucal
 from imucal.cli import main
 
-# Largest accepted error of a parameter in a usable result, in its stated standard deviations. With 21 parameters,
-# noise alone exceeds it once in 80,000 calibrations.
+# Largest accepted error of a parameter in a usable result, in its stated standard deviations.
+# Noise alone exceeds it in one of 80,000 calibrations with 21 parameters.
 WITHIN_SIGMAS = 5.0
 
 Outcome = Literal["refused", "poor", "incomplete", "good", "wrong"]
