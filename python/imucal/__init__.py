@@ -10,6 +10,7 @@ SI units, rows are samples, a still sensor reads +g on the axis that points up, 
 
 import lazy_loader
 
+import imucal.data_frame as _data_frame
 import imucal.notebook as _notebook
 
 # `import imucal` loads no array, file or command library: a name is loaded when it is used. The stub lists
@@ -17,3 +18,4 @@ import imucal.notebook as _notebook
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 _notebook.register("imucal.report.notebook")
+_data_frame.register("imucal.io.frames")

@@ -30,7 +30,7 @@ from imucal.document.plain import plain
 from imucal.effects.definition import UserEffect, by_name
 from imucal.errors import FormatError, InputError
 from imucal.notebook import html_of
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, as_recording
 
 __all__ = ["Calibration", "require_calibration"]
 
@@ -134,7 +134,7 @@ class Calibration(SensorModel):
         missing column on which an effect depends, for a missing definition of a user-defined effect, and for
         a piece if the whole recording is needed.
         """
-        return correct_recording(self, recording, start_s=start_s)
+        return correct_recording(self, as_recording(recording), start_s=start_s)
 
     def __repr__(self) -> str:
         """One line: the unit, its raw units, the number of effects, and its figures."""

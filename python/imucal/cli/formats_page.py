@@ -32,6 +32,13 @@ with other names:
 
 `--group` selects the group that contains the arrays, or one of several arrays.
 
+## Data frames
+
+In Python, a data frame with these column names is a recording wherever a recording is expected: of pandas (2.2),
+polars, pyarrow, DuckDB, and anything else with the Arrow interface `__arrow_c_stream__`. For other names,
+`imucal.read(frame, columns="time_s=t,...")`. `Recording.to_arrow()` and `Recording.to_pandas()` return the
+columns with these names, bit for bit, and `polars.DataFrame(recording)` takes them directly.
+
 ## Separate time stamps
 
 If accelerometer and gyroscope are recorded with different time stamps, they are resampled to one clock:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
+from imucal.data_frame import is_frame
 from imucal.document.source import require_file
 from imucal.errors import InputError
 from imucal.io.canonical import write_columns, write_parts
@@ -15,7 +16,7 @@ from imucal.io.recognition import recognise
 from imucal.io.sensor_files import are_pair
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import column_names
-from imucal.recording.recording import AccelUnit, GyroUnit, Recording
+from imucal.recording.recording import AccelUnit, GyroUnit, Recording, as_recording
 
 __all__ = [
     "FORMATS",
@@ -29,7 +30,7 @@ __all__ = [
 
 
 def read(
-    *paths: str | os.PathLike[str],
+    *paths: Any,
     format: str | None = None,
     columns: str | Sequence[str] | None = None,
     rate_hz: float | None = None,
@@ -44,7 +45,8 @@ def read(
 ) -> Recording:
     """Read one recording.
 
-    paths      path of one file; of two files, one per sensor; of a folder with such files or a ROS 2 bag; of
+    paths      a data frame (pandas, polars, pyarrow, DuckDB) with the options columns and rate_hz; or path of
+               one file; of two files, one per sensor; of a folder with such files or a ROS 2 bag; of
                a zip archive with such files
     format     a name of `imucal.io.FORMATS`; None detects the format from the file
     columns    [columns] a canonical name for every column, `-` for a column to ignore;
@@ -80,8 +82,22 @@ def read(
         "accel_unit": accel_unit,
         "gyro_unit": gyro_unit,
     }
+    if len(paths) == 1 and is_frame(paths[0]):
+        return _of_frame(paths[0], format, given)
     known, options = _chosen(paths, format, given)
     return known.read(*paths, **options)
+
+
+def _of_frame(frame: Any, format: str | None, given: Mapping[str, Any]) -> Recording:
+    from imucal.io.frames import read_frame
+
+    options = {name: value for name, value in given.items() if value is not None}
+    if format is not None:
+        options["format"] = format
+    unfit = sorted(options.keys() - {"columns", "rate_hz"})
+    if unfit:
+        raise InputError(f"a data frame has no option {unfit[0]}: leave it out")
+    return read_frame(frame, **options)
 
 
 def read_pieces(
@@ -106,6 +122,12 @@ def _chosen(
     options = {name: value for name, value in given.items() if value is not None and value is not False}
     if not paths:
         raise InputError("no file is given: give the path of a recording")
+    for path in paths:
+        if not isinstance(path, (str, os.PathLike)):
+            raise InputError(
+                f"a {type(path).__name__} is neither the path of a file nor a data frame: collect a lazy "
+                "frame, and give several frames one by one"
+            )
     for path in paths:
         require_file(path)
     chosen = format or recognise(paths, options)
@@ -133,7 +155,7 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
     Columns have canonical names, in SI units or counts. Reading the file returns every number bit for bit.
     The file is written atomically. Raises InputError if it cannot be written.
     """
-    write_columns(column_names(recording), path)
+    write_columns(column_names(as_recording(recording)), path)
 
 
 def write_pieces(pieces: Iterable[Recording], path: str | os.PathLike[str]) -> None:

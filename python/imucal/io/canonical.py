@@ -13,6 +13,7 @@ from imucal.arrays import FloatArray
 from imucal.document.atomic import write_atomically
 from imucal.document.source import first_bytes, open_file, open_large
 from imucal.errors import FormatError, InputError
+from imucal.io.arrow_values import arrow_of
 from imucal.io.headed import recording_of_text
 from imucal.io.mapping import mapping_of
 from imucal.io.names import is_canonical
@@ -107,7 +108,7 @@ def _tables(columns: Columns) -> Iterator[Any]:
     names, rows = [name for name, _ in columns], len(columns[0][1])
     for start in range(0, max(rows, 1), ROWS_WRITTEN):
         part = slice(start, start + ROWS_WRITTEN)
-        yield pa.table([values[part] for _, values in columns], names=names)
+        yield pa.table([arrow_of(values[part]) for _, values in columns], names=names)
 
 
 @contextmanager

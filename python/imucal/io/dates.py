@@ -15,6 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imucal.io.arrow_values import numpy_of, truth_of
+
 __all__ = ["FORMS", "is_date_column", "nanoseconds"]
 
 FORMS: Final = "2026-01-31 12:00:00.123, 31-Jan-2026 12:00:00.123, 31.01.2026 12:00:00:123 or 12:00:00.123"
@@ -74,9 +76,9 @@ def nanoseconds(column: Any) -> NDArray[np.int64] | None:
     text = compute.utf8_trim_whitespace(column)
     if isinstance(text, pa.ChunkedArray):
         text = text.combine_chunks()
-    empty = text.is_null().to_numpy(zero_copy_only=False)
+    empty = ~truth_of(text.is_valid())
     parts = compute.extract_regex(text, pattern)
-    if not np.array_equal(parts.is_null().to_numpy(zero_copy_only=False), empty):
+    if not np.array_equal(~truth_of(parts.is_valid()), empty):
         return None
     found = {parts.type.field(i).name for i in range(parts.type.num_fields)}
 
@@ -85,19 +87,19 @@ def nanoseconds(column: Any) -> NDArray[np.int64] | None:
             return np.zeros(len(text), np.int64)
         cells = parts.field(name)
         filled = compute.if_else(compute.equal(compute.binary_length(cells), 0), "0", cells)
-        return np.asarray(compute.fill_null(compute.cast(filled, pa.int64()), 0).to_numpy())
+        return numpy_of(compute.fill_null(compute.cast(filled, pa.int64()), 0))
 
     clock = (number("hour") * 60 + number("minute")) * 60 + number("second")
     if "half" in found:
         half = compute.fill_null(compute.utf8_lower(parts.field("half")), "")
         noon = number("hour") == 12
-        is_pm = compute.starts_with(half, "p").to_numpy(zero_copy_only=False)
-        is_am = compute.starts_with(half, "a").to_numpy(zero_copy_only=False)
+        is_pm = truth_of(compute.starts_with(half, "p"))
+        is_am = truth_of(compute.starts_with(half, "a"))
         clock = clock + 43200 * ((is_pm & ~noon).astype(np.int64) - (is_am & noon))
     ns = clock * 1_000_000_000
     if "fraction" in found:
         digits = compute.fill_null(compute.utf8_rpad(parts.field("fraction"), 9, "0"), "0")
-        ns = ns + compute.cast(digits, pa.int64()).to_numpy()
+        ns = ns + numpy_of(compute.cast(digits, pa.int64()))
     ns = ns - _zone_ns(parts.field("zone")) if "zone" in found else ns
     if "year" in found:
         ns = _with_days(ns, number, found, parts)
@@ -115,7 +117,7 @@ def _zone_ns(zones: Any) -> NDArray[np.int64]:
         if match:
             offsets[index] = int(f"{match[1]}1") * (int(match[2]) * 60 + int(match[3])) * 60
     offsets_ns = np.array(offsets, dtype=np.int64) * 1_000_000_000
-    return np.asarray(offsets_ns[coded.indices.fill_null(0).to_numpy()])
+    return np.asarray(offsets_ns[numpy_of(coded.indices.fill_null(0))])
 
 
 def _with_days(ns: NDArray[np.int64], number: Any, found: set[str], parts: Any) -> NDArray[np.int64]:
@@ -125,7 +127,7 @@ def _with_days(ns: NDArray[np.int64], number: Any, found: set[str], parts: Any) 
     if "name" in found:
         coded = compute.utf8_lower(parts.field("name")).dictionary_encode()
         months = [_MONTHS.index(name) + 1 if name in _MONTHS else 1 for name in coded.dictionary.to_pylist()]
-        month = np.array(months or [1], np.int64)[coded.indices.fill_null(0).to_numpy()]
+        month = np.array(months or [1], np.int64)[numpy_of(coded.indices.fill_null(0))]
         return _days(year, month, number("day")) * DAY_NS + ns
     if "first" not in found:
         return _days(year, number("month"), number("day")) * DAY_NS + ns

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from imucal.errors import FormatError
 from imucal.finding import Finding
+from imucal.io.arrow_values import arrow_of, truth_of
 from imucal.io.dates import FORMS, is_date_column, nanoseconds
 from imucal.io.layout import DATE, Layout, is_number, is_value, split_line
 from imucal.io.names import SKIP, is_canonical, time_unit
@@ -79,13 +80,14 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout) -> bool:
 
 def without_blank_rows(table: Table) -> Table:
     """The table without rows that have no value at all, such as `,,,,,,`, with a warning."""
+    import numpy as np
     import pyarrow as pa
 
     if not table.columns or not all(column.null_count for column in table.columns):
         return table
     rows = pa.table(list(table.columns), names=[str(i) for i in range(len(table.columns))])
     kept = _filled(rows)
-    count = rows.num_rows - (kept.to_numpy(zero_copy_only=False).sum() if len(kept) else 0)
+    count = rows.num_rows - np.count_nonzero(truth_of(kept))
     if not count:
         return table
     warning = _warning(table.file, [f"{count} rows without values"], int(count))
@@ -167,7 +169,7 @@ def cleaned_columns(
         if is_canonical(name):
             column, bad[name] = _numbers(name, column, layout.decimal)
         columns.append(column)
-    filled = [(~column.is_null().to_numpy()) for column in rows.columns]
+    filled = [truth_of(column.is_valid()) for column in rows.columns]
     in_rows = np.array(list(bad.values())) if bad else np.zeros((0, rows.num_rows), bool)
     count_bad = in_rows.sum(axis=0) if len(in_rows) else np.zeros(rows.num_rows, int)
     given = np.array([filled[i] for i, index in enumerate(used) if is_canonical(names[index])])
@@ -193,7 +195,7 @@ def cleaned_columns(
         parts.append(f"an incomplete last line ({last.cut[:40]!r})")
     out = len(left.lines) + int((~kept).sum()) + bool(last.cut)
     findings = (_warning(file, parts, out),) if parts else ()
-    table = pa.table(columns, names=[str(index) for index in used]).filter(pa.array(kept))
+    table = pa.table(columns, names=[str(index) for index in used]).filter(_mask(kept))
     return Table(file, [names[index] for index in used], table.columns, place_of, findings)
 
 
@@ -205,15 +207,17 @@ def _numbers(name: str, column: Any, decimal: str) -> tuple[Any, Any]:
 
     pattern = NUMBER.replace("{point}", "[.,]" if decimal == "," else r"\.")
     good = compute.fill_null(compute.match_substring_regex(column, pattern), True)
-    bad = ~good.to_numpy()
+    bad = ~truth_of(good)
     if time_unit(name) is not None and 2 * bad.sum() > len(bad):
         is_date = is_date_column(column)
         if is_date is not None:
             dates = compute.if_else(is_date, column, pa.scalar(None, column.type))
             ns = nanoseconds(dates)
             if ns is not None:
-                stamps = pa.array(ns, pa.int64(), mask=dates.is_null().to_numpy()).view(pa.timestamp("ns"))
-                return pa.chunked_array([stamps]), ~compute.fill_null(is_date, True).to_numpy()
+                stamps = compute.if_else(
+                    dates.combine_chunks().is_valid(), arrow_of(ns), pa.scalar(None, pa.int64())
+                ).view(pa.timestamp("ns"))
+                return pa.chunked_array([stamps]), ~truth_of(compute.fill_null(is_date, True))
     text = compute.if_else(good, column, pa.scalar(None, column.type))
     text = compute.utf8_trim_whitespace(text)
     text = compute.replace_substring_regex(text, r"^\+", "")
@@ -271,6 +275,14 @@ def _refuse_too_many(
             f"{file}: {place_of(row)}, column {name}: {str(cell)[:40]!r} is not a number{forms}: "
             "correct it or leave the cell empty"
         )
+
+
+def _mask(kept: Any) -> Any:
+    import numpy as np
+    import pyarrow as pa
+
+    bits = np.packbits(kept, bitorder="little")
+    return pa.Array.from_buffers(pa.bool_(), len(kept), [None, pa.py_buffer(bits)])
 
 
 def _row_text(rows: Any, row: int) -> str:

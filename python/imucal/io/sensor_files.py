@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from imucal.document.source import File, Source, is_folder, open_file, open_large
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
+from imucal.io.arrow_values import numpy_of
 from imucal.io.headed import Head, layout_header, recording_of_text, time_of
 from imucal.io.header import Header, Triad
 from imucal.io.names import SKIP
@@ -379,10 +380,10 @@ def _nanoseconds(table: Table) -> NDArray[np.int64]:
         column = column.combine_chunks()
     if pa.types.is_timestamp(column.type):
         factor = 1e9 / TICKS_PER_S[column.type.unit]
-        return np.asarray(column.view(pa.int64()).fill_null(0).to_numpy()) * int(factor)
+        return np.asarray(numpy_of(column.view(pa.int64()).fill_null(0))) * int(factor)
     ticks = table.ticks_per_s or TICKS_PER_S[name.removeprefix("time_")]
     if pa.types.is_integer(column.type) and not column.null_count:
-        return np.asarray(column.to_numpy(), dtype=np.int64) * int(1e9 / ticks)
+        return np.asarray(numpy_of(column), dtype=np.int64) * int(1e9 / ticks)
     values = float64(column)
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):

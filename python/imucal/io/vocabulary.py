@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
+from imucal.io.arrow_values import numpy_of, truth_of
 from imucal.io.copies import without_copies
 from imucal.io.names import AXES, SKIP, is_canonical, time_unit, triad_part
 from imucal.io.suggestion import columns_suggested
@@ -157,9 +158,9 @@ class _Wanted:
             if is_whole:
                 # Subtract as integers: 1.4e18 ns has more digits than a float64 can represent.
                 if part.null_count:
-                    present = part.is_valid().to_numpy(zero_copy_only=False)
+                    present = truth_of(part.is_valid())
                     part = part.fill_null(0)
-                values = part.to_numpy().astype(np.int64)
+                values: NDArray[Any] = numpy_of(part).astype(np.int64)
             else:
                 values = float64(part)
                 present = np.isfinite(values)
@@ -191,8 +192,8 @@ class _Wanted:
 
 def float64(part: Any) -> NDArray[np.float64]:
     """A numeric column, or a part of one, as float64, with empty cells as NaN."""
-    # Not with Arrow's own conversion: loading its function library takes longer than reading a short file.
-    return np.asarray(part.to_numpy(zero_copy_only=False), dtype=np.float64)
+    # Converted by NumPy: loading Arrow's function library takes longer than reading a short file.
+    return np.asarray(numpy_of(part), dtype=np.float64)
 
 
 def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], str]:

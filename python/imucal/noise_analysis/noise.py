@@ -166,7 +166,7 @@ def noise(
     Raises InputError for faults, including lost and repeated samples, and for a rest of fewer than 1000
     samples; NotEnoughMotionError if the unit is never at rest.
     """
-    as_recording(recording)
+    recording = as_recording(recording)
     check_threads(threads)
     found = _core.identify_noise(recording, min_rest_s, threads)
     axes = {

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, SampleArray, as_rows, as_samples
+from imucal.data_frame import is_frame, recording_of, table_of
 from imucal.document.source import Source
-from imucal.errors import InputError
+from imucal.errors import ImucalError, InputError
 from imucal.finding import Finding
 
 __all__ = [
@@ -167,11 +168,35 @@ class Recording:
             findings=self.findings,
         )
 
+    def to_arrow(self) -> Any:
+        """The columns as a table of pyarrow, with the names of a written file (accel_x_mps2, ...)."""
+        return table_of(self)
 
-def as_recording(given: Recording) -> Recording:
-    """`given` if it is a Recording; otherwise InputError with what to do."""
+    def to_pandas(self) -> Any:
+        """The columns as a data frame of pandas, with the names of a written file (accel_x_mps2, ...).
+
+        Raises ImucalError if pandas is not installed.
+        """
+        try:
+            import pandas  # type: ignore[import-untyped, import-not-found, unused-ignore] # noqa: F401
+        except ImportError as error:
+            raise ImucalError(
+                f"to_pandas needs pandas, which cannot be imported ({error}): install it"
+            ) from None
+        return self.to_arrow().to_pandas()
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        """The columns through the Arrow PyCapsule interface, for polars.DataFrame(recording) and its like."""
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
+
+
+def as_recording(given: Any) -> Recording:
+    """`given` if it is a Recording, the recording in a data frame; otherwise InputError with what to do."""
     if isinstance(given, Recording):
         return given
+    if is_frame(given):
+        recording: Recording = recording_of(given)
+        return recording
     if isinstance(given, (str, os.PathLike)):
         path = os.fspath(given)
         raise InputError(f"{path!r} is the path of a file: give a Recording, imucal.read({path!r})")
@@ -188,6 +213,7 @@ def as_recordings(given: Recording | Iterable[Recording] | None) -> list[Recordi
     """One or several recordings as a list, empty for None; InputError for any other type."""
     if given is None:
         return []
-    if isinstance(given, (Recording, str, Mapping, np.ndarray)) or not isinstance(given, Iterable):
-        return [as_recording(given)]  # type: ignore[arg-type]
+    is_one = isinstance(given, (Recording, str, Mapping, np.ndarray)) or is_frame(given)
+    if is_one or not isinstance(given, Iterable):
+        return [as_recording(given)]
     return [as_recording(item) for item in given]

@@ -1,0 +1,45 @@
+"""Data frames as recordings, and recordings as Arrow tables, without a recording depending on file formats.
+
+A data frame is any object with the Arrow PyCapsule interface (`__arrow_c_stream__`), for example of pandas,
+polars, pyarrow or DuckDB. The package's face registers the module that converts; it is loaded when the first
+frame is used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from imucal.errors import InputError
+
+__all__ = ["is_frame", "recording_of", "register", "table_of"]
+
+_converters: list[str] = []
+
+
+def register(module: str) -> None:
+    """Set the module whose functions `read_frame` and `to_table` convert."""
+    _converters[:] = [module]
+
+
+def is_frame(given: Any) -> bool:
+    """Whether an object has the Arrow PyCapsule interface, or is a data frame of pandas before 2.2."""
+    if hasattr(given, "__arrow_c_stream__"):
+        return True
+    return type(given).__name__ == "DataFrame" and type(given).__module__.partition(".")[0] == "pandas"
+
+
+def recording_of(frame: Any) -> Any:
+    """The Recording in the columns of a data frame, which have canonical names."""
+    return _converter().read_frame(frame)
+
+
+def table_of(recording: Any) -> Any:
+    """The columns of a recording as a table of pyarrow."""
+    return _converter().to_table(recording)
+
+
+def _converter() -> Any:
+    if not _converters:
+        raise InputError("data frames need the whole package: import imucal, not only a part of it")
+    return importlib.import_module(_converters[0])

@@ -1,0 +1,69 @@
+"""Values of Arrow arrays as NumPy arrays, from their buffers.
+
+Arrow's own `to_numpy` imports pandas where it is installed, which takes longer than reading a short file.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["arrow_of", "numpy_of", "truth_of"]
+
+# Arrow types by name, and NumPy's; times are given as their ticks.
+_TYPES: Final[dict[str, np.dtype[Any]]] = {
+    **{f"{kind}{bits}": np.dtype(f"{kind}{bits}") for kind in ("int", "uint") for bits in (8, 16, 32, 64)},
+    **{"halffloat": np.dtype("f2"), "float": np.dtype("f4"), "double": np.dtype("f8")},
+}
+
+
+def numpy_of(array: Any) -> NDArray[Any]:
+    """The numbers of an Arrow array or chunked array; integers with empty cells become float64 with NaN.
+
+    Numbers without empty cells are views of Arrow's memory, read-only. Time stamps are given as integers.
+    """
+    import pyarrow as pa
+
+    if isinstance(array, pa.ChunkedArray):
+        parts = [numpy_of(chunk) for chunk in array.chunks]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.empty(0)])
+    if pa.types.is_timestamp(array.type):
+        array = array.view(pa.int64())
+    if pa.types.is_null(array.type):
+        return np.full(len(array), np.nan)
+    dtype = _TYPES[str(array.type)]
+    buffer = array.buffers()[1]
+    if buffer is None or not len(array):
+        return np.empty(len(array), dtype)
+    values: NDArray[Any] = np.frombuffer(buffer, dtype, len(array), array.offset * dtype.itemsize)
+    if not array.null_count:
+        return values
+    filled: NDArray[Any] = values.astype(dtype if dtype.kind == "f" else np.float64)
+    filled[~truth_of(array.is_valid())] = np.nan
+    return filled
+
+
+def arrow_of(values: NDArray[Any]) -> Any:
+    """An array of numbers as an Arrow array, which shares the memory of a contiguous one; NaN stays NaN."""
+    import pyarrow as pa
+
+    whole = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
+    kind = pa.from_numpy_dtype(whole.dtype)
+    return pa.Array.from_buffers(kind, len(whole), [None, pa.py_buffer(whole)])
+
+
+def truth_of(array: Any) -> NDArray[np.bool_]:
+    """The values of an Arrow array of booleans; empty cells are False."""
+    import pyarrow as pa
+
+    if isinstance(array, pa.ChunkedArray):
+        return np.concatenate([truth_of(chunk) for chunk in array.chunks] or [np.empty(0, bool)])
+    if array.null_count:
+        array = array.fill_null(False)
+    buffer = array.buffers()[1]
+    if buffer is None or not len(array):
+        return np.zeros(len(array), bool)
+    bits = np.unpackbits(np.frombuffer(buffer, np.uint8), bitorder="little")
+    return bits[array.offset : array.offset + len(array)].astype(bool)
