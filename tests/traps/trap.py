@@ -1,7 +1,7 @@
 """A trap: input on which a tool easily gives a wrong result that looks right, and the outcome that is right.
 
 A trap writes its files into a folder and asks one question, as a command and through the API. The outcome is
-`refused`, `poor`, `incomplete` or `good`; a usable result whose parameters are far from the truth is `wrong`.
+`refused`, `poor`, `incomplete` or `good`; a good one whose parameters are far from the truth is `wrong`.
 """
 
 import contextlib
@@ -45,7 +45,7 @@ def poor(says: str = "") -> Right:
 
 
 def incomplete(says: str = "") -> Right:
-    """A usable result of an incomplete model, with every parameter within its standard deviations."""
+    """A usable result, with this code or text about what the model lacks."""
     return Right("incomplete", says)
 
 
@@ -144,7 +144,7 @@ def _judged(
     outcome: Outcome, told: Mapping[str, Any], shown: str, truth: Mapping[str, float] | None
 ) -> Observed:
     text = shown + json.dumps(told)
-    if truth is None or outcome not in ("good", "incomplete"):
+    if truth is None or outcome != "good":
         return Observed(outcome, text)
     worst = max(
         abs(parameter["value"] - truth[parameter["name"]]) / parameter["std"]
