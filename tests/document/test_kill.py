@@ -3,6 +3,7 @@
 `write_json` is called directly, because no command writes a document alone.
 """
 
+import json
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ import pytest
 
 import imucal
 from children import HANGS_S, ended, heed_signals, stopped_while_writing
+from imucal.document.json_document import write_json
 
 pytestmark = [pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX"), pytest.mark.slow]
 
@@ -114,9 +116,10 @@ def test_killed_at_any_call_leaves_the_old_or_the_new_file(tmp_path, name, kind)
     assert broken == 0
     assert old > 20
     assert new > 0
-    # A killed process leaves its temporary file: hidden, and without the ending of a recording.
+    # A process that is killed between the naming of its complete file and the rename leaves one such file.
     others = [path.name for path in tmp_path.iterdir() if path != target]
-    assert all(other.startswith(f".{name}.") and other.endswith(".tmp") for other in others)
+    assert len(others) <= 1
+    assert all(other.startswith(".imucal-") and other.endswith(".tmp") for other in others)
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +156,7 @@ def test_installed_command_killed_while_it_writes(long_recording, tmp_path):
     process.communicate()
     assert process.returncode == -signal.SIGKILL
     assert output.read_text() == "old"
-    # The temporary file of the killed process does not disturb the next one.
+    assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
     subprocess.run(
         [COMMAND, "convert", str(long_recording), "-o", str(output)], check=True, capture_output=True
     )
@@ -230,3 +233,39 @@ def test_interrupted_at_any_time(long_recording, tmp_path):
             output.unlink()
     assert 130 in codes
     assert codes <= {0, 130, -signal.SIGINT}
+
+
+@pytest.fixture
+def named_files(monkeypatch):
+    """A file system without files that have no name."""
+    monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+
+
+def test_files_with_names_are_removed_after_their_process(tmp_path, named_files):
+    left, young, locked = (tmp_path / f".imucal-{name}.tmp" for name in ("left", "young", "locked"))
+    for path in (left, young, locked):
+        path.write_bytes(b"half a file")
+    for path in (left, locked):
+        os.utime(path, (1e9, 1e9))
+    import fcntl
+
+    with locked.open("rb+") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        write_json({"a": 1}, tmp_path / "a.json")
+    assert {path.name for path in tmp_path.iterdir()} == {young.name, locked.name, "a.json"}
+
+
+@pytest.mark.parametrize("is_named", [False, True])
+def test_a_name_of_255_bytes_is_written_and_a_longer_one_is_an_error(tmp_path, is_named, request):
+    if is_named:
+        request.getfixturevalue("named_files")
+    target = tmp_path / f"{'é' * 125}.json"
+    for value in (1, 2):
+        write_json({"value": value}, target)
+        assert json.loads(target.read_text()) == {"value": value}
+    target.chmod(0o640)
+    write_json({}, target)
+    assert target.stat().st_mode & 0o777 == 0o640
+    with pytest.raises(imucal.InputError, match="File name too long"):
+        write_json({}, tmp_path / f"{'é' * 126}.json")
+    assert list(tmp_path.iterdir()) == [target]

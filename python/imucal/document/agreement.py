@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from imucal.document.json_document import Node
 from imucal.errors import FormatError
 
-__all__ = ["ROUNDING", "Origin", "agree", "require_agreement"]
+__all__ = ["ROUNDING", "Origin", "agree", "require_agreement", "require_fields"]
 
 # Relative difference of two numbers that is explained by rounding, as of a file written with seven digits.
 ROUNDING: Final = 1e-6
@@ -56,11 +56,7 @@ def require_agreement(
         return
     if isinstance(written, dict):
         fields = given.mapping()
-        for name in fields:
-            if name not in written:
-                close = difflib.get_close_matches(name, list(written), n=1, cutoff=0.5)
-                hint = f": is it {close[0]}?" if close else ": leave it out"
-                raise FormatError(f"{given.file}: {given.path}.{name} is an unknown field{hint}")
+        require_fields(given, list(written), "this document")
         for name, value in written.items():
             if name in fields or name not in optional:
                 require_agreement(given.get(name), value, origin=origin, optional=optional, way_out=way_out)
@@ -78,6 +74,15 @@ def require_agreement(
             f"{given.file}: {given.path} is {_shown(given.value)}, but {origin(given.path).place} gives "
             f"{_shown(written)}: {way_out}"
         )
+
+
+def require_fields(node: Node, known: Sequence[str], what: str) -> None:
+    """Raise FormatError for an unknown field, with the known one that has a similar name."""
+    for name in node.mapping():
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+            hint = f"is it {close[0]}?" if close else f"there are {', '.join(known)}"
+            raise FormatError(f"{node.file}: {node.path}.{name} is no field of {what}: {hint}")
 
 
 def _is_same(given: Any, written: Any, origin: Origin) -> bool:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import stat
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from imucal.document.temporary import TemporaryFile
 from imucal.errors import InputError
 
 __all__ = ["write_atomically", "write_text"]
@@ -21,7 +21,8 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
     The bytes are written to a temporary file in the same folder and flushed to the disk; then the file is
     renamed. After any exception, including an interrupt, the temporary file is removed and `path` is
-    unchanged. Devices and pipes cannot be replaced and are written directly.
+    unchanged. A killed process leaves no temporary file either (`TemporaryFile`). Devices and pipes cannot be
+    replaced and are written directly.
 
     Raises InputError if the file cannot be written (no folder, no permission, disk full, ...).
     """
@@ -38,18 +39,13 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             raise IsADirectoryError(21, "it is a folder, give a file's name")
         if not target.parent.is_dir():
             raise FileNotFoundError(2, f"there is no folder {target.parent}: create it first")
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                Path(temporary).chmod(_mode(target))
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, target)  # noqa: PTH105 (the name says what it does)
-        except BaseException:
-            with suppress(OSError):
-                Path(temporary).unlink()
-            raise
+        with TemporaryFile(target.parent) as temporary, os.fdopen(temporary.descriptor, "wb") as file:
+            if target.exists() and hasattr(os, "fchmod"):
+                os.fchmod(file.fileno(), stat.S_IMODE(target.stat().st_mode))
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+            temporary.replace(target, file)
         _sync_folder(target.parent)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -65,15 +61,6 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     """
     with write_atomically(path) as file:
         file.write(text.encode("utf-8", "backslashreplace"))
-
-
-def _mode(target: Path) -> int:
-    """The permissions after an ordinary write: those of the old file, or those given by the umask."""
-    if target.exists():
-        return stat.S_IMODE(target.stat().st_mode)
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
 
 
 def _sync_folder(folder: Path) -> None:

@@ -16,14 +16,19 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 import imucal._core as _core
+from imucal.document.agreement import require_fields
 from imucal.document.json_document import Node, read_json, write_json
 from imucal.document.whole import check_count, check_seed
 from imucal.errors import FormatError, InputError
+from imucal.rig.program_bounds import fault_of
 from imucal.rig.stand import Stand, stand_of
 
 __all__ = ["Motion", "Program", "Static", "Step", "Tumble"]
 
 SCHEMA: Final = "imucal.program/1"
+# In a truth file the program has its kind instead of the schema.
+PROGRAM_FIELDS: Final = ("schema", "kind", "steps", "stand")
+STEP_FIELDS: Final = ("turn_deg", "move_s", "hold_s")
 
 
 @dataclass(frozen=True)
@@ -238,16 +243,17 @@ def motion_from(node: Node) -> Motion:
 
 def program_of(node: Node) -> Program:
     """The program in a file."""
+    require_fields(node, PROGRAM_FIELDS, "a program file")
     steps = []
     for item in node.get("steps").items():
+        require_fields(item, STEP_FIELDS, "a step")
         turn_deg = _triple(item.get("turn_deg").array(3).tolist())
-        times = (item.get("move_s"), item.get("hold_s"))
-        for time in times:
-            if time.number() < 0:
-                raise FormatError(f"{time.file}: {time.path} is {time.value}, it must not be negative")
-        steps.append(Step(turn_deg, times[0].number(), times[1].number()))
+        steps.append(Step(turn_deg, item.get("move_s").number(), item.get("hold_s").number()))
     if not steps:
         raise FormatError(f"{node.file}: $.steps is empty: a program needs at least one step")
+    fault = fault_of(steps)
+    if fault is not None:
+        raise FormatError(f"{node.file}: {fault.path.replace('$', node.path, 1)} {fault.reason}")
     return Program(tuple(steps), stand_of(node.get("stand")) if "stand" in node.mapping() else None)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from imucal.errors import InputError
 from imucal.rig.motion import Program, Step
+from imucal.rig.program_bounds import MAX_DURATION_S, fault_of, turned_too_far
 
 __all__ = ["Axes", "Block", "MotorLimits", "blocks_of", "gcode"]
 
@@ -31,6 +32,12 @@ ANGLE_DECIMALS: Final = 4
 FEED_DECIMALS: Final = 2
 # Lowest feed that GRBL accepts, deg/min; it raises lower ones to this value.
 LEAST_FEED_DPM: Final = 1.0
+# Largest angle of a motor from its start, deg: the largest number with eight digits.
+MAX_ANGLE_DEG: Final = 9999.9999
+# Largest rate, deg/s, and acceleration, deg/s^2, of a motor; the feed of this rate has eight digits in
+# deg/min.
+MAX_RATE_DPS: Final = 10_000.0
+MAX_ACCELERATION_DPS2: Final = 1e6
 # A move that takes longer than in the program by more than this time is reported as late, s.
 LATE_S: Final = 0.01
 
@@ -47,10 +54,10 @@ class MotorLimits:
     acceleration_dps2: tuple[float, float, float] = (1000.0, 1000.0, 1000.0)
 
     def __post_init__(self) -> None:
-        for name in ("max_rate_dps", "acceleration_dps2"):
+        for name, most in (("max_rate_dps", MAX_RATE_DPS), ("acceleration_dps2", MAX_ACCELERATION_DPS2)):
             values = getattr(self, name)
-            if len(values) != 3 or not all(math.isfinite(value) and value > 0 for value in values):
-                raise InputError(f"{name} is {values}: three positive numbers are needed")
+            if len(values) != 3 or not all(0.0 < value <= most for value in values):
+                raise InputError(f"{name} is {values}: three positive numbers up to {most:g} are needed")
 
     def along(self, turn_deg: Sequence[float]) -> tuple[float, float]:
         """Highest rate, deg/s, and acceleration, deg/s^2, along a combined rotation of the motors."""
@@ -117,14 +124,30 @@ class Block:
 
 
 def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
-    """The steps of a program for a controller with these limits, with numbers rounded as in the G-code."""
+    """The steps of a program for a controller with these limits, with numbers rounded as in the G-code.
+
+    Raises InputError for a program that no stand can follow, whose angles have too many digits for the
+    controller, or that takes the controller longer than a week.
+    """
+    fault = fault_of(program.steps)
+    if fault is not None:
+        raise InputError(f"the program cannot run: {fault.path} {fault.reason}")
     blocks, before = [], (0.0, 0.0, 0.0)
     exact = np.cumsum([step.turn_deg for step in program.steps], axis=0)
+    for index, motor in np.argwhere(np.abs(exact) > MAX_ANGLE_DEG).tolist():
+        reason = turned_too_far(float(exact[index, motor]), MAX_ANGLE_DEG)
+        raise InputError(f"the controller reads eight digits: $.steps[{index}].turn_deg[{motor}] {reason}")
     for step, sum_deg in zip(program.steps, exact, strict=True):
         x, y, z = (round(float(angle), ANGLE_DECIMALS) for angle in sum_deg)
         turn_deg = (x - before[0], y - before[1], z - before[2])
         blocks.append(_block(step, (x, y, z), turn_deg, limits))
         before = (x, y, z)
+    if duration_s(blocks) > MAX_DURATION_S:
+        raise InputError(
+            f"the program takes the motors {duration_s(blocks):.3g} s, more than {MAX_DURATION_S:g} s, a "
+            "week: give "
+            "higher rates and accelerations, or a shorter program"
+        )
     return blocks
 
 

@@ -1,0 +1,132 @@
+"""Temporary files that a killed process does not leave behind.
+
+On Linux the file has no name until it is complete, so the kernel removes it with the process. Elsewhere, and
+on file systems without such files, it has a short hidden name and a lock that ends with its process. The next
+process that writes into the folder removes files whose lock has ended.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Final
+
+try:
+    import fcntl
+except ImportError:  # Windows has other locks; a file left there has to be removed by hand.
+    fcntl = None  # type: ignore[assignment]
+
+__all__ = ["TemporaryFile"]
+
+# Short, because the name of the file that is written may have all 255 bytes that file systems allow.
+PREFIX: Final = ".imucal-"
+SUFFIX: Final = ".tmp"
+# Age at which a file without a lock is left behind, s. A younger one may not be locked yet.
+LEFT_BEHIND_S: Final = 60.0
+# Attempts to give a complete file its name while other processes write the same file.
+ATTEMPTS: Final = 20
+
+
+class TemporaryFile:
+    """A file in a folder that replaces another one when it is complete.
+
+    descriptor   of the open file, for writing
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._name: Path | None = None
+        self.descriptor = self._open()
+
+    def __enter__(self) -> TemporaryFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Remove the file unless it has replaced another one."""
+        if self._name is not None:
+            with suppress(OSError):
+                self._name.unlink()
+
+    def replace(self, target: Path, file: BinaryIO) -> None:
+        """Make this file, which is complete and flushed, the file `target`; `file` has its descriptor."""
+        if self._name is not None:
+            # Windows renames closed files only.
+            file.close()
+            self._name.replace(target)
+            self._name = None
+            return
+        with suppress(FileExistsError):
+            self._link(target)
+            return
+        # A link cannot replace a file, a rename can. The name is that of the target, so a process that is
+        # killed between the two calls leaves one file, which the next one replaces.
+        linked = self._folder / f"{PREFIX}{_digest(target.name)}{SUFFIX}"
+        for attempt in range(ATTEMPTS):
+            try:
+                with suppress(FileNotFoundError):
+                    linked.unlink()
+                self._link(linked)
+                linked.replace(target)
+                return
+            except (FileExistsError, FileNotFoundError):
+                # Another process writes the same file at the same time.
+                if attempt == ATTEMPTS - 1:
+                    raise
+                time.sleep(0.01 * attempt)
+
+    def _link(self, path: Path) -> None:
+        """Give the file without a name a name in its folder."""
+        folder = os.open(self._folder, os.O_RDONLY)
+        try:
+            # Python follows the link of the descriptor only if a folder is given by its descriptor.
+            os.link(f"/proc/self/fd/{self.descriptor}", path.name, dst_dir_fd=folder, follow_symlinks=True)
+        finally:
+            os.close(folder)
+
+    def _open(self) -> int:
+        """Open a file without a name, or else one with a name."""
+        if hasattr(os, "O_TMPFILE") and Path("/proc/self/fd").is_dir():
+            # Not all file systems have files without a name.
+            with suppress(OSError):
+                return os.open(self._folder, os.O_TMPFILE | os.O_RDWR, 0o666)
+        _remove_left_behind(self._folder)
+        descriptor, name = tempfile.mkstemp(prefix=PREFIX, suffix=SUFFIX, dir=self._folder)
+        self._name = Path(name)
+        if fcntl is not None:
+            with suppress(OSError):
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # mkstemp lets only its user read the file.
+        mask = os.umask(0)
+        os.umask(mask)
+        with suppress(OSError):
+            self._name.chmod(0o666 & ~mask)
+        return descriptor
+
+
+def _digest(name: str) -> str:
+    """A short name for a name of any length."""
+    import zlib
+
+    return f"{zlib.crc32(os.fsencode(name)):08x}"
+
+
+def _remove_left_behind(folder: Path) -> None:
+    """Remove files of processes that were killed."""
+    if fcntl is None:
+        return
+    for path in folder.glob(f"{PREFIX}*{SUFFIX}"):
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime < LEFT_BEHIND_S:
+                continue
+            descriptor = os.open(path, os.O_RDWR)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
+            finally:
+                os.close(descriptor)

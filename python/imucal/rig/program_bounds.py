@@ -1,0 +1,97 @@
+"""Bounds of a program: what no stand and no gyroscope can follow is a mistake in the file, not a program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple, Protocol
+
+
+__all__ = ["MAX_DURATION_S", "Fault", "fault_of", "turned_too_far"]
+
+# Largest number of steps: a grid of 1 deg over the sphere has 64,800 poses.
+MAX_STEPS: Final = 100_000
+# Largest angle of a motor from its start, deg: a hundred revolutions, after which a stand has no cable.
+MAX_ANGLE_DEG: Final = 36_000.0
+# Largest mean rate of a motor over a turn, deg/s: the widest range of a MEMS gyroscope is 4000 deg/s.
+MAX_RATE_DPS: Final = 5_000.0
+# Largest acceleration of a motor, deg/s^2; a hobby servo that turns by 60 deg in 0.1 s has 48,000.
+MAX_ACCELERATION_DPS2: Final = 200_000.0
+# Peak acceleration of a turn, as a multiple of its angle over the square of its time (docs/model.md).
+PEAK_ACCELERATION: Final = 8.0
+# Longest turn or rest, s, and longest program, s: a day and a week.
+MAX_STEP_S: Final = 86_400.0
+MAX_DURATION_S: Final = 7 * MAX_STEP_S
+
+
+class Timed(Protocol):
+    """A step of a program."""
+
+    @property
+    def turn_deg(self) -> tuple[float, float, float]:
+        """Rotation of each motor, deg."""
+
+    @property
+    def move_s(self) -> float:
+        """Duration of the rotation, s."""
+
+    @property
+    def hold_s(self) -> float:
+        """Duration of the rest after it, s."""
+
+
+class Fault(NamedTuple):
+    """The first field of a program that is out of bounds: its path and what is wrong with it."""
+
+    path: str
+    reason: str
+
+
+def fault_of(steps: Sequence[Timed]) -> Fault | None:
+    """The first field that is out of bounds, or None. NaN is out of all bounds."""
+    if len(steps) > MAX_STEPS:
+        return Fault("$.steps", f"has {len(steps)} items: a program has at most {MAX_STEPS} steps")
+    angles_deg, duration_s = [0.0, 0.0, 0.0], 0.0
+    for index, step in enumerate(steps):
+        path = f"$.steps[{index}]"
+        for name, time_s in (("move_s", step.move_s), ("hold_s", step.hold_s)):
+            if not 0.0 <= time_s <= MAX_STEP_S:
+                reason = f"is {time_s}: give 0 to {MAX_STEP_S:g} s, a day"
+                return Fault(
+                    f"{path}.{name}", reason if time_s > 0 else f"is {time_s}, it must not be negative"
+                )
+        for motor, turn_deg in enumerate(step.turn_deg):
+            angles_deg[motor] += turn_deg
+            if not abs(angles_deg[motor]) <= MAX_ANGLE_DEG:
+                return Fault(f"{path}.turn_deg[{motor}]", turned_too_far(angles_deg[motor], MAX_ANGLE_DEG))
+            reason = _too_fast(abs(turn_deg), step.move_s)
+            if reason is not None:
+                return Fault(
+                    f"{path}.turn_deg[{motor}]",
+                    f"is {turn_deg}, but {path}.move_s is {step.move_s}: {reason}",
+                )
+        duration_s += step.move_s + step.hold_s
+    if duration_s > MAX_DURATION_S:
+        return Fault(
+            "$.steps", f"take {duration_s:.6g} s: a program takes at most {MAX_DURATION_S:g} s, a week"
+        )
+    return None
+
+
+def turned_too_far(angle_deg: float, most_deg: float) -> str:
+    """The reason why a motor does not turn to this angle."""
+    return f"turns the motor to {angle_deg:.6g} deg from its start: give angles up to {most_deg:g} deg"
+
+
+def _too_fast(turn_deg: float, move_s: float) -> str | None:
+    if turn_deg == 0.0:
+        return None
+    if move_s == 0.0:
+        return "the turn takes no time: give a positive move_s"
+    rate, acceleration = turn_deg / move_s, PEAK_ACCELERATION * turn_deg / move_s / move_s
+    if not rate <= MAX_RATE_DPS:
+        return f"a mean rate of {rate:.3g} deg/s; give at most {MAX_RATE_DPS:g} deg/s"
+    if not acceleration <= MAX_ACCELERATION_DPS2:
+        return (
+            f"an acceleration of {acceleration:.3g} deg/s^2; give at most {MAX_ACCELERATION_DPS2:g} deg/s^2"
+        )
+    return None
