@@ -51,7 +51,7 @@ def test_named_programs_are_the_papers():
         ),
         (
             {"schema": "imucal.program/1", "steps": [{"turn_deg": [1, 2, 3], "move_s": -1, "hold_s": 1}]},
-            r"\$\.steps\[0\]\.move_s is -1, it must not be negative",
+            r"\$\.steps\[0\]\.move_s is -1.0, it must not be negative",
         ),
         (
             {"schema": "imucal.program/1", "steps": [{"turn_deg": [1, 2, 3], "move_s": 1}]},

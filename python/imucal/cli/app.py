@@ -37,6 +37,7 @@ from imucal.cli.ending import INTERRUPTED, as_interrupts
 from imucal.cli.failure import TRACEBACK, is_fault, message_of
 from imucal.cli.group import group
 from imucal.cli.output import NO_RESULT
+from imucal.cli.streams import printable, standing_streams
 
 __all__ = ["app", "main"]
 
@@ -90,7 +91,7 @@ def _options(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    with as_interrupts() as ended:
+    with standing_streams(), as_interrupts() as ended:
         try:
             code = _run(list(sys.argv[1:] if arguments is None else arguments))
             sys.stdout.flush()
@@ -123,9 +124,6 @@ def _unwritable(error: OSError) -> int:
     if error.filename is None and error.strerror is not None:
         # Otherwise the interpreter would flush standard output again at exit, and fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):
-            # The reader of the pipe has closed it, so a message is not needed.
-            return NO_RESULT
     return _failed(error)
 
 
@@ -152,5 +150,5 @@ def _wrong_command_line(error: Any) -> int:
 def _say(message: str, code: int) -> int:
     if len(message) > MOST_ON_A_LINE:
         message = message.replace("; ", ";\n  ")
-    print(f"imucal: {message}", file=sys.stderr)
+    print(f"imucal: {printable(message)}", file=sys.stderr)
     return code

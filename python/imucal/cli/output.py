@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 
+from imucal.cli.streams import printable
+from imucal.document.name import shown
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
@@ -109,7 +111,7 @@ class Output:
 
     def line(self, text: str) -> None:
         """Print a line of text without wrapping it."""
-        self._console.print(text, soft_wrap=True)
+        self._console.print(printable(text), soft_wrap=True)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """Print a table, with the first column aligned left and the others right."""
@@ -120,7 +122,7 @@ class Output:
         for index, heading in enumerate(headings):
             table.add_column(heading, justify="left" if index == 0 else "right", no_wrap=True)
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*map(shown, row))
         # In a narrow terminal long lines wrap, whereas rich would truncate numbers to its width.
         own_width = self._console.width
         self._console.width = max(own_width, PIPE_WIDTH)

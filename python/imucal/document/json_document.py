@@ -36,7 +36,7 @@ def to_json(document: Any) -> str:
     for path, number in _numbers(document, "$"):
         if not math.isfinite(number):
             raise InputError(f"{path} is {number}: it is not written, JSON holds finite numbers only")
-    text = json.dumps(document, indent=2, ensure_ascii=False)
+    text = _escaped(json.dumps(document, indent=2, ensure_ascii=False))
     # A JSON string contains no raw line break, so only arrays of numbers match.
     return re.sub(
         r"\[\n\s*([-+\d.eE]+(?:,\n\s*[-+\d.eE]+)*)\n\s*\]",
@@ -167,6 +167,18 @@ class Node:
         shown = json.dumps(self.value)
         shown = shown if len(shown) <= 40 else shown[:37] + "..."
         return FormatError(f"{self.file}: {self.path} is {shown}, it must be {needed}")
+
+
+def _escaped(text: str) -> str:
+    """JSON text with an escape for each character that cannot be printed, all of which are in strings."""
+
+    def escape(match: re.Match[str]) -> str:
+        character = match[0]
+        return (
+            character if character.isprintable() else json.dumps(character)[1:-1].replace("\x7f", "\\u007f")
+        )
+
+    return re.sub("[^\x00-\x7e]", escape, text)
 
 
 def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:

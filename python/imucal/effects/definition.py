@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray
+from imucal.document.name import require_name
 from imucal.effects.disturbance import disturbances
 from imucal.effects.effect import Effect, EffectParameter, EffectValues
 from imucal.effects.state import State
@@ -58,6 +59,14 @@ class UserEffect:
         if self.sensor not in TRIADS:
             raise InputError(f"the sensor of {self.name} is {self.sensor!r}: give one of {', '.join(TRIADS)}")
         names = [parameter.name for parameter in self.parameters]
+        for name in names:
+            # A digit may be first, because the name of the effect stands before it.
+            if not f"_{name}".isidentifier():
+                raise InputError(
+                    f"the parameter {name!r} of {self.name} cannot be one: use letters, digits and _"
+                )
+        for parameter in self.parameters:
+            require_name(parameter.unit, f"the unit of the parameter {parameter.name} of {self.name}")
         if not names or len(set(names)) < len(names):
             raise InputError(f"{self.name} has the parameters {names}: give one or more with different names")
 

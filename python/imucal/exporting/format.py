@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 
 from imucal.document.json_document import to_json
+from imucal.document.name import shown
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
     made = calibration.provenance
     unit = f"unit {calibration.serial_number}" if calibration.serial_number else "a unit"
     files = ", ".join(source.path for source in made.files)
-    return [
+    lines = [
         f"{form.title}, written by imucal",
         f"Calibration of {unit}"
         + (f", made {made.date}" if made.date else "")
@@ -109,6 +110,8 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
         *(f"Not exported: {loss}" for loss in written.lost),
         *([] if written.lost else ["Not exported: nothing, this file contains the whole correction"]),
     ]
+    # A name of a file may hold a line separator, which would end a comment in YAML or Rust.
+    return [shown(line) for line in lines]
 
 
 def line_comments(mark: str) -> Layout:

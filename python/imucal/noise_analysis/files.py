@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from imucal.document.name import require_name
 from imucal.errors import InputError
 from imucal.noise_analysis.noise import NoiseResult
 from imucal.rig.unit import Sensor, Unit
@@ -42,7 +43,7 @@ def kalibr_yaml(noise: NoiseResult, *, rostopic: str = ROSTOPIC) -> str:
         how = "not seen on any axis: the end of its 95 % band" if std is None else f"1 sigma {std:.2g}"
         # YAML 1.1 reads a number without a decimal point, such as 1e-05, as text.
         lines.append(f"{name}: {np.format_float_scientific(value, precision=9, trim='0')}  # {unit}, {how}")
-    quoted = rostopic.replace("'", "''")
+    quoted = require_name(rostopic, "the rostopic").replace("'", "''")
     rate = np.format_float_positional(noise.rate_hz, precision=6, trim="0")
     return "\n".join([*lines, f"rostopic: '{quoted}'", f"update_rate: {rate}  # Hz", ""])
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, SampleArray, as_rows, as_samples
 from imucal.data_frame import is_frame, recording_of, table_of
+from imucal.document.name import shown
 from imucal.document.source import Source
 from imucal.errors import ImucalError, InputError
 from imucal.finding import Finding
@@ -84,20 +85,20 @@ class Recording:
             (gyro_unit, get_args(GyroUnit), "gyro_unit"),
         ):
             if unit not in known:
-                raise InputError(f"{name}: {what} is {unit!r}: give one of {', '.join(known)}")
+                raise InputError(f"{shown(name)}: {what} is {unit!r}: give one of {', '.join(known)}")
 
-        # A file name may be invalid UTF-8, but messages must be valid.
-        printable = name.encode("utf-8", "backslashreplace").decode()
+        # A file may have any name, but messages are one line of valid text.
+        printable = shown(name)
 
         def column(values: ArrayLike, what: str, width: int | None, rows: int | None) -> FloatArray:
-            return as_rows(values, f"{name}: {what}", width, rows)
+            return as_rows(values, f"{printable}: {what}", width, rows)
 
         time = column(time_s, "time_s", None, None)
         rows = len(time)
         fields: dict[str, Any] = {
             "time_s": time,
-            "specific_force": as_samples(specific_force, f"{name}: specific_force", rows),
-            "angular_rate": as_samples(angular_rate, f"{name}: angular_rate", rows),
+            "specific_force": as_samples(specific_force, f"{printable}: specific_force", rows),
+            "angular_rate": as_samples(angular_rate, f"{printable}: angular_rate", rows),
             "temperature_degc": None
             if temperature_degc is None
             else column(temperature_degc, "temperature_degc", None, rows),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
 
-
 __all__ = ["MAX_DURATION_S", "Fault", "fault_of", "turned_too_far"]
 
 # Largest number of steps: a grid of 1 deg over the sphere has 64,800 poses.
@@ -55,9 +54,9 @@ def fault_of(steps: Sequence[Timed]) -> Fault | None:
         path = f"$.steps[{index}]"
         for name, time_s in (("move_s", step.move_s), ("hold_s", step.hold_s)):
             if not 0.0 <= time_s <= MAX_STEP_S:
-                reason = f"is {time_s}: give 0 to {MAX_STEP_S:g} s, a day"
+                too_long = f"is {time_s}: give 0 to {MAX_STEP_S:g} s, a day"
                 return Fault(
-                    f"{path}.{name}", reason if time_s > 0 else f"is {time_s}, it must not be negative"
+                    f"{path}.{name}", too_long if time_s > 0 else f"is {time_s}, it must not be negative"
                 )
         for motor, turn_deg in enumerate(step.turn_deg):
             angles_deg[motor] += turn_deg

@@ -11,6 +11,7 @@ import typer
 from imucal.cli.options import MIN_REST_S, Control, JsonPath, MinRest
 from imucal.cli.output import Output, require_apart
 from imucal.cli.reading import Reading, reading_options
+from imucal.cli.streams import printable
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -115,9 +116,9 @@ def export(
     if output is not None:
         out.line(f"{output}: {form.title}")
     for reason in poor:
-        print(f"warning: this calibration is poor: {reason}", file=sys.stderr)
+        print(printable(f"warning: this calibration is poor: {reason}"), file=sys.stderr)
     for loss in exported.lost:
-        print(f"not exported to {form.name}: {loss}", file=sys.stderr)
+        print(printable(f"not exported to {form.name}: {loss}"), file=sys.stderr)
     if residual is not None:
         print(residual.summary(), file=sys.stderr)
     elif judges:
