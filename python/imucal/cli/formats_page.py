@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from imucal.cli.exports_page import exports_section
+
 __all__ = ["page"]
 
 HEAD = """# Formats that are read
@@ -34,10 +36,10 @@ with other names:
 
 ## Data frames
 
-In Python, a data frame with these column names is a recording wherever a recording is expected: of pandas (2.2),
-polars, pyarrow, DuckDB, and anything else with the Arrow interface `__arrow_c_stream__`. For other names,
-`imucal.read(frame, columns="time_s=t,...")`. `Recording.to_arrow()` and `Recording.to_pandas()` return the
-columns with these names, bit for bit, and `polars.DataFrame(recording)` takes them directly.
+In Python, a data frame with these column names is a recording wherever a recording is expected: of pandas
+(2.2), polars, pyarrow, DuckDB, and anything else with the Arrow interface `__arrow_c_stream__`. For other
+names, `imucal.read(frame, columns="time_s=t,...")`. `Recording.to_arrow()` and `Recording.to_pandas()`
+return the columns with these names, bit for bit, and `polars.DataFrame(recording)` takes them directly.
 
 ## Separate time stamps
 
@@ -67,7 +69,7 @@ Each extra is installed by its name, for example `pip install "imucal-rs[ros]"`,
 
 def page() -> str:
     """The page as Markdown."""
-    return "\n".join([HEAD, *_overview(), *_sections(), FOOT])
+    return "\n".join([HEAD, *_overview(), *_sections(), *exports_section(), FOOT])
 
 
 def _overview() -> Iterator[str]:

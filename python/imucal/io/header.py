@@ -147,9 +147,12 @@ def header_of(
     groups: _Groups = {}
     times: list[tuple[str, str | None]] = []
     temperature = None
+    # A name of the device before all columns says nothing about them.
+    prefix = _shared_start([name for name in names if name])
     for name, text in zip(names, described, strict=True):
         bare, unit = split_unit(text)
-        words = [word.lower() for word in WORD.findall(re.sub(r"_CAL$|_cal$", "", bare))]
+        bare = re.sub(r"_CAL$|_cal$", "", bare.removeprefix(prefix))
+        words = [word.lower() for word in WORD.findall(bare)]
         if _is_time(words, unit):
             known = unit[1] if unit and unit[0] == "time" else _time_in_words(words)
             if known is None and program is not None:
@@ -176,6 +179,13 @@ def header_of(
         source = "header"
         if unit_name is None and program is not None and of in ("accel", "gyro"):
             unit_name, source = (program.accel if of == "accel" else program.gyro), program.name
+        if (
+            program is not None
+            and program.name == "Physics Toolbox"
+            and of == "accel"
+            and found["x"][0] == "ax"
+        ):
+            what = "linear"
         triad = Triad(columns, unit_name or None, source)
         if what.startswith("plain"):
             header.plain.append((triad, what.partition("-")[2]))
@@ -186,6 +196,13 @@ def header_of(
         header.accel.extend(Triad(t.columns, t.unit or program.accel, program.name) for t in header.linear)
         header.linear.clear()
     return header
+
+
+def _shared_start(names: Sequence[str]) -> str:
+    """The start of all names, up to a separator."""
+    least, most = min(names, default=""), max(names, default="")
+    end = next((i for i, (a, b) in enumerate(zip(least, most, strict=False)) if a != b), 0)
+    return least[: max(least.rfind(mark, 0, end) for mark in "_./:") + 1]
 
 
 def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:

@@ -25,6 +25,8 @@ HEAD: Final = 1 << 16
 HEADER_LINES: Final = 50
 # Lines at the end of the head from which separator and number of columns are determined.
 SAMPLE_LINES: Final = 60
+# Least number of values of a line that decides for a separator.
+LEAST_NUMBERS: Final = 3
 NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 # Something that starts like a date or a time of day; `imucal.io.dates` reads it.
@@ -69,7 +71,7 @@ class Layout:
         if self.units is None:
             return list(names)
         return [
-            f"{name} [{unit.strip('()[]{}')}]" if unit else name
+            f"{name} [{unit.strip('()[]{}') if unit[0] in '([{' else unit}]" if unit else name
             for name, unit in zip(names, self.units, strict=True)
         ]
 
@@ -191,7 +193,10 @@ def is_value(field: str, decimal: str = ".") -> bool:
 
 
 def _separator(lines: list[_Line], first: list[_Line], width: int | None) -> str:
-    """The separator that splits the last lines of the head into most numbers; a tab before all others."""
+    """The first separator that splits the last lines of the head into three numbers or more, a tab first.
+
+    Spaces stand last because they are also inside of dates.
+    """
     sample = lines[-SAMPLE_LINES:]
     best, most = ",", 0
     for mark in SEPARATORS:
@@ -204,6 +209,8 @@ def _separator(lines: list[_Line], first: list[_Line], width: int | None) -> str
                 continue
             decimal = "." if mark == "," and '"' not in line.text else ","
             count += sum(is_value(field, decimal) for field in fields)
+        if count >= LEAST_NUMBERS * len(sample):
+            return mark
         if count > most:
             best, most = mark, count
     if not most:

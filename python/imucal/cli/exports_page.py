@@ -1,0 +1,240 @@
+"""The exports of makers and apps on the page of formats: which export, which command, what is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+__all__ = ["EXPORTS", "Export", "exports_section"]
+
+NOTHING: Final = "nothing"
+ROUNDED: Final = "digits beyond those that are printed"
+OTHERS: Final = "the other columns"
+
+
+@dataclass(frozen=True)
+class Export:
+    """An export of a maker's program or an app.
+
+    name     maker, program and kind of file
+    choose   what to choose there
+    command  how imucal reads the file
+    lost     what the recording does not have, and what to know about the data
+    """
+
+    name: str
+    choose: str
+    command: str
+    lost: str
+
+
+EXPORTS: Final = (
+    Export(
+        "phyphox, CSV (tabulator)",
+        "an experiment with accelerometer (with g) and gyroscope; Export Data > CSV "
+        "(Tabulator, decimal point)",
+        "imucal convert 'Raw Data.csv' -o rec.csv",
+        "nothing; the experiment `Acceleration (without g)` cannot be used",
+    ),
+    Export(
+        "phyphox, CSV (semicolon, decimal comma)",
+        "as above; CSV (Semicolon, decimal comma)",
+        "imucal convert 'Raw Data.csv' -o rec.csv",
+        NOTHING,
+    ),
+    Export(
+        "phyphox, zip",
+        "as above, with one file per sensor",
+        "imucal convert phone.zip -o rec.csv",
+        "sensors with own time stamps are resampled",
+    ),
+    Export(
+        "Sensor Logger, zip",
+        "Total Acceleration and Gyroscope; Export > Zipped CSV",
+        "imucal convert 2026-01-01.zip -o rec.csv",
+        "`TotalAcceleration.csv` has gravity, `Accelerometer.csv` does not and is ignored; on iOS, switch on "
+        "`Standardise Units & Frames`",
+    ),
+    Export(
+        "Physics Toolbox Sensor Suite",
+        "Multi Record with g-Force Meter and Gyroscope",
+        "imucal convert multi.csv -o rec.csv",
+        "ax, ay, az are without gravity and are ignored; gFx, gFy, gFz are read, in g",
+    ),
+    Export(
+        "AndroSensor",
+        "Accelerometer and Gyroscope; time since start in ms",
+        "imucal convert sensor.csv -o rec.csv",
+        "GRAVITY and LINEAR ACCELERATION are ignored",
+    ),
+    Export(
+        "Xsens MT Manager, ASCII export",
+        "Acceleration, Rate of Turn and Sample Time Fine",
+        "imucal convert MT_0388.txt -o rec.csv",
+        "FreeAcc (without gravity), magnetometer and orientation. Leave the unit of the rate of turn rad/s, because "
+        "the header does not say it",
+    ),
+    Export(
+        "Movella DOT (Xsens DOT), CSV",
+        "a measurement mode with Acc and Gyr, such as Rate quantities",
+        "imucal convert dot.csv -o rec.csv",
+        "modes with FreeAcc only cannot be used",
+    ),
+    Export(
+        "Shimmer Consensys, CSV (calibrated)",
+        "Calibrated; one accelerometer (low noise or wide range) and the gyroscope",
+        "imucal convert shimmer.csv -o rec.csv",
+        "the calibration of Consensys is in the data; a new one is valid after it",
+    ),
+    Export(
+        "ST MEMS Studio and Unico",
+        "save the accelerometer and gyroscope as text",
+        "imucal convert log.txt --rate-hz 100 -o rec.csv",
+        "time, which these files do not have",
+    ),
+    Export(
+        "ST BLE Sensor app",
+        "log to CSV, one file per feature",
+        "imucal convert Accelerometer.csv Gyroscope.csv --time-unit ms -o rec.csv",
+        "the date, which is as coarse as the transmission",
+    ),
+    Export(
+        "WitMotion, text record",
+        "record as text (.txt or .csv); binary records and raw packets are not read",
+        "imucal convert data.txt -o rec.csv",
+        "the angles and the magnetic field; the chip time is read if the record has no other",
+    ),
+    Export(
+        "x-io x-IMU3, CSV folder",
+        "convert the data log to CSV files with the x-IMU3 GUI",
+        "imucal convert x-IMU3 -o rec.csv",
+        "the files besides Inertial.csv",
+    ),
+    Export(
+        "x-io NGIMU, sensors.csv",
+        "convert the SD card file with the NGIMU software",
+        "imucal convert sensors.csv -o rec.csv",
+        "magnetometer and barometer",
+    ),
+    Export(
+        "VectorNav, ASCII output",
+        "the asynchronous output VNYMR, VNIMU, VNQMR or VNMAR",
+        "imucal convert vn.txt --rate-hz 100 -o rec.csv",
+        f"time, which the sentences do not have; {ROUNDED}",
+    ),
+    Export(
+        "Arduino serial plotter",
+        "save the serial output; print time, units and counts as they are",
+        "imucal convert plotter.txt --columns time_s=t,accel_x_mps2=ax,accel_y_mps2=ay,accel_z_mps2=az,"
+        "gyro_x_radps=gx,gyro_y_radps=gy,gyro_z_radps=gz -o rec.csv",
+        ROUNDED,
+    ),
+    Export(
+        "MbientLab MetaBase",
+        "Accelerometer and Gyroscope; both CSV files",
+        "imucal convert Accelerometer.csv Gyroscope.csv -o rec.csv",
+        "the elapsed time, which starts at another instant in each file; epoch (ms) is read",
+    ),
+    Export(
+        "SensorLog (iOS)",
+        "CSV with accelerometer and gyroscope",
+        "imucal convert log.csv --columns 'time_s=accelerometerTimestamp_sinceReboot(s),...' -o rec.csv",
+        "iOS gives the accelerometer the other sign: a unit at rest reads -1 g on the axis that points up",
+    ),
+    Export(
+        "ROS 1, rostopic echo -p",
+        "rostopic echo -p /imu/data > imu.csv; better give the bag itself",
+        "imucal convert imu.csv -o rec.csv",
+        OTHERS,
+    ),
+    Export(
+        "PlotJuggler, CSV export",
+        "angular_velocity and linear_acceleration of one sensor_msgs/Imu topic",
+        "imucal convert pj.csv -o rec.csv",
+        "digits of the time stamps below 1 us; better give the bag itself",
+    ),
+    Export(
+        "ActiGraph, IMU CSV",
+        "export the IMU data of ActiLife as CSV, with time stamps",
+        "imucal convert acti.csv -o rec.csv",
+        "magnetometer",
+    ),
+    Export(
+        "Axivity AX6, OmGui CSV",
+        "export resampled CSV with accelerometer (g) and gyroscope (d/s)",
+        "imucal convert ax6.csv -o rec.csv",
+        "OmGui resamples, which smooths the noise",
+    ),
+    Export(
+        "ACEINNA NavView and OpenIMU",
+        "log the message z1 or s1",
+        "imucal convert openimu.csv -o rec.csv",
+        "magnetometer",
+    ),
+    Export(
+        "SBG Systems, sbgCenter export",
+        "text export of IMU data with the line of units",
+        "imucal convert imu.txt -o rec.csv",
+        "the status",
+    ),
+    Export(
+        "Betaflight, blackbox_decode",
+        "blackbox_decode --unit-rotation deg/s --unit-acceleration g LOG00001.BFL",
+        "imucal convert LOG00001.01.csv -o rec.csv",
+        "Betaflight has filtered both sensors and turned their axes; .BFL logs themselves are not read",
+    ),
+    Export(
+        "GoPro, telemetry extractor CSV",
+        "one CSV per stream (ACCL, GYRO)",
+        "imucal convert Accelerometer.csv Gyroscope.csv --time-unit ms -o rec.csv",
+        "the axes keep the names of the header (z, x, y)",
+    ),
+    Export(
+        "Variense VMU931 and other loggers of one file per sensor",
+        "one text file per sensor, with time and units in the header",
+        "imucal convert acc.txt gyro.txt -o rec.csv",
+        "sensors with own time stamps are resampled",
+    ),
+    Export(
+        "MATLAB, writetimetable",
+        "writetimetable(tt, 'run.csv') for a timetable, which .mat files hold as an object that is not read",
+        "imucal convert run.csv --columns time_s=Time -o rec.csv",
+        "digits beyond those of the time format: tt.Time.Format = 'dd-MMM-yyyy HH:mm:ss.SSSSSS'",
+    ),
+)
+
+HEAD: Final = """\
+## Makers and apps
+
+Exports that are read, and what to choose in the program of the maker. Where a header gives sensor, axis
+and unit of every column, the file is read without further options and a warning says how. Where it gives
+no unit, the message shows how the numbers would read in each unit, and the option `--columns` for the
+likely one.
+"""
+
+FOOT: Final = """\
+Text files in general: the header stands in one of the first 50 lines, after comments (`#`, `%`, `//`), a
+`sep=` line and free text; a second line may give the units. Fields are separated by tab, semicolon, comma
+or spaces; numbers have a decimal point or a decimal comma. UTF-8, UTF-16, and gzip are read, and a zip
+archive of text files. Dates are written as 2026-01-31 12:00:00.123 (also with `/`, `.`, `T`, a colon or
+comma before the fraction, a zone), 31-Jan-2026 12:00:00.123, Jan 31, 2026 12:00:00 PM, 31.01.2026
+12:00:00.123, 20260131T120000.123, or as a time of day, 12:00:00.123 or 00:12.3 (minutes and seconds).
+Lines of text, incomplete lines, rows without values and exact copies of rows are left out, with a warning
+that counts them; a file that is mostly text, or has more than 1 % of garbled lines, is refused.
+
+Not read, with the way out: spreadsheets (.xlsx, .xls, .ods, .numbers: save the sheet as CSV), timetables
+and tables in .mat files (`writetimetable`, `writetable`), binary records of WitMotion (record as text),
+Betaflight logs (`blackbox_decode`).
+"""
+
+
+def exports_section() -> Iterator[str]:
+    """The lines of the section."""
+    yield HEAD
+    yield "| export | choose | command | lost, and what to know |"
+    yield "|---|---|---|---|"
+    for row in EXPORTS:
+        yield f"| {row.name} | {row.choose} | `{row.command}` | {row.lost} |"
+    yield ""
+    yield FOOT

@@ -1,0 +1,674 @@
+"""The exports of makers and apps in docs/formats.md, each on a file in the form of its description."""
+
+import gzip
+import zipfile
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import imucal
+from imucal.cli.exports_page import EXPORTS
+
+ROWS, RATE_HZ = 300, 100.0
+G, DEG = 9.80665, np.pi / 180
+START_NS = 1_767_268_800_000_000_000  # 2026-01-01 12:00:00 UTC
+
+
+def samples():
+    """Time, force and rate of a unit that rests and turns; SI units."""
+    noise = np.random.default_rng(3)
+    time_s = np.arange(ROWS) / RATE_HZ
+    force = np.array([0.4, -0.3, 9.78]) + noise.normal(scale=0.02, size=(ROWS, 3))
+    rate = noise.normal(scale=1e-3, size=(ROWS, 3)) + np.outer(np.sin(time_s), [0.5, -0.3, 0.2])
+    return time_s, force, rate
+
+
+TIME_S, FORCE, RATE = samples()
+NS = START_NS + np.round(TIME_S * 1e9).astype(np.int64)
+
+
+def lines(*columns, separator=",", decimal="."):
+    flat = [
+        axis for column in columns for axis in (np.asarray(column).T if np.ndim(column) == 2 else [column])
+    ]
+    return [
+        separator.join(str(cell).replace(".", decimal) for cell in row) for row in zip(*flat, strict=True)
+    ]
+
+
+def write(folder, name, *parts, end="\n", encoding="utf-8"):
+    text = [line for part in parts for line in ([part] if isinstance(part, str) else part)]
+    path = folder / name
+    path.parent.mkdir(exist_ok=True, parents=True)
+    path.write_bytes((end.join(text) + end).encode(encoding))
+    return path
+
+
+def zipped(folder, name):
+    with zipfile.ZipFile(folder / name, "w") as archive:
+        for path in sorted(folder.rglob("*.csv")):
+            archive.write(path, path.relative_to(folder))
+    return folder / name
+
+
+@dataclass
+class Made:
+    """The arguments of `imucal.read`, and how many samples may be missing or resampled."""
+
+    paths: list
+    options: dict
+    resampled: bool = False
+    tolerance: float = 1e-9
+
+
+SAMPLES = {}
+
+
+def sample(name):
+    def keep(make):
+        SAMPLES[name] = make
+        return make
+
+    return keep
+
+
+@sample("phyphox, CSV (tabulator)")
+def phyphox_tab(folder):
+    header = "\t".join(
+        f'"{name}"'
+        for name in (
+            "Time (s)",
+            *(f"Acceleration {a} (m/s^2)" for a in "xyz"),
+            *(f"Gyroscope {a} (rad/s)" for a in "xyz"),
+            "Absolute acceleration (m/s^2)",
+        )
+    )
+    rows = lines(TIME_S, FORCE, RATE, np.linalg.norm(FORCE, axis=1), separator="\t")
+    return Made([write(folder, "Raw Data.csv", header, rows)], {})
+
+
+@sample("phyphox, CSV (semicolon, decimal comma)")
+def phyphox_comma(folder):
+    header = ";".join(
+        f'"{name}"'
+        for name in (
+            "Time (s)",
+            *(f"Acceleration {a} (m/s^2)" for a in "xyz"),
+            *(f"Gyroscope {a} (rad/s)" for a in "xyz"),
+        )
+    )
+    return Made([write(folder, "d.csv", header, lines(TIME_S, FORCE, RATE, separator=";", decimal=","))], {})
+
+
+@sample("phyphox, zip")
+def phyphox_zip(folder):
+    write(
+        folder,
+        "Accelerometer.csv",
+        ",".join(f'"{n}"' for n in ("Time (s)", "X (m/s^2)", "Y (m/s^2)", "Z (m/s^2)")),
+        lines(TIME_S, FORCE),
+    )
+    write(
+        folder,
+        "Gyroscope.csv",
+        ",".join(f'"{n}"' for n in ("Time (s)", "X (rad/s)", "Y (rad/s)", "Z (rad/s)")),
+        lines(TIME_S, RATE),
+    )
+    write(folder, "meta/device.csv", '"property","value"', '"deviceModel","Pixel"')
+    write(folder, "meta/time.csv", '"event","experiment time","system time"', '"START",0.0,1767268800.0')
+    return Made([zipped(folder, "phone.zip")], {})
+
+
+@sample("Sensor Logger, zip")
+def sensor_logger(folder):
+    elapsed = lines(NS, TIME_S)
+    still = np.random.default_rng(1).normal(scale=0.02, size=(ROWS, 3))
+    for name, values in (
+        ("Accelerometer", still),
+        ("Gravity", FORCE - still),
+        ("TotalAcceleration", FORCE),
+        ("Gyroscope", RATE),
+        ("Magnetometer", 40 + still),
+    ):
+        rows = [f"{at},{row}" for at, row in zip(elapsed, lines(values[:, ::-1]), strict=True)]
+        write(folder, f"{name}.csv", "time,seconds_elapsed,z,y,x", rows)
+    write(
+        folder,
+        "Orientation.csv",
+        "time,seconds_elapsed,yaw,qx,qz,roll,qw,qy,pitch",
+        [f"{at},0,0,0,0,0,1,0" for at in elapsed],
+    )
+    write(folder, "Annotation.csv", "time,seconds_elapsed,text,millisecond_press_duration")
+    write(
+        folder,
+        "Metadata.csv",
+        "version,device name,recording epoch time,platform",
+        "3,phone,1767268800000,android",
+    )
+    return Made([zipped(folder, "2026-01-01.zip")], {})
+
+
+@sample("Physics Toolbox Sensor Suite")
+def physics_toolbox(folder):
+    header = "time,gFx,gFy,gFz,ax,ay,az,wx,wy,wz,p,Bx,By,Bz"
+    rest = np.full((ROWS, 4), 0.25)
+    return Made(
+        [write(folder, "multi.csv", header, lines(TIME_S, FORCE / G, FORCE * 0, RATE, rest))],
+        {},
+        tolerance=1e-7,
+    )
+
+
+@sample("AndroSensor")
+def androsensor(folder):
+    names = [
+        *(f"ACCELEROMETER {a} (m/s²)" for a in "XYZ"),
+        *(f"GRAVITY {a} (m/s²)" for a in "XYZ"),
+        *(f"LINEAR ACCELERATION {a} (m/s²)" for a in "XYZ"),
+        *(f"GYROSCOPE {a} (rad/s)" for a in "XYZ"),
+        *(f"MAGNETIC FIELD {a} (μT)" for a in "XYZ"),
+        *("ORIENTATION Z (azimuth °)", "ORIENTATION X (pitch °)", "ORIENTATION Y (roll °)", "PROXIMITY (i)"),
+        *("Time since start in ms ", "YYYY-MO-DD HH-MI-SS_SSS"),
+    ]
+    ms, nothing = np.round(TIME_S * 1000).astype(int), np.zeros((ROWS, 4))
+    dates = colon_dates()
+    rows = lines(FORCE, FORCE, FORCE * 0, RATE, FORCE, nothing, ms, dates, separator=";")
+    return Made([write(folder, "sensor.csv", ";".join(names), rows)], {})
+
+
+def colon_dates():
+    return [f"2026-01-01 12:00:{int(at):02d}:{round(at * 1000) % 1000:03d}" for at in TIME_S]
+
+
+@sample("Xsens MT Manager, ASCII export")
+def mt_manager(folder):
+    above = [
+        "// General information:",
+        "//  MT Manager version: 2022.0.0",
+        "//  XDA version: 2022.0.0 build 7381",
+        "// Device information:",
+        "//  DeviceId: 03880011",
+        "//  ProductCode: MTI-630-8A1G6",
+        "// Device settings:",
+        "//  Update Rate: 100.0Hz",
+        "//  Filter Profile: General (50.1)",
+    ]
+    names = [
+        "PacketCounter",
+        "SampleTimeFine",
+        *(f"Acc_{a}" for a in "XYZ"),
+        *(f"FreeAcc_{a}" for a in "ENU"),
+        *(f"Gyr_{a}" for a in "XYZ"),
+        *(f"Mag_{a}" for a in "XYZ"),
+        "Roll",
+        "Pitch",
+        "Yaw",
+    ]
+    ticks = 4_000_000 + np.round(TIME_S * 1e4).astype(int)
+    rows = lines(np.arange(ROWS), ticks, FORCE, FORCE * 0, RATE, FORCE * 0, FORCE * 0, separator="\t")
+    return Made([write(folder, "MT_0388.txt", above, "\t".join(names), rows, end="\r\n")], {})
+
+
+@sample("Movella DOT (Xsens DOT), CSV")
+def movella_dot(folder):
+    above = [
+        "sep=,",
+        "DeviceTag:,DOT 1",
+        "FirmwareVersion:,2.0.0",
+        "AppVersion:,2021.0",
+        "SyncStatus:,Unsynced",
+        "OutputRate:,60Hz",
+        "FilterProfile:,General",
+        "Measurement Mode:,Rate quantities (with mag)",
+        "StartTime:,2026-01-01_12-00-00",
+        "© Movella Technologies B. V. 2005-2023",
+        "",
+    ]
+    names = [
+        "PacketCounter",
+        "SampleTimeFine",
+        *(f"Acc_{a}" for a in "XYZ"),
+        *(f"Gyr_{a}" for a in "XYZ"),
+        *(f"Mag_{a}" for a in "XYZ"),
+    ]
+    ticks = 1_500_000 + np.round(TIME_S * 1e6).astype(int)
+    rows = lines(np.arange(ROWS), ticks, FORCE, RATE / DEG, FORCE * 0.1)
+    return Made([write(folder, "dot.csv", above, ",".join(names), [row + "," for row in rows])], {})
+
+
+@sample("Shimmer Consensys, CSV (calibrated)")
+def shimmer(folder):
+    unit = "Shimmer_5E4A_"
+    names = [
+        f"{unit}Timestamp_Unix_CAL",
+        *(f"{unit}Accel_LN_{a}_CAL" for a in "XYZ"),
+        *(f"{unit}Gyro_{a}_CAL" for a in "XYZ"),
+        *(f"{unit}Mag_{a}_CAL" for a in "XYZ"),
+    ]
+    units = ["ms", *["m/(s^2)"] * 3, *["deg/s"] * 3, *["local_flux"] * 3]
+    rows = lines(NS // 10**6, FORCE, RATE / DEG, FORCE, separator="\t")
+    return Made(
+        [
+            write(
+                folder,
+                "shimmer.csv",
+                '"sep=\t"',
+                "\t".join(names) + "\t",
+                "\t".join(units) + "\t",
+                [row + "\t" for row in rows],
+            )
+        ],
+        {},
+    )
+
+
+@sample("ST MEMS Studio and Unico")
+def mems_studio(folder):
+    names = [*(f"A_{a} [mg]" for a in "XYZ"), *(f"G_{a} [dps]" for a in "XYZ")]
+    above = ["STEVAL-MKI109V3", "Datalog", ""]
+    return Made(
+        [
+            write(
+                folder,
+                "log.txt",
+                above,
+                "\t".join(names),
+                lines(FORCE / G * 1000, RATE / DEG, separator="\t"),
+            )
+        ],
+        {"rate_hz": RATE_HZ},
+    )
+
+
+@sample("ST BLE Sensor app")
+def st_ble(folder):
+    files = []
+    for name, unit, values in (("Accelerometer", "mg", FORCE / G * 1000), ("Gyroscope", "dps", RATE / DEG)):
+        names = [
+            "Date",
+            "HostTimestamp",
+            "NodeName",
+            "NodeTimestamp",
+            "RawData",
+            *(f"{a} [{unit}]" for a in "XYZ"),
+        ]
+        dates = [f"01/01/2026 12:00:{at:06.3f}" for at in TIME_S]
+        ms = np.round(TIME_S * 1000).astype(int)
+        rows = [f"{d},{t},BCN-1,{t},4B6600,{row}" for d, t, row in zip(dates, ms, lines(values), strict=True)]
+        files.append(write(folder, f"20260101_{name}.csv", ", ".join(names), rows))
+    return Made(files, {"time_unit": "ms"})
+
+
+@sample("WitMotion, text record")
+def witmotion(folder):
+    names = [
+        "time",
+        "DeviceName",
+        "Chip Time()",
+        *(f"Acceleration {a}(g)" for a in "XYZ"),
+        *(f"Angular velocity {a}(°/s)" for a in "XYZ"),
+        *(f"Angle {a}(°)" for a in "XYZ"),
+        *(f"Magnetic field {a}(ʯt)" for a in "XYZ"),
+        "Temperature(°C)",
+    ]
+    zero = np.zeros((ROWS, 3))
+    rows = lines(
+        colon_dates(),
+        ["WT901BLE67(e4:2f)"] * ROWS,
+        colon_dates(),
+        FORCE / G,
+        RATE / DEG,
+        zero,
+        zero,
+        np.full(ROWS, 25.5),
+        separator="\t",
+    )
+    return Made([write(folder, "data.txt", "\t".join(names), [row + "\t" for row in rows], end="\r\n")], {})
+
+
+@sample("x-io x-IMU3, CSV folder")
+def ximu3(folder):
+    us = 5_000_000 + np.round(TIME_S * 1e6).astype(int)
+    inside = folder / "x-IMU3"
+    names = [
+        "Timestamp (us)",
+        *(f"Gyroscope {a} (deg/s)" for a in "XYZ"),
+        *(f"Accelerometer {a} (g)" for a in "XYZ"),
+    ]
+    write(inside, "Inertial.csv", ",".join(names), lines(us, RATE / DEG, FORCE / G))
+    write(
+        inside,
+        "Magnetometer.csv",
+        "Timestamp (us),Magnetometer X (a.u.),Magnetometer Y (a.u.),Magnetometer Z (a.u.)",
+        lines(us[::5], FORCE[::5]),
+    )
+    write(inside, "Temperature.csv", "Timestamp (us),Temperature (degC)", lines(us[::20], np.full(15, 21.5)))
+    write(
+        inside,
+        "Battery.csv",
+        "Timestamp (us),Percentage (%),Voltage (V),Charging status ()",
+        lines(us[::20], np.full((15, 3), 1.0)),
+    )
+    return Made([inside], {})
+
+
+@sample("x-io NGIMU, sensors.csv")
+def ngimu(folder):
+    names = [
+        "Time (s)",
+        *(f"Gyroscope {a} (deg/s)" for a in "XYZ"),
+        *(f"Accelerometer {a} (g)" for a in "XYZ"),
+        *(f"Magnetometer {a} (uT)" for a in "XYZ"),
+        "Barometer (hPa)",
+    ]
+    return Made(
+        [write(folder, "sensors.csv", ",".join(names), lines(TIME_S, RATE / DEG, FORCE / G, FORCE, TIME_S))],
+        {},
+    )
+
+
+@sample("VectorNav, ASCII output")
+def vectornav(folder):
+    made = []
+    for force, rate in zip(FORCE, RATE, strict=True):
+        body = (
+            "VNYMR,+010.000,+001.000,-002.000,+00.2000,+00.1000,+00.4000,"
+            + ",".join(f"{x:+.3f}" for x in force)
+            + ","
+            + ",".join(f"{x:+.6f}" for x in rate)
+        )
+        total = 0
+        for byte in body.encode():
+            total ^= byte
+        made.append(f"${body}*{total:02X}")
+    return Made([write(folder, "vn.txt", made, end="\r\n")], {"rate_hz": RATE_HZ}, tolerance=6e-4)
+
+
+@sample("Arduino serial plotter")
+def plotter(folder):
+    labels = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
+    rows = [
+        "\t".join(f"{n}:{x}" for n, x in zip(labels, row, strict=True))
+        for row in np.column_stack([TIME_S, FORCE, RATE])
+    ]
+    columns = "time_s=t," + ",".join(f"accel_{a}_mps2=a{a},gyro_{a}_radps=g{a}" for a in "xyz")
+    return Made([write(folder, "plotter.txt", "MPU6050 found", rows)], {"columns": columns})
+
+
+@sample("MbientLab MetaBase")
+def metabase(folder):
+    files = []
+    for name, unit, values, delay_ms in (
+        ("Accelerometer", "g", FORCE / G, 0),
+        ("Gyroscope", "deg/s", RATE / DEG, 0),
+    ):
+        header = f"epoch (ms),time (+00:00),elapsed (s),x-axis ({unit}),y-axis ({unit}),z-axis ({unit})"
+        ms = NS // 10**6 + delay_ms
+        dates = [f"2026-01-01T12:00:{at:06.3f}" for at in TIME_S]
+        # Each file counts its own elapsed time.
+        files.append(
+            write(
+                folder,
+                f"MetaWear_C8_{name}_100.000Hz_1.5.0.csv",
+                header,
+                lines(ms, dates, TIME_S + 0.3 * len(files), values),
+            )
+        )
+    return Made(files, {})
+
+
+@sample("SensorLog (iOS)")
+def sensorlog(folder):
+    names = [
+        "loggingTime(txt)",
+        "loggingSample(N)",
+        "accelerometerTimestamp_sinceReboot(s)",
+        *(f"accelerometerAcceleration{a}(G)" for a in "XYZ"),
+        "gyroTimestamp_sinceReboot(s)",
+        *(f"gyroRotation{a}(rad/s)" for a in "XYZ"),
+        *(f"motionUserAcceleration{a}(G)" for a in "XYZ"),
+        *(f"motionRotationRate{a}(rad/s)" for a in "XYZ"),
+    ]
+    dates = [f"2026-01-01T12:00:{at:06.3f}+01:00" for at in TIME_S]
+    rows = lines(dates, np.arange(ROWS), TIME_S + 5, FORCE / G, TIME_S + 5, RATE, FORCE * 0, RATE)
+    columns = "time_s=accelerometerTimestamp_sinceReboot(s)," + ",".join(
+        [
+            *(f"accel_{a.lower()}_g=accelerometerAcceleration{a}(G)" for a in "XYZ"),
+            *(f"gyro_{a.lower()}_radps=gyroRotation{a}(rad/s)" for a in "XYZ"),
+        ]
+    )
+    return Made([write(folder, "log.csv", ",".join(names), rows)], {"columns": columns})
+
+
+@sample("ROS 1, rostopic echo -p")
+def rostopic(folder):
+    names = [
+        "%time",
+        "field.header.seq",
+        "field.header.stamp",
+        "field.header.frame_id",
+        *(f"field.orientation.{a}" for a in "xyzw"),
+        *(f"field.orientation_covariance{i}" for i in range(9)),
+        *(f"field.angular_velocity.{a}" for a in "xyz"),
+        *(f"field.angular_velocity_covariance{i}" for i in range(9)),
+        *(f"field.linear_acceleration.{a}" for a in "xyz"),
+        *(f"field.linear_acceleration_covariance{i}" for i in range(9)),
+    ]
+    nine = np.zeros((ROWS, 9))
+    rows = lines(NS, np.arange(ROWS), NS, ["imu_link"] * ROWS, nine[:, :4], nine, RATE, nine, FORCE, nine)
+    return Made([write(folder, "imu.csv", ",".join(names), rows)], {})
+
+
+@sample("PlotJuggler, CSV export")
+def plotjuggler(folder):
+    names = [
+        "__time",
+        *(f"/imu/data/angular_velocity/{a}" for a in "xyz"),
+        *(f"/imu/data/linear_acceleration/{a}" for a in "xyz"),
+        "/imu/data/header/seq",
+    ]
+    return Made(
+        [write(folder, "pj.csv", ",".join(names), lines(NS / 1e9, RATE, FORCE, np.arange(ROWS)))],
+        {},
+        tolerance=1e-6,
+    )
+
+
+@sample("ActiGraph, IMU CSV")
+def actigraph(folder):
+    above = [
+        "------------ Data File Created By ActiGraph Link ActiLife v6.13.4 Firmware v1.7.2 date format "
+        "M/d/yyyy at 100 Hz -----------",
+        "Serial Number: TAS1D48140206",
+        "Start Time 12:00:00",
+        "Start Date 1/1/2026",
+        "Epoch Period (hh:mm:ss) 00:00:00",
+        "Download Time 14:00:00",
+        "Download Date 1/1/2026",
+        "Current Memory Address: 0",
+        "Current Battery Voltage: 4.21     Mode = 12",
+        "--------------------------------------------------",
+    ]
+    names = [
+        "Timestamp",
+        *(f"Accelerometer {a}" for a in "XYZ"),
+        "Temperature",
+        *(f"Gyroscope {a}" for a in "XYZ"),
+        *(f"Magnetometer {a}" for a in "XYZ"),
+    ]
+    dates = [f"2026-01-01T12:00:{at:010.7f}" for at in TIME_S]
+    return Made(
+        [
+            write(
+                folder,
+                "acti.csv",
+                above,
+                ",".join(names),
+                lines(dates, FORCE / G, np.full(ROWS, 25.1), RATE / DEG, FORCE),
+            )
+        ],
+        {},
+    )
+
+
+@sample("Axivity AX6, OmGui CSV")
+def axivity(folder):
+    names = ["Time", *(f"Accel-{a} (g)" for a in "XYZ"), *(f"Gyro-{a} (d/s)" for a in "XYZ")]
+    dates = [f"2026-01-01 12:00:{at:06.3f}" for at in TIME_S]
+    return Made([write(folder, "ax6.csv", ",".join(names), lines(dates, FORCE / G, RATE / DEG))], {})
+
+
+@sample("ACEINNA NavView and OpenIMU")
+def aceinna(folder):
+    names = [
+        "time (s)",
+        *(f"{a}Accel (m/s^2)" for a in "xyz"),
+        *(f"{a}Rate (deg/s)" for a in "xyz"),
+        *(f"{a}Mag (Gauss)" for a in "xyz"),
+    ]
+    return Made(
+        [
+            write(
+                folder,
+                "openimu.csv",
+                "% OpenIMU300ZI data",
+                ", ".join(names),
+                lines(TIME_S, FORCE, RATE / DEG, FORCE, separator=", "),
+            )
+        ],
+        {},
+    )
+
+
+@sample("SBG Systems, sbgCenter export")
+def sbg(folder):
+    names = [
+        "timestamp",
+        "status",
+        *(f"accel{a}" for a in "XYZ"),
+        *(f"gyro{a}" for a in "XYZ"),
+        "temperature",
+    ]
+    units = ["(us)", "(na)", *["(m.s^-2)"] * 3, *["(rad.s^-1)"] * 3, "(degC)"]
+    us = np.round(TIME_S * 1e6).astype(int)
+    return Made(
+        [
+            write(
+                folder,
+                "imu.txt",
+                "\t".join(names),
+                "\t".join(units),
+                lines(us, np.full(ROWS, 511), FORCE, RATE, np.full(ROWS, 30.5), separator="\t"),
+            )
+        ],
+        {},
+    )
+
+
+@sample("Betaflight, blackbox_decode")
+def betaflight(folder):
+    names = [
+        "loopIteration",
+        "time (us)",
+        *(f"axisP[{i}]" for i in range(3)),
+        "vbatLatest (V)",
+        *(f"gyroADC[{i}] (deg/s)" for i in range(3)),
+        *(f"accSmooth[{i}] (g)" for i in range(3)),
+        *(f"motor[{i}]" for i in range(4)),
+        "flightModeFlags (flags)",
+    ]
+    us = np.round(TIME_S * 1e6).astype(int)
+    rows = lines(
+        np.arange(ROWS),
+        us,
+        np.zeros((ROWS, 3)),
+        np.full(ROWS, 16.1),
+        RATE / DEG,
+        FORCE / G,
+        np.zeros((ROWS, 4)),
+        ["ARM|ANGLE"] * ROWS,
+        separator=", ",
+    )
+    return Made([write(folder, "LOG00001.01.csv", ", ".join(names), rows)], {})
+
+
+@sample("GoPro, telemetry extractor CSV")
+def gopro(folder):
+    files = []
+    for name, unit, values in (("Accelerometer", "m/s2", FORCE), ("Gyroscope", "rad/s", RATE)):
+        names = ["cts", "date", *(f"{name} ({a}) [{unit}]" for a in "zxy"), "temperature [°C]"]
+        dates = [f"2026-01-01T12:00:{at:06.3f}Z" for at in TIME_S]
+        files.append(
+            write(
+                folder,
+                f"GH010001_{name}.csv",
+                ",".join(names),
+                lines(TIME_S * 1000, dates, values[:, [2, 0, 1]], np.full(ROWS, 40.0)),
+            )
+        )
+    return Made(files, {"time_unit": "ms"})
+
+
+@sample("Variense VMU931 and other loggers of one file per sensor")
+def vmu931(folder):
+    ms = np.round(TIME_S * 1000).astype(int)
+    accel = write(folder, "acc.txt", "time(ms),x(g),y(g),z(g)", lines(ms, FORCE / G))
+    late = write(folder, "gyro.txt", "time(ms),x(deg/s),y(deg/s),z(deg/s)", lines(ms + 5, RATE / DEG))
+    return Made([accel, late], {}, resampled=True)
+
+
+@sample("MATLAB, writetimetable")
+def timetable(folder):
+    header = "Time,accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
+    dates = [f"01-Jan-2026 12:00:{at:06.3f}" for at in TIME_S]
+    return Made([write(folder, "run.csv", header, lines(dates, FORCE, RATE))], {"columns": "time_s=Time"})
+
+
+def test_every_export_of_the_page_has_a_sample_and_the_other_way_round():
+    assert [export.name for export in EXPORTS] == list(SAMPLES)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_export_is_read(tmp_path, name):
+    made = SAMPLES[name](tmp_path)
+    recording = imucal.read(*made.paths, **made.options)
+    assert (recording.accel_unit, recording.gyro_unit) == ("m/s^2", "rad/s")
+    assert recording.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    codes = {finding.code for finding in recording.findings}
+    assert codes <= {"read_by_header", "lines_left_out", *(["resampled"] if made.resampled else [])}
+    if made.resampled:
+        between = (FORCE[:-1] + FORCE[1:]) / 2
+        np.testing.assert_allclose(recording.specific_force, between, atol=1e-9)
+        np.testing.assert_allclose(recording.angular_rate, RATE[:-1], atol=1e-9)
+        return
+    assert len(recording) == ROWS
+    np.testing.assert_allclose(recording.time_s - recording.time_s[0], TIME_S, atol=2e-6)
+    np.testing.assert_allclose(recording.specific_force, FORCE, atol=made.tolerance)
+    np.testing.assert_allclose(recording.angular_rate, RATE, atol=made.tolerance)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_export_is_read_by_the_command_of_the_page(tmp_path, name, monkeypatch):
+    """The command has the options that the sample needs, and no other."""
+    made = SAMPLES[name](tmp_path)
+    command = next(export.command for export in EXPORTS if export.name == name)
+    for option in made.options:
+        assert f"--{option.replace('_', '-')}" in command
+    assert command.count("--") == len(made.options)
+
+
+@pytest.mark.parametrize("kind", ["gzip", "utf-16", "utf-16-le", "zip"])
+def test_packed_and_encoded_texts(tmp_path, kind):
+    path = phyphox_tab(tmp_path).paths[0]
+    text = path.read_text()
+    if kind == "gzip":
+        path = tmp_path / "run.csv.gz"
+        path.write_bytes(gzip.compress(text.encode()))
+    elif kind == "zip":
+        path = zipped(tmp_path, "run.zip")
+    else:
+        path.write_bytes(text.encode(kind))
+    recording = imucal.read(path)
+    np.testing.assert_allclose(recording.specific_force, FORCE, rtol=1e-12)
+    assert len(recording.sources) == 1
