@@ -72,8 +72,8 @@ EXPORTS: Final = (
         "Xsens MT Manager, ASCII export",
         "Acceleration, Rate of Turn and Sample Time Fine",
         "imucal convert MT_0388.txt -o rec.csv",
-        "FreeAcc (without gravity), magnetometer and orientation. Leave the unit of the rate of turn rad/s, because "
-        "the header does not say it",
+        "FreeAcc (without gravity), magnetometer and orientation. Leave the rate of turn in rad/s, because "
+        "the header does not say its unit",
     ),
     Export(
         "Movella DOT (Xsens DOT), CSV",

@@ -261,8 +261,12 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
                 "export the accelerometer with gravity, or correct the unit in the header"
             )
     shown = ", ".join(layout.names or [])
+    is_known = header.accel and header.gyro
+    lead = (
+        "the header does not say everything" if is_known else "the format could not be determined; first line"
+    )
     return (
-        f"{text.name}: the format could not be determined; first line: {shown[:200]}. "
+        f"{text.name}: {lead}: {shown[:200]}. "
         f"{suggestion(header, head.cells, works, head.numbers)}Name the columns (columns=..., --columns): "
         f"{NAMES}"
     )

@@ -34,6 +34,8 @@ DATE: Final = re.compile(
     r"(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|\w{3,9}\.? \d{1,2}, \d{4})", re.ASCII
 )
 COMMENT: Final = re.compile(r"^\s*(#|%|//)+\s*")
+# The time stamp that the Arduino serial monitor writes before each line.
+ARRIVAL: Final = re.compile(rb"\d\d:\d\d:\d\d\.\d{3} -> ")
 SEPARATORS: Final = ("\t", ";", ",", " ")
 # Old spreadsheet programs end lines with a carriage return only.
 BOMS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
@@ -98,9 +100,19 @@ def plain_text(name: str, content: bytes) -> bytes:
             if zeros and zeros.count(0) == len(zeros) and len(zeros) > 20:
                 return content[: len(content) // 2 * 2].decode(encoding, "replace").encode()
         raise FormatError(f"{name} is a binary file, not text: give the recording as CSV or Parquet")
+    match = ARRIVAL.match(content)
+    if match is not None:
+        content = _with_arrival_column(content)
     if b"\r" in content[:HEAD] and b"\n" not in content[: 16 * HEAD] and b"\n" not in content:
         content = content.replace(b"\r", b"\n")
     return content
+
+
+def _with_arrival_column(content: bytes) -> bytes:
+    """The text with the time stamps of the Arduino serial monitor, `12:00:00.123 -> `, as a column."""
+    head = content[:HEAD]
+    separator = next((mark for mark in (b"\t", b";", b",") if mark in head), b" ")
+    return content.replace(b" -> ", separator)
 
 
 def layout_of(
@@ -110,7 +122,7 @@ def layout_of(
 
     width      number of columns, if it is known
     used       the columns that must hold numbers or dates, if they are known
-    skip_rows  lines at the start in which no row is searched
+    skip_rows  lines at the start in which neither the header nor a row is searched
 
     Raises FormatError if the text contains only blank lines.
     """
@@ -125,7 +137,7 @@ def layout_of(
         return _without_rows(lines, text)
     row = sought[at]
     first = split_line(row.text, separator)
-    head = _header([line for line in lines if line.number < row.number], separator, first)
+    head = _header([line for line in lines if skip_rows < line.number < row.number], separator, first)
     names, units, preamble = head
     return Layout(
         names, units, preamble, separator, decimal, row.offset, row.number, len(names or first), first
@@ -232,7 +244,6 @@ def _first_row(
     lines: list[_Line], separator: str, decimal: str, width: int | None, used: Sequence[int]
 ) -> int | None:
     """The index of the first row: the first line with numbers and the usual number of fields."""
-    split = [split_line(line.text, separator) for line in lines]
 
     def is_row(fields: list[str]) -> bool:
         if used and len(fields) == width:
@@ -243,13 +254,21 @@ def _first_row(
         numbers = sum(is_value(field, decimal) for field in filled)
         return numbers > 0 and 2 * numbers >= len(filled)
 
-    rows = [index for index, fields in enumerate(split) if is_row(fields)]
-    if not rows:
+    # The last lines show how many fields are usual, so that only the lines up to the first row are split.
+    last = [split_line(line.text, separator) for line in lines[-SAMPLE_LINES:]]
+    widths = Counter(len(fields) for fields in last if is_row(fields))
+    if not widths:
+        widths = Counter(
+            len(fields) for fields in (split_line(line.text, separator) for line in lines) if is_row(fields)
+        )
+    if not widths:
         return None
-    usual, _ = Counter(len(split[index]) for index in rows[-SAMPLE_LINES:]).most_common(1)[0]
-    if width is not None and any(len(split[index]) == width for index in rows):
-        usual = width
-    return next(index for index in rows if len(split[index]) == usual)
+    usual = width if width in widths else widths.most_common(1)[0][0]
+    for index, line in enumerate(lines):
+        fields = split_line(line.text, separator)
+        if len(fields) == usual and is_row(fields):
+            return index
+    return None
 
 
 def _header(

@@ -349,7 +349,7 @@ def _time(sensor: _Sensor, given: str | None) -> tuple[tuple[str, str], float | 
     head = sensor.head
     if sensor.text.layout.names is None:
         return ("0", f"time_{given or 's'}"), None
-    found = time_of(sensor.header, head)
+    found = None if given is not None and _plain_stamps(sensor) else time_of(sensor.header, head)
     if found is not None:
         unit = found[0][1].removeprefix("time_")
         of_date = head.is_date(found[0][0])
@@ -359,7 +359,7 @@ def _time(sensor: _Sensor, given: str | None) -> tuple[tuple[str, str], float | 
                 f"--time-unit is {given}: leave the option out, or correct it"
             )
         return found
-    name = sensor.header.times[0][0]
+    name = (_plain_stamps(sensor) or [sensor.header.times[0][0]])[0]
     reading = time_reading(head.numbers(name))
     unit_known = given or reading.likely
     if unit_known is None:
@@ -368,6 +368,13 @@ def _time(sensor: _Sensor, given: str | None) -> tuple[tuple[str, str], float | 
             "ms, us or ns"
         )
     return (name, f"time_{unit_known}"), None
+
+
+def _plain_stamps(sensor: _Sensor) -> list[str]:
+    """Time columns of numbers without a unit; that of the sensor node before that of the host."""
+    head = sensor.head
+    plain = [name for name, unit in sensor.header.times if unit is None and not head.is_date(name)]
+    return sorted(plain, key=lambda name: "node" not in name.lower())
 
 
 def _nanoseconds(table: Table) -> NDArray[np.int64]:

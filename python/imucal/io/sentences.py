@@ -24,10 +24,11 @@ from imucal.recording.recording import Recording
 
 __all__ = ["are_labels", "are_sentences", "read_labels", "read_vectornav"]
 
-# A label and its number: `ax:0.01`, `ax = 0.01`, `"ax": 0.01`.
+# A label, its number, and perhaps a unit: `ax:0.01`, `ax = 0.01 g`, `"ax": 0.01`.
 PAIR: Final = re.compile(
     r"[\"']?([A-Za-z_][\w ]*?(?:\[\w+\])?)[\"']?\s*[:=]\s*"
-    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:])"
+    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:.])"
+    r"(?:\s?(m/s\^?2|m/s²|m/s/s|mg|g|rad/s|mdps|deg/s|dps|°/s|°C|degC|us|ms|s)(?=[\s,;|}]|$))?"
 )
 # Fields of the sentences, by the VN-100 user manual (registers 27, 54): yaw, pitch, roll, then vectors.
 _ACCEL: Final = [f"accel_{axis}_mps2" for axis in "xyz"]
@@ -66,7 +67,7 @@ def read_labels(
     file = open_file(path)
     lines = plain_text(file.name, unpacked(file.name, file.content)).decode(errors="replace").splitlines()
     found = [PAIR.findall(line) for line in lines]
-    labels = Counter(tuple(label.strip() for label, _ in pairs) for pairs in found if len(pairs) >= 3)
+    labels = Counter(_labels(pairs) for pairs in found if len(pairs) >= 3)
     if not labels:
         raise FormatError(
             f"{file.name}: no line consists of label:value pairs: check that it is the right file"
@@ -74,8 +75,8 @@ def read_labels(
     names = labels.most_common(1)[0][0]
     rows, left = [",".join(names)], 0
     for line, pairs in zip(lines, found, strict=True):
-        if tuple(label.strip() for label, _ in pairs) == names:
-            rows.append(",".join(number for _, number in pairs))
+        if _labels(pairs) == names:
+            rows.append(",".join(number for _, number, _ in pairs))
         elif line.strip():
             left += 1
     if left > len(rows):
@@ -85,6 +86,11 @@ def read_labels(
     text = open_text(replace(file, content="\n".join([*rows, ""]).encode()))
     recording = recording_of_text(text, columns, rate_hz)
     return _with(recording, [_left_out(file.name, left, "lines without these labels")] if left else [])
+
+
+def _labels(pairs: Sequence[tuple[str, str, str]]) -> tuple[str, ...]:
+    """The names of the columns, with the unit where there is one."""
+    return tuple(f"{label.strip()} ({unit})" if unit else label.strip() for label, _, unit in pairs)
 
 
 def read_vectornav(
