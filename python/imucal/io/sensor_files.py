@@ -309,6 +309,8 @@ def _unit(sensor: _Sensor, what: str, units: _Units) -> str:
     reading = accel_reading(values) if what == "accel" else gyro_reading(values)
     if what == "accel" and reading.likely in ("mps2", "g"):
         return reading.likely
+    if what == "accel" and gravity_g(values, "g") < NO_GRAVITY_G:
+        raise _without_gravity(sensor, gravity_g(values, "g"))
     options = " | ".join(ACCEL_UNITS if what == "accel" else GYRO_UNITS)
     likely = {v: k for k, v in (ACCEL_UNITS if what == "accel" else GYRO_UNITS).items()}.get(
         reading.likely or ""
@@ -324,20 +326,24 @@ def _require_gravity(sensor: _Sensor, unit: str) -> None:
     if not np.isfinite(gravity) or sensor.text.layout.names is None:
         return
     if gravity < NO_GRAVITY_G:
-        hint = (
-            "Sensor Logger writes acceleration with gravity to TotalAcceleration.csv"
-            if sensor.header.program == "Sensor Logger"
-            else "choose the accelerometer with gravity in the app"
-        )
-        raise FormatError(
-            f"{sensor.text.name}: the acceleration is without gravity (median {gravity:.2g} g), which a "
-            f"calibration needs: {hint}"
-        )
+        raise _without_gravity(sensor, gravity)
     if gravity > 1 / NO_GRAVITY_G:
         raise FormatError(
             f"{sensor.text.name}: the median acceleration is {gravity:.3g} g in the unit {unit}: correct "
             "the unit (--accel-unit), or the header"
         )
+
+
+def _without_gravity(sensor: _Sensor, gravity: float) -> FormatError:
+    hint = (
+        "Sensor Logger writes acceleration with gravity to TotalAcceleration.csv"
+        if sensor.header.program == "Sensor Logger"
+        else "choose the accelerometer with gravity in the app"
+    )
+    return FormatError(
+        f"{sensor.text.name}: the acceleration is without gravity (median {gravity:.2g} g), which a "
+        f"calibration needs: {hint}"
+    )
 
 
 def _time(sensor: _Sensor, given: str | None) -> tuple[tuple[str, str], float | None]:

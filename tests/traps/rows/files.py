@@ -123,37 +123,42 @@ def sentences(wrong=0):
     return made
 
 
-UNITS = tuple(
-    text(
-        "units",
-        f"{accel} and {gyro}",
-        lambda a=accel, g=gyro, s=scales: texts(named("Time (s)", a, g), numbers(1, *s)),
-        good("read_by_header"),
-    )
-    for accel, gyro, scales in (
-        ("Acc {} (g)", "Gyr {} (deg/s)", (G, DEG)),
-        ("A_{} [mg]", "G_{} [dps]", (G / 1000, DEG)),
-        ("Acceleration {}(g)", "Angular velocity {}(°/s)", (G, DEG)),
-        ("accel{} (m.s^-2)", "gyro{} (rad.s^-1)", (1, 1)),
-        ("{}Accel (m/s/s)", "{}Rate (mdps)", (1, DEG / 1000)),
-    )
-) + (
+UNITS = (
+    *tuple(
+        text(
+            "units",
+            f"{accel} and {gyro}",
+            lambda a=accel, g=gyro, s=scales: texts(named("Time (s)", a, g), numbers(1, *s)),
+            good("read_by_header"),
+        )
+        for accel, gyro, scales in (
+            ("Acc {} (g)", "Gyr {} (deg/s)", (G, DEG)),
+            ("A_{} [mg]", "G_{} [dps]", (G / 1000, DEG)),
+            ("Acceleration {}(g)", "Angular velocity {}(°/s)", (G, DEG)),
+            ("accel{} (m.s^-2)", "gyro{} (rad.s^-1)", (1, 1)),
+            ("{}Accel (m/s/s)", "{}Rate (mdps)", (1, DEG / 1000)),
+        )
+    ),
     text(
         "units",
         "a line of units",
-        lambda: (
-            [named("Timestamp", "Acc_{}", "Gyro_{}"), "ms,m/(s^2),m/(s^2),m/(s^2),deg/s,deg/s,deg/s"]
-            + lines(numbers(1e-3, 1, DEG))
-        ),
+        lambda: [
+            named("Timestamp", "Acc_{}", "Gyro_{}"),
+            "ms,m/(s^2),m/(s^2),m/(s^2),deg/s,deg/s,deg/s",
+            *lines(numbers(0.001, 1, DEG)),
+        ],
         good("read_by_header"),
     ),
     text(
         "units",
         "Movella DOT",
-        lambda: (
-            ["sep=,", "DeviceTag:,1", "OutputRate:,60Hz", named("SampleTimeFine", "Acc_{}", "Gyr_{}")]
-            + lines(numbers(1e-6, 1, DEG))
-        ),
+        lambda: [
+            "sep=,",
+            "DeviceTag:,1",
+            "OutputRate:,60Hz",
+            named("SampleTimeFine", "Acc_{}", "Gyr_{}"),
+            *lines(numbers(1e-06, 1, DEG)),
+        ],
         good("Movella DOT"),
     ),
     text(
@@ -162,7 +167,7 @@ UNITS = tuple(
         lambda: (
             ["// General information:", "//  MT Manager version: 2022"]
             + [named("SampleTimeFine", "Acc_{}", "Gyr_{}").replace(",", "\t")]
-            + [row.replace(",", "\t") for row in lines(numbers(1e-4))]
+            + [row.replace(",", "\t") for row in lines(numbers(0.0001))]
         ),
         good("Xsens MT Manager"),
     ),
@@ -210,7 +215,7 @@ CONTRADICTIONS = (
         "contradiction",
         "g for numbers in m/s^2",
         lambda: texts(named("Time (s)", "Acc {} (g)", "Gyr {} (rad/s)")),
-        refused("9.8 g"),
+        refused("the header says g"),
     ),
 )
 
