@@ -5,6 +5,7 @@ Every number, text, name and order of a document of each kind is changed, one at
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,9 @@ from hand_edits import edits_of
 from imucal.cli import main
 
 REPORT = "a figure of the run; the file has nothing to compute it from"
+SAMPLES = "a property of the samples, which are in another file"
+FIGURE = "a figure of a sensor or a stand, within the bounds of any"
+LIMIT = "what a user asks for, within what a sensor can be"
 ORIGIN = "where the data came from; the file does not have the data"
 
 # Edits that load: a pattern of paths, a pattern of edits, and why nothing in the document contradicts them.
@@ -32,6 +36,57 @@ ALONE = {
         (r"\$\.provenance\.operator", "delete|other text", "any name; older files have none"),
         (r"\$\.serial_number", "other text|null", "any name"),
         (r"\$\.reference_temperature_degc", "delete", "older files have none"),
+    ],
+    "unit": [
+        (r"\$\.(name|description|accelerometer\.part|gyroscope\.part)", ".* text|empty", "any words"),
+        (r"\$\.sources\.\w+", ".* text|empty", "any words"),
+        (r"\$\.(\w+\.)+(note|source)", "delete|.* text|empty", "any words; not every figure has a source"),
+        (r"\$\.(accelerometer|gyroscope|spread)\.\w+", "delete|null", "a figure may be unknown"),
+        (r"\$\.spread", "delete|null", "a unit may have no spread"),
+        (r"\$\.(\w+\.)+value(\[\d\])*", "sign|double|thousand|reverse|swap.*", FIGURE),
+        (r"\$\.sources\.\w+", "delete|rename", "not every source is used"),
+        (r"\$\.(\w+\.)+unit", "", FIGURE),
+        (r"\$\.spread\.\w+\.limit", "", FIGURE),
+    ],
+    "limits": [
+        (r"\$\.description", "delete|.* text|empty", "any words"),
+        (r"\$\.(parameters|\w+_set|effects|held_out)", "delete|none", "every limit is optional"),
+        (r"\$\.(parameters|\w+_set)\.\w+\*?", "delete", "every limit is optional"),
+        (r"\$\.parameters\..*\.(min|max)", "sign|double|thousand|huge", LIMIT),
+        (r"\$\.parameters\..*\.max_std", "delete|double|thousand|huge", LIMIT),
+        (r"\$\.\w+_set\.\w+\.(min|max)", "double|thousand", LIMIT),
+        (r"\$\.effects", "twice|reverse|swap", "a list of names"),
+        (r"\$\.effects\[0\]", "delete", "any effects may be permitted"),
+    ],
+    "program": [
+        (r"\$\.steps(\[\d\])?", "delete|reverse|swap.*|twice", "any motion within the bounds"),
+        (
+            r"\$\.steps\[\d\]\.\w+(\[\d\])?",
+            "sign|one|double|thousand|reverse|swap.*",
+            "any motion within the bounds",
+        ),
+        (r"\$\.stand", "delete", "a perfect stand"),
+        (r"\$\.stand\.\w+", "delete|none", "an error that the stand does not have"),
+        (r"\$\.stand\.\w+(\[\d\])?", "sign|one|double|thousand|reverse|swap.*|number|null", FIGURE),
+        (r"\$\.stand\.encoder_effects\[\d\]", "delete", FIGURE),
+        (r"\$\.stand\.encoder_effects\[\d\]\.values(\[\d\])?", "sign|double|thousand|reverse|swap.*", FIGURE),
+        (r"\$\.stand\.encoder_effects\[\d\]\.shape", "delete", "null without a shape"),
+    ],
+    "stand limits": [
+        (r"\$\.description", "delete|.* text|empty", "any words"),
+        (
+            r"\$\.(settle_s|min_rest_s|minutes)",
+            "delete|null|one|double|thousand|number",
+            "a limit of its own",
+        ),
+        (r"\$\.axes(\[\d\])?", "null|reverse|swap.*|number", "any motor may be missing"),
+        (r"\$\.axes\[\d\]\.\w+", "delete|null|double|thousand|number", "a limit of its own"),
+        (r"\$\.axes\[\d\]\.range_deg\[\d\]", "double|thousand", "a limit of its own"),
+        (r"\$\.forbidden_deg.*", "delete|none|twice|sign|double|thousand", "any zone without the start"),
+    ],
+    "truth": [
+        (r"\$\.setup\.(seed|rate_hz|\w+_share|clock_\w+)", "one|double|thousand", SAMPLES),
+        (r"\$\.has_temperature", "negate", SAMPLES),
     ],
 }
 
@@ -57,6 +112,17 @@ def require_refused_or_alone(kind, document, load, edits=None):
         for where, what, _ in ALONE[kind]
     ]
     assert [place for place in loaded if not any(place in places for places in alone)] == []
+
+
+def of_file(folder, read):
+    """A function that reads a document by its file."""
+
+    def load(document):
+        path = folder / "edited.json"
+        path.write_text(json.dumps(document))
+        return read(path)
+
+    return load
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +180,65 @@ def test_a_calibration_that_contradicts_itself_is_not_saved(tmp_path):
     ):
         imucal.Calibration(skew, skew).save(tmp_path / "cal.json")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", imucal.unit_names())
+def test_a_unit(name, tmp_path):
+    document = json.loads((Path(imucal.__file__).parent / "rig" / "shipped" / f"{name}.json").read_text())
+    require_refused_or_alone("unit", document, of_file(tmp_path, imucal.Unit.read))
+
+
+def test_limits(tmp_path):
+    document = {
+        "schema": "imucal.limits/1",
+        "description": "what the customer accepts",
+        "parameters": {
+            "gyro_bias_*": {"unit": "rad/s", "min": -0.05, "max": 0.05, "max_std": 1e-4},
+            "accel_sensitivity_xx": {"unit": "1", "min": 0.97, "max": 1.03},
+            "gyro_g_sensitivity_xx": {"unit": "rad/s/(m/s^2)", "min": -1e-4, "max": 2e-4},
+        },
+        "calibration_set": {"chi2_per_dof": {"max": 2.0}, "rests": {"min": 20}},
+        "control_set": {"gravity_direction_rms_deg": {"max": 0.1}},
+        "effects": ["gyro_g_sensitivity"],
+    }
+    require_refused_or_alone("limits", document, of_file(tmp_path, imucal.Limits.load))
+
+
+def test_a_program(tmp_path):
+    program = imucal.Program.random(seed=1, moves=2)
+    imucal.Program(program.steps, imucal.Stand.cheap(1)).write(tmp_path / "program.json")
+    document = json.loads((tmp_path / "program.json").read_text())
+    require_refused_or_alone("program", document, of_file(tmp_path, imucal.Program.read))
+
+
+def test_stand_limits(tmp_path):
+    motor = {
+        "max_rate_dps": 90,
+        "max_acceleration_dps2": 300,
+        "range_deg": [-180, 170],
+        "cable_wrap_deg": None,
+    }
+    document = {
+        "schema": "imucal.stand-limits/1",
+        "description": "the stand in the cellar",
+        "axes": [None, {**motor, "cable_wrap_deg": 400}, motor],
+        "settle_s": 0.5,
+        "min_rest_s": 2,
+        "minutes": 30,
+        "forbidden_deg": [{"axis_2": [80, 100], "axis_3": [-10, 20]}],
+    }
+    require_refused_or_alone("stand limits", document, of_file(tmp_path, imucal.StandLimits.read))
+
+
+def test_a_truth(folder, tmp_path):
+    document = json.loads((folder / "truth-1.json").read_text())
+    # The setup is a unit file, a program and effects, each with a test of its own.
+    edits = [
+        edit
+        for edit in edits_of(document)
+        if not re.match(
+            r"\$\.setup\.(motion|unit|temperature|effects|gravity)|\$\.rests\[([3-9]|1\d)|.*\[(7|13)\]",
+            edit.path,
+        )
+    ]
+    require_refused_or_alone("truth", document, of_file(tmp_path, imucal.repeat), edits)

@@ -14,6 +14,8 @@ from imucal.document.json_document import Node
 from imucal.errors import FormatError
 
 __all__ = [
+    "BIAS",
+    "SENSITIVITY",
     "require_accelerometer",
     "require_gravity",
     "require_gyroscope",

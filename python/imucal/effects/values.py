@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from imucal.document.agreement import require_fields
 from imucal.document.json_document import Node
 from imucal.effects.definition import UserEffect, by_name, check_values
 from imucal.effects.disturbance import Disturbance, disturbances
@@ -22,6 +23,9 @@ from imucal.effects.table import catalogue, find, not_known
 from imucal.errors import FormatError, InputError
 
 __all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effects"]
+
+# Largest value of an effect in a file, as a multiple of its typical size.
+LARGEST_SIZE = 1e6
 
 EffectInput: TypeAlias = ArrayLike | Mapping[str, Any] | EffectValues
 Definition: TypeAlias = Effect | UserEffect | Disturbance
@@ -78,16 +82,27 @@ def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
 def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
     """The effects in a list of a file, of the catalogue or user-defined; FormatError names an invalid one."""
     own = by_name(user_effects)
-    effects = []
+    effects: list[EffectValues] = []
     for item in node.items():
         values, shape = item.get("values"), item.mapping().get("shape")
         numbers = values.array(len(values.items()))
         name = item.get("name").text()
+        require_fields(item, ("name", "values", "shape"), "an effect")
+        if name in [other.name for other in effects]:
+            raise FormatError(f"{item.file}: {item.path}.name is {name}, which stands twice: give it once")
         try:
             effect = EffectValues(name, numbers, None if shape is None else item.get("shape").number())
-            check_values(own.get(name) or find(name), effect)
+            definition = own.get(name) or find(name)
+            check_values(definition, effect)
         except InputError as error:
             raise FormatError(f"{item.file}: {item.path}: {error}") from None
+        for k, (value, parameter) in enumerate(zip(numbers.tolist(), definition.parameters, strict=False)):
+            if abs(value) > LARGEST_SIZE * parameter.typical:
+                raise FormatError(
+                    f"{item.file}: {item.path}.values[{k}] is {value} {parameter.unit}, but its typical size "
+                    "is "
+                    f"{parameter.typical}: correct it"
+                )
         effects.append(effect)
     return tuple(effects)
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from imucal.calibration.plausibility import BIAS, SENSITIVITY
 from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES
 from imucal.document.json_document import Node
 from imucal.effects.definition import UserEffect, definitions
@@ -17,6 +20,15 @@ __all__ = ["NO_LIMIT", "document_of", "fields_of"]
 SCHEMA: Final = "imucal.limits/1"
 FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects")
 NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one"
+# Largest limits of figures: 1000 times the noise, gravity, half a revolution, and a day of rests of a second.
+LARGEST_LIMITS: Final = {
+    "chi2_per_dof": 1e6,
+    "gravity_norm_rms_mps2": 9.9,
+    "gravity_direction_rms_deg": 180.0,
+    "rests": 86_400,
+    "moves": 86_400,
+}
+RAW_UNITS: Final = {"accelerometer": "m/s^2", "gyroscope": "rad/s"}
 PARAMETER_FIELDS: Final = ("unit", "min", "max", "max_std")
 
 
@@ -54,7 +66,7 @@ def fields_of(node: Node, user_effects: Sequence[UserEffect]) -> dict[str, Any]:
     given = node.mapping()
     # Contradicting numbers in a file are an error of the file, not of an argument.
     try:
-        fields = {
+        fields: dict[str, Any] = {
             "parameters": _parameters(node.get("parameters"), user_effects) if "parameters" in given else (),
             "figures": tuple(limit for of in FIGURES if of in given for limit in _figures(node.get(of), of)),
             "effects": _effects(node.get("effects"), user_effects) if "effects" in given else None,
@@ -62,6 +74,7 @@ def fields_of(node: Node, user_effects: Sequence[UserEffect]) -> dict[str, Any]:
         }
     except InputError as error:
         raise FormatError(f"{node.file}: {error}") from None
+    _require_passable(node, fields["parameters"], fields["effects"], _known_units(user_effects))
     if not fields["parameters"] and not fields["figures"] and fields["effects"] is None:
         raise FormatError(f"{node.file}: {NO_LIMIT}")
     return fields
@@ -77,7 +90,10 @@ def _parameters(node: Node, user_effects: Sequence[UserEffect]) -> tuple[Paramet
         numbers = [
             item.get(field).number() if field in item.mapping() else None for field in PARAMETER_FIELDS[1:]
         ]
-        limit = ParameterLimit(name, item.get("unit").text(), *numbers)
+        try:
+            limit = ParameterLimit(name, item.get("unit").text(), *numbers)
+        except InputError as error:
+            raise FormatError(f"{node.file}: {item.path}: {error}") from None
         covered = [parameter for parameter in known if limit.covers(parameter)]
         if not covered:
             groups = {f"{parameter.rpartition('_')[0]}_*" for parameter in known}
@@ -94,6 +110,65 @@ def _parameters(node: Node, user_effects: Sequence[UserEffect]) -> tuple[Paramet
     return tuple(limits)
 
 
+def _require_passable(
+    node: Node,
+    limits: Sequence[ParameterLimit],
+    effects: Sequence[str] | None,
+    known: Mapping[str, tuple[str, ...]],
+) -> None:
+    """Raise FormatError for limits that no unit can pass."""
+    ranges = [limit for limit in limits if limit.low is not None and limit.high is not None]
+    for number, limit in enumerate(ranges):
+        path = f"$.parameters.{limit.name}"
+        for parameter in filter(limit.covers, known):
+            low, high = _possible(parameter, limit.unit)
+            for side, value in (("min", limit.low), ("max", limit.high)):
+                if not low <= value <= high:  # type: ignore[operator]
+                    raise FormatError(
+                        f"{node.file}: {path}.{side} is {value}, but {parameter} of a sensor is {low:.4g} to "
+                        f"{high:.4g} "
+                        f"{limit.unit}: correct the number or $.parameters.{limit.name}.unit"
+                    )
+            for other in ranges[:number]:
+                if other.covers(parameter) and other.unit == limit.unit and _are_apart(limit, other):
+                    raise FormatError(
+                        f"{node.file}: {path} is {limit.low} to {limit.high}, but $.parameters.{other.name} "
+                        "is "
+                        f"{other.low} to {other.high}: no {parameter} is in both: correct one of them"
+                    )
+    for limit in limits if effects is not None else ():
+        of = [name for name in known if limit.covers(name)]
+        if not any(_is_permitted(name, effects or ()) for name in of):
+            raise FormatError(
+                f"{node.file}: $.parameters.{limit.name} has a limit, but $.effects does not permit its "
+                "effect: every "
+                "unit would fail: add the effect, or leave the limit out"
+            )
+
+
+def _is_permitted(parameter: str, effects: Sequence[str]) -> bool:
+    """Whether a calibration with only these effects can have the parameter."""
+    is_of_triad = re.fullmatch("(accel|gyro)_(bias_[xyz]|sensitivity_[xyz]{2})", parameter) is not None
+    return is_of_triad or any(parameter.startswith(f"{effect}_") for effect in effects)
+
+
+def _possible(parameter: str, unit: str) -> tuple[float, float]:
+    """The range of a bias or a sensitivity that a sensor can have; unlimited for an effect."""
+    sensor = "accelerometer" if parameter.startswith("accel") else "gyroscope"
+    if re.fullmatch("(accel|gyro)_bias_[xyz]", parameter):
+        return -BIAS[unit], BIAS[unit]
+    if re.fullmatch("(accel|gyro)_sensitivity_[xyz]{2}", parameter):
+        most = SENSITIVITY[sensor, RAW_UNITS[sensor] if unit == "1" else "lsb"][1]
+        return -most, most
+    return -math.inf, math.inf
+
+
+def _are_apart(one: ParameterLimit, other: ParameterLimit) -> bool:
+    if one.low is None or one.high is None or other.low is None or other.high is None:
+        return False
+    return one.low > other.high or other.low > one.high
+
+
 def _figures(node: Node, of: str) -> list[FigureLimit]:
     _require_known(node, FIGURES[of])
     limits = []
@@ -101,14 +176,24 @@ def _figures(node: Node, of: str) -> list[FigureLimit]:
         item = node.get(figure)
         side = _side(figure)
         _require_known(item, (side,))
-        limits.append(FigureLimit(of, figure, item.get(side).number()))
+        number = item.get(side).number()
+        if number > LARGEST_LIMITS[figure]:
+            raise FormatError(
+                f"{node.file}: {item.path}.{side} is {number}: a limit is at most {LARGEST_LIMITS[figure]:g}"
+            )
+        try:
+            limits.append(FigureLimit(of, figure, number))
+        except InputError as error:
+            raise FormatError(f"{node.file}: {item.path}.{side}: {error}") from None
     return limits
 
 
 def _effects(node: Node, user_effects: Sequence[UserEffect]) -> tuple[str, ...]:
     known = definitions(user_effects)
     names = tuple(item.text() for item in node.items())
-    for name in names:
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise FormatError(f"{node.file}: {node.path}[{k}] is {name}, which stands twice: give it once")
         if name not in known:
             raise FormatError(f"{node.file}: {node.path}: there is no effect {name!r}{_close(name, known)}")
     return names

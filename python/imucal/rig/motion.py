@@ -234,6 +234,8 @@ def motion_from(node: Node) -> Motion:
     kind = node.get("kind").text(("program", "tumble", "static"))
     if kind == "program":
         return program_of(node)
+    known = Static if kind == "static" else Tumble
+    require_fields(node, ("kind", *(field.name for field in dataclasses.fields(known))), "a motion")
     if kind == "static":
         w, x, y, z = node.get("rotation_wxyz").array(4).tolist()
         return Static(node.get("duration_s").number(), (w, x, y, z))

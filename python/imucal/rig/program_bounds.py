@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
 
-__all__ = ["MAX_DURATION_S", "Fault", "fault_of", "turned_too_far"]
+__all__ = [
+    "MAX_ACCELERATION_DPS2",
+    "MAX_ANGLE_DEG",
+    "MAX_DURATION_S",
+    "MAX_RATE_DPS",
+    "MAX_STEP_S",
+    "Fault",
+    "fault_of",
+    "turned_too_far",
+]
 
 # Largest number of steps: a grid of 1 deg over the sphere has 64,800 poses.
 MAX_STEPS: Final = 100_000

@@ -16,6 +16,7 @@ from imucal.effects.effect import EffectValues
 from imucal.effects.table import find
 from imucal.effects.values import effects_of, effects_to_list
 from imucal.errors import FormatError, InputError
+from imucal.rig.program_bounds import MAX_DURATION_S
 
 __all__ = ["Stand"]
 
@@ -30,6 +31,11 @@ CHEAP: Final = {
     "vibration_mm": 0.05,
     "encoder_noise_deg": 0.02,
 }
+# Largest error by the ending of its name: a revolution, a metre, 100 kHz, and a week.
+LARGEST: Final = {"_deg": 360.0, "_mm": 1000.0, "_hz": 1e5, "_s": MAX_DURATION_S}
+NOT_NEGATIVE: Final = (
+    *("vibration_deg", "vibration_mm", "vibration_hz", "encoder_noise_deg", "tremor_deg", "slip_time_s"),
+)
 # Its encoders have 12 bits, and effects with the typical sizes of the catalogue.
 CHEAP_COUNTS: Final = 4096
 CHEAP_ENCODERS: Final = ("encoder_eccentricity", "encoder_time_offset", "encoder_backlash")
@@ -185,10 +191,25 @@ def stand_of(node: Node) -> Stand:
             found[name] = tuple(field.array(len(default)).tolist())
         else:
             found[name] = field.number()
+    for name, value in found.items():
+        _require_possible(node, name, value)
     try:
         return Stand(**found)
     except InputError as error:
         raise FormatError(f"{node.file}: {node.path}: {error}") from None
+
+
+def _require_possible(node: Node, name: str, value: Any) -> None:
+    """Raise FormatError for an error that no stand has."""
+    most = next((most for ending, most in LARGEST.items() if name.endswith(ending)), None)
+    if most is None:
+        return
+    low = 0.0 if name in NOT_NEGATIVE else -most
+    numbers = np.atleast_1d(value)
+    if not ((numbers >= low) & (numbers <= most)).all():
+        raise FormatError(
+            f"{node.file}: {node.path}.{name} is {node.get(name).value}: give {low:g} to {most:g} in its unit"
+        )
 
 
 def stand_from_name(stand: Stand | str | os.PathLike[str]) -> Stand:

@@ -12,8 +12,16 @@ import os
 from dataclasses import dataclass
 from typing import Any, Final
 
+from imucal.document.agreement import require_fields
 from imucal.document.json_document import Node, read_json, write_json
 from imucal.errors import FormatError, InputError
+from imucal.rig.program_bounds import (
+    MAX_ACCELERATION_DPS2,
+    MAX_ANGLE_DEG,
+    MAX_DURATION_S,
+    MAX_RATE_DPS,
+    MAX_STEP_S,
+)
 
 __all__ = ["NAMED", "AxisLimits", "StandLimits", "stand_limits_of"]
 
@@ -21,6 +29,15 @@ SCHEMA: Final = "imucal.stand-limits/1"
 AXES: Final = ("axis_1", "axis_2", "axis_3")
 AXIS_FIELDS: Final = ("max_rate_dps", "max_acceleration_dps2", "range_deg", "cable_wrap_deg")
 FIELDS: Final = ("schema", "description", "axes", "settle_s", "min_rest_s", "minutes", "forbidden_deg")
+# Largest values of a limit by name: those of a program, a day, and a week.
+LARGEST: Final = {
+    "max_rate_dps": MAX_RATE_DPS,
+    "max_acceleration_dps2": MAX_ACCELERATION_DPS2,
+    "cable_wrap_deg": MAX_ANGLE_DEG,
+    "settle_s": MAX_STEP_S,
+    "min_rest_s": MAX_STEP_S,
+    "minutes": MAX_DURATION_S / 60.0,
+}
 # The paper does not give the acceleration: this is what its random program needs, 240 deg in 2 s.
 PAPER_DPS: Final = 120.0
 PAPER_DPS2: Final = 480.0
@@ -85,15 +102,19 @@ class StandLimits:
         """Read a file; FormatError names the invalid field."""
         node = read_json(path)
         node.require_schema(SCHEMA)
-        _require_known(node, FIELDS)
+        require_fields(node, FIELDS, "a file of stand limits")
         given = node.mapping()
         numbers: dict[str, Any] = {
-            name: _number(node.get(name), zero=True)
-            for name in ("settle_s", "min_rest_s", "minutes")
-            if given.get(name) is not None
+            name: _number(node.get(name), most, zero=True)
+            for name, most in LARGEST.items()
+            if name not in AXIS_FIELDS and given.get(name) is not None
         }
+        if "description" in given:
+            node.get("description").text()
         first, second, third = _three(node.get("axes"), _axis)
         zones = node.get("forbidden_deg").items() if "forbidden_deg" in given else []
+        for zone in zones:
+            _require_free_start(zone)
         return StandLimits((first, second, third), **numbers, forbidden_deg=tuple(map(_zone, zones)))
 
     def write(self, path: str | os.PathLike[str], *, description: str = "") -> None:
@@ -186,34 +207,58 @@ def stand_limits_of(limits: StandLimits | str | os.PathLike[str]) -> StandLimits
 def _axis(node: Node) -> AxisLimits | None:
     if node.value is None:
         return None
-    _require_known(node, AXIS_FIELDS)
+    require_fields(node, AXIS_FIELDS, "a motor")
     given = node.mapping()
     numbers = {
-        name: _number(node.get(name))
+        name: _number(node.get(name), LARGEST[name])
         for name in AXIS_FIELDS
         if name != "range_deg" and given.get(name) is not None
     }
     span = _span(node.get("range_deg")) if given.get("range_deg") is not None else None
+    if span is not None and not span[0] <= 0.0 <= span[1]:
+        raise FormatError(
+            f"{node.file}: {node.path}.range_deg is {list(span)}: angles count from the start of a program, "
+            "so 0 is "
+            "between them"
+        )
     return AxisLimits(**numbers, range_deg=span)
 
 
 def _zone(node: Node) -> tuple[Range | None, Range | None, Range | None]:
-    _require_known(node, AXES)
+    require_fields(node, AXES, "a forbidden zone")
     first, second, third = (_span(node.get(axis)) if axis in node.mapping() else None for axis in AXES)
     if first is second is third is None:
         raise FormatError(f"{node.file}: {node.path} names no axis: such a zone forbids everything")
     return first, second, third
 
 
+def _require_free_start(node: Node) -> None:
+    """Raise FormatError for a forbidden zone that contains the start of every program."""
+    spans = [span for span in _zone(node) if span is not None]
+    if all(math.ceil(low / 360.0) * 360.0 <= high for low, high in spans):
+        raise FormatError(
+            f"{node.file}: {node.path} contains 0 for every motor, where every program starts: correct it, "
+            "or "
+            "leave it out"
+        )
+
+
 def _span(node: Node) -> Range:
     low, high = node.array(2).tolist()
+    for number in (low, high):
+        if abs(number) > MAX_ANGLE_DEG:
+            raise FormatError(
+                f"{node.file}: {node.path} has {number:g}: give angles up to {MAX_ANGLE_DEG:g} deg"
+            )
     if not low < high:
         raise FormatError(f"{node.file}: {node.path} is [{low}, {high}]: the lower angle comes first")
     return low, high
 
 
-def _number(node: Node, *, zero: bool = False) -> float:
+def _number(node: Node, most: float, *, zero: bool = False) -> float:
     number = node.number()
+    if number > most:
+        raise FormatError(f"{node.file}: {node.path} is {number}: give at most {most:g}")
     if number < 0 or (number == 0 and not zero):
         raise FormatError(
             f"{node.file}: {node.path} is {number}, it must be {'zero or more' if zero else 'positive'}"
@@ -229,9 +274,3 @@ def _three(node: Node, of: Any) -> list[Any]:
             "null where there is none"
         )
     return [of(item) for item in items]
-
-
-def _require_known(node: Node, known: tuple[str, ...]) -> None:
-    for name in node.mapping():
-        if name not in known:
-            raise FormatError(f"{node.file}: {node.path}.{name} is no field: there are {', '.join(known)}")

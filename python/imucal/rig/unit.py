@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -21,13 +21,16 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.arrays import FloatArray, as_matrix
+from imucal.document.agreement import require_fields
 from imucal.document.figure import Figure
 from imucal.document.json_document import Node, read_json, write_json
+from imucal.document.name import require_name
 from imucal.document.whole import check_seed
 from imucal.effects.effect import EffectValues
 from imucal.effects.table import find
 from imucal.effects.values import effects_of, effects_to_list
 from imucal.errors import FormatError, InputError
+from imucal.rig.unit_bounds import LARGEST, require_figure, require_sensor, require_tolerance
 
 __all__ = ["Sensor", "Unit", "unit_names"]
 
@@ -210,20 +213,27 @@ def _shipped(name: str) -> Node:
 def unit_from(node: Node) -> Unit:
     """The unit in a file."""
     node.require_schema(SCHEMA)
-    _require_known(node, FIELDS)
+    require_fields(node, FIELDS, "a unit file")
+    sources = {key: node.get("sources").get(key).text() for key in node.get("sources").mapping()}
+    if node.mapping().get("spread") is not None:
+        _require_spread(node.get("spread"), sources)
+    try:
+        name = require_name(node.get("name").value, "$.name")
+    except InputError as error:
+        raise FormatError(f"{node.file}: {error}") from None
     return Unit(
-        _sensor(node.get("accelerometer"), "m/s^2"),
-        _sensor(node.get("gyroscope"), "rad/s"),
+        _sensor(node.get("accelerometer"), "m/s^2", sources),
+        _sensor(node.get("gyroscope"), "rad/s", sources),
         effects_of(node.get("effects")),
-        node.get("name").text(),
+        name,
         node.get("description").text(),
-        {key: node.get("sources").get(key).text() for key in node.get("sources").mapping()},
+        sources,
     )
 
 
-def _sensor(node: Node, unit: str) -> Sensor:
+def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     """The sensor in a unit file; every figure may be null or missing."""
-    _require_known(node, SENSOR_FIELDS)
+    require_fields(node, SENSOR_FIELDS, "a unit file")
     floor = Figure.optional(node, "allan_floor", unit)
     instability = Figure.optional(node, "bias_instability", unit)
     if floor is not None and instability is not None:
@@ -231,6 +241,10 @@ def _sensor(node: Node, unit: str) -> Sensor:
     if floor is not None:
         instability = floor / FLOOR_PER_INSTABILITY
     bits = Figure.optional(node, "bits", "bit")
+    if (bits is None) != (Figure.optional(node, "resolution", f"{unit}/lsb") is None):
+        raise FormatError(
+            f"{node.file}: {node.path}.resolution and {node.path}.bits belong together: give both or neither"
+        )
     averaging = "averaging" in node.mapping() and node.get("averaging").flag()
     found: dict[str, Any] = {
         "sensitivity": Figure.optional(node, "sensitivity", "1", (3, 3)),
@@ -245,16 +259,45 @@ def _sensor(node: Node, unit: str) -> Sensor:
         "bandwidth_hz": Figure.optional(node, "bandwidth", "Hz"),
     }
     known = {name: value for name, value in found.items() if value is not None}
+    names = {"lsb": "resolution", "filter_hz": "filter", "bandwidth_hz": "bandwidth"}
+    figures = {names.get(name, name): value for name, value in known.items() if name != "bias_instability"}
+    # Figures that are not simulated.
+    figures |= {
+        name: value
+        for name, of in (
+            ("range", unit),
+            ("output_rate", "Hz"),
+            ("allan_floor", unit),
+            ("bias_instability", unit),
+        )
+        if (value := Figure.optional(node, name, of)) is not None
+    }
+    figures |= {} if bits is None else {"bits": bits}
+    require_sensor(node, figures, unit, sources)
     return Sensor(**known, averaging=averaging, part=node.get("part").text())
 
 
-def _require_known(node: Node, fields: Iterable[str]) -> None:
-    """Raise FormatError for an unknown field: a figure with a misspelt name would be simulated as perfect."""
-    unknown = [name for name in node.mapping() if name not in fields]
-    if unknown:
-        raise FormatError(
-            f"{node.file}: {node.path}.{unknown[0]} is no field of a unit file: give {', '.join(fields)}"
-        )
+def _require_spread(spread: Node, sources: Collection[str]) -> None:
+    """Raise FormatError for a tolerance that cannot be drawn from."""
+    largest = {"accel_bias": LARGEST["m/s^2"]["bias"], "gyro_bias": LARGEST["rad/s"]["bias"]}
+    for name, given in spread.mapping().items():
+        size, unit, typical = (*DRAWN[name], None) if name in DRAWN else _drawn_effect(spread, name)
+        if given is None:
+            continue
+        tolerance = spread.get(name)
+        require_figure(tolerance, sources)
+        tolerance.get("limit").text(tuple(DEVIATIONS))
+        value = Figure.optional(spread, name, unit, per_axis=size == 3)
+        require_tolerance(tolerance, value, name, typical, largest)
+
+
+def _drawn_effect(spread: Node, name: str) -> tuple[int, str, float]:
+    """Number of values, unit and typical size of an effect; FormatError if there is none of this name."""
+    try:
+        effect = find(name)
+    except InputError as error:
+        raise FormatError(f"{spread.file}: {spread.path}.{name}: {error}") from None
+    return effect.plain, effect.parameters[0].unit, effect.parameters[0].typical
 
 
 def _draw(node: Node, seed: int) -> Unit:

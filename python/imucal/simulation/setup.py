@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.arrays import FloatArray
+from imucal.document.agreement import require_fields
 from imucal.document.json_document import Node
 from imucal.document.whole import check_seed
 from imucal.effects.definition import UserEffect, by_name
@@ -26,8 +27,21 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Setup"]
 
-# Names of the clock and link parameters in the compiled library.
-LINK: Final = ("missing_share", "duplicated_share", "clock_rate_error", "clock_jitter_s")
+# Parameters of the clock and the link in the compiled library, and their range in a file: shares of samples,
+# and
+# a clock that is wrong by half and jitters by seconds.
+LINK: Final = {
+    "missing_share": (0.0, 1.0),
+    "duplicated_share": (0.0, 1.0),
+    "clock_rate_error": (-0.5, 0.5),
+    "clock_jitter_s": (0.0, 10.0),
+}
+# Fields of the section `setup` of a truth file.
+SETUP_FIELDS: Final = (
+    *("motion", "unit", "effects", "user_effects", "rate_hz", "gravity_mps2", "temperature"),
+    *LINK,
+    "seed",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +159,12 @@ class CoreSetup:
 
 def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
     """The setup in a truth file; InputError if the definition of a user-defined effect is missing."""
+    require_fields(node, SETUP_FIELDS, "the setup of a run")
+    require_fields(node.get("temperature"), ("time_s", "temp_degc"), "a temperature")
+    for name, (low, high) in LINK.items():
+        value = node.get(name).number()
+        if not low <= value <= high:
+            raise FormatError(f"{node.file}: {node.path}.{name} is {value}: give {low:g} to {high:g}")
     definitions = by_name(user_effects)
     for item in node.get("user_effects").items():
         name = item.get("name").text()

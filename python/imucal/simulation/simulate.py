@@ -19,13 +19,15 @@ from numpy.typing import ArrayLike
 
 import imucal._core as _core
 from imucal.arrays import FloatArray, as_rows
+from imucal.document.agreement import Origin, require_agreement
 from imucal.document.json_document import read_json
+from imucal.document.plain import plain
 from imucal.effects.definition import UserEffect, by_name
 from imucal.effects.disturbance import disturbances
 from imucal.effects.effect import EffectValues
 from imucal.effects.state import State
 from imucal.effects.values import EffectInput, give_effects
-from imucal.errors import InputError
+from imucal.errors import FormatError, InputError
 from imucal.recording.recording import Recording
 from imucal.rig.motion import Motion, Program, motion_of
 from imucal.rig.stand import Stand, stand_from_name
@@ -130,7 +132,23 @@ def repeat(
     node.require_schema("imucal.truth/1")
     keep_temperature = node.get("has_temperature").flag()
     setup = setup_from(node.get("setup"), user_effects)
-    return run(setup, auxiliary, keep_temperature=keep_temperature)
+    try:
+        repeated = run(setup, auxiliary, keep_temperature=keep_temperature)
+    except InputError as error:
+        # Columns and effects that are arguments are no part of the file.
+        if auxiliary or user_effects:
+            raise
+        raise FormatError(f"{node.file}: $.setup: {error}") from None
+    # The setup may be edited into another valid one, but what the file repeats of it has to agree.
+    written = plain(repeated.truth.to_dict())
+    require_agreement(
+        node,
+        {**written, "setup": node.get("setup").value},
+        origin=lambda _: Origin("$.setup", absolute=1e-9),
+        optional=(),
+        way_out="correct one of them, or simulate again",
+    )
+    return repeated
 
 
 def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: bool = False) -> Simulation:

@@ -1,0 +1,156 @@
+"""Checks of a unit file: its figures against each other, and against what sensors can be."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.document.agreement import require_fields
+from imucal.document.json_document import Node
+from imucal.errors import FormatError
+
+__all__ = ["LARGEST", "require_figure", "require_sensor", "require_tolerance"]
+
+FIGURE_FIELDS: Final = ("value", "unit", "source", "note", "limit")
+# Fields of a sensor that are no figures.
+OTHERS: Final = ("part", "averaging")
+# Figures that cannot be zero.
+POSITIVE: Final = ("range", "resolution", "bits", "bandwidth", "filter", "output_rate")
+# Largest figures by SI unit of the sensor: 50 mg/sqrt(Hz) and 6 deg/s/sqrt(Hz), fifty times the noisiest MEMS
+# sensors; 10 g and 2000 deg/s of bias; 10,000 g and 100,000 deg/s of range.
+LARGEST: Final[dict[str, dict[str, float]]] = {
+    "m/s^2": {"noise_density": 0.5, "bias": 98.0665, "random_walk": 1.0, "range": 98_066.5},
+    "rad/s": {"noise_density": 0.1, "bias": 34.9066, "random_walk": 1.0, "range": 1_745.33},
+}
+LARGEST_HZ: Final = 1e6
+LARGEST_BITS: Final = 32.0
+# Largest factor by which noise grows in motion.
+LARGEST_FACTOR: Final = 1e3
+# Range of the sensitivity; 1 is perfect.
+SENSITIVITY: Final = (0.2, 5.0)
+# Range according to the datasheet over the range of the counts. Some words have twice the range that is
+# specified.
+SHARE_OF_COUNTS: Final = (0.45, 1.05)
+# Largest tolerance of a scale factor or a misalignment: 50 % and 30 deg.
+LARGEST_TOLERANCE: Final = 0.5
+# Largest tolerance of an effect, as a multiple of its typical size.
+LARGEST_EFFECT: Final = 1e5
+
+
+def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Collection[str]) -> None:
+    """Raise FormatError for figures of a sensor that contradict each other, or that no sensor has.
+
+    found     the figures by name in SI units, null ones left out
+    unit      SI unit of what the sensor measures
+    sources   names of the sources of the file
+    """
+    for name in node.mapping():
+        if name not in OTHERS and node.get(name).value is not None:
+            require_figure(node.get(name), sources)
+    largest = {
+        **LARGEST[unit],
+        "allan_floor": LARGEST[unit]["bias"],
+        "bias_instability": LARGEST[unit]["bias"],
+        "noise_in_motion": LARGEST_FACTOR,
+        "bits": LARGEST_BITS,
+        **dict.fromkeys(("bandwidth", "filter", "output_rate"), LARGEST_HZ),
+    }
+    for name, value in found.items():
+        signed = name in ("bias", "sensitivity")
+        low = -np.inf if signed else 0.0
+        sizes = np.abs(value) if signed else np.asarray(value)
+        if not (sizes >= low).all() or (name in POSITIVE and not (sizes > 0).all()):
+            raise FormatError(
+                f"{node.file}: {node.path}.{name}.value is {_given(node, name)}: give a positive one"
+            )
+        if not (sizes <= largest.get(name, np.inf)).all():
+            raise FormatError(
+                f"{node.file}: {node.path}.{name} is {_given(node, name)}, more than the {largest[name]:.4g} "
+                "in SI "
+                "units that a sensor can have: correct the number or its unit"
+            )
+    if "bits" in found and found["bits"] != int(found["bits"]):
+        raise FormatError(f"{node.file}: {node.path}.bits.value is {found['bits']}: give a whole number")
+    _require_range_of_counts(node, found)
+    if {"bandwidth", "output_rate"} <= found.keys() and found["bandwidth"] > found["output_rate"]:
+        raise FormatError(
+            f"{node.file}: {node.path}.bandwidth is {found['bandwidth']:g} Hz, but {node.path}.output_rate "
+            "is "
+            f"{found['output_rate']:g} Hz: the bandwidth is the smaller: correct one of them"
+        )
+    if "sensitivity" in found:
+        _require_sensitivity(
+            node.get("sensitivity").get("value"), found["sensitivity"], is_frame=unit == "m/s^2"
+        )
+
+
+def require_tolerance(
+    node: Node, value: Any, name: str, typical: float | None, largest: Mapping[str, float]
+) -> None:
+    """Raise FormatError for a tolerance of a drawn figure that is zero, negative or impossible.
+
+    value     the tolerance in SI units
+    typical   typical size of the effect, or None for another figure
+    largest   the largest tolerance by name of other figures
+    """
+    most = LARGEST_EFFECT * typical if typical is not None else largest.get(name, LARGEST_TOLERANCE)
+    if not (np.asarray(value) > 0).all() or not (np.asarray(value) <= most).all():
+        raise FormatError(
+            f"{node.file}: {node.path} is {node.get('value').value} {node.get('unit').value}: a tolerance is "
+            f"positive and at most {most:.4g} in SI units: correct the number or its unit"
+        )
+
+
+def require_figure(node: Node, sources: Collection[str]) -> None:
+    """Raise FormatError for an unknown field of a figure, or a source that the file does not have."""
+    require_fields(node, FIGURE_FIELDS, "a figure")
+    if "source" in node.mapping():
+        source = node.get("source").text()
+        if source not in sources:
+            raise FormatError(
+                f"{node.file}: {node.path}.source is {source!r}, but $.sources has "
+                f"{', '.join(sources) or 'none'}: "
+                "correct one of them"
+            )
+    if "note" in node.mapping():
+        node.get("note").text()
+
+
+def _require_range_of_counts(node: Node, found: Mapping[str, Any]) -> None:
+    if not {"range", "resolution", "bits"} <= found.keys():
+        return
+    counts = found["resolution"] * 2.0 ** (found["bits"] - 1)
+    low, high = SHARE_OF_COUNTS
+    if not low <= found["range"] / counts <= high:
+        raise FormatError(
+            f"{node.file}: {node.path}.range is {_given(node, 'range')}, but {node.path}.resolution of "
+            f"{_given(node, 'resolution')} with {node.path}.bits of {found['bits']:g} gives "
+            f"{counts:.4g} in SI units: correct one of them"
+        )
+
+
+def _require_sensitivity(node: Node, matrix: Any, *, is_frame: bool) -> None:
+    """Raise FormatError unless this is a sensitivity; that of the accelerometer defines the body frame."""
+    if is_frame:
+        for row, column in ((1, 0), (2, 0), (2, 1)):
+            if abs(matrix[row, column] - matrix[column, row]) > 1e-7 * np.abs(matrix).max():
+                raise FormatError(
+                    f"{node.file}: {node.path}[{row}][{column}] is {matrix[row, column]}, but "
+                    f"{node.path}[{column}][{row}] is {matrix[column, row]}: in the body frame of a unit "
+                    "file, the "
+                    "symmetric one, both are the same number: correct one of them"
+                )
+    sizes = np.linalg.svd(matrix / np.abs(matrix).max(), compute_uv=False) * np.abs(matrix).max()
+    if not (SENSITIVITY[0] <= sizes[-1] and sizes[0] <= SENSITIVITY[1]) or np.linalg.det(matrix) <= 0:
+        raise FormatError(
+            f"{node.file}: {node.path} is {matrix.tolist()}: 1 is perfect, and no sensor has less than "
+            f"{SENSITIVITY[0]:g}, more than {SENSITIVITY[1]:g}, or a negative determinant: correct it"
+        )
+
+
+def _given(node: Node, name: str) -> str:
+    """The figure as it is in the file."""
+    figure = node.get(name)
+    return f"{figure.get('value').value} {figure.get('unit').value}"
