@@ -107,7 +107,7 @@ def test_the_page_of_a_calibration_has_verdict_tables_and_figures(result, tmp_pa
         f"gyro_bias_x{rounded_to(gyro.value, gyro.std)}",
     ):
         assert words in page.text
-    good = replace(result, judgement=None, reasons=(), control=None)
+    good = replace(result, judgement=None, verdict="good", reasons=(), control=None)
     page = page_of(report.write_calibration_page, tmp_path / "alone.html", good)
     assert "give one with --control" in page.text
     assert page.counts["figure"] == 2 + 1 + 2

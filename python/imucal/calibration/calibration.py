@@ -24,6 +24,7 @@ from imucal.calibration.file import document_of, fields_of, require_consistent
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.triad import Parameter
+from imucal.calibration.verdict import Verdict, saved_verdict
 from imucal.document.atomic import write_text
 from imucal.document.json_document import Node, read_json, to_json
 from imucal.document.plain import plain
@@ -50,6 +51,8 @@ class Calibration(SensorModel):
     temperature_range_degc    lowest and highest temperature of the recordings, or None
     fit                       course of the estimation
     calibration_set, control_set   figures on the calibration recordings and on the control recordings
+    verdict          `good`, `incomplete` or `poor`, without limits; None if it is not known
+    reasons          why the verdict is not good
     """
 
     covariance: FloatArray | None = None
@@ -59,6 +62,8 @@ class Calibration(SensorModel):
     fit: Mapping[str, Any] = field(default_factory=dict)
     calibration_set: Mapping[str, Any] | None = None
     control_set: Mapping[str, Any] | None = None
+    verdict: Verdict | None = None
+    reasons: tuple[str, ...] = ()
     provenance: Provenance = field(default_factory=Provenance)
     serial_number: str | None = None
 
@@ -85,6 +90,15 @@ class Calibration(SensorModel):
         return tuple(
             replace(p, std=variance[p.name] ** 0.5) if p.name in variance else p for p in super().parameters
         )
+
+    @property
+    def judged(self) -> tuple[Verdict, tuple[str, ...]]:
+        """The verdict with its reasons.
+
+        Figures that make a calibration poor decide if the verdict is better, or not known, as in a file of an
+        older version.
+        """
+        return saved_verdict(self.verdict, self.reasons, self.calibration_set, self.control_set)
 
     @property
     def left_in_data(self) -> tuple[str, ...]:

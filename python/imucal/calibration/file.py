@@ -30,6 +30,7 @@ from imucal.calibration.report import (
     require_version,
 )
 from imucal.calibration.triad import FRAMES, Parameter, Triad, as_frame
+from imucal.calibration.verdict import VERDICTS, verdict_of
 from imucal.document.json_document import Node
 from imucal.document.name import require_name
 from imucal.document.plain import plain
@@ -59,6 +60,8 @@ OTHERS: Final = (
     "fit",
     "calibration_set",
     "control_set",
+    "verdict",
+    "reasons",
     "provenance",
 )
 
@@ -172,6 +175,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
         "fit": node.get("fit").mapping(),
         "calibration_set": require_figures(node.get("calibration_set")),
         "control_set": require_figures(node.get("control_set")),
+        **_verdict(node),
         "provenance": _provenance(node.get("provenance"), node.get("control_set")),
         "serial_number": None
         if node.get("serial_number").value is None
@@ -193,6 +197,20 @@ def require_consistent(node: Node, model: SensorModel, written: Mapping[str, Any
     matrix = written["covariance"]
     names, numbers = ((), None) if matrix is None else (matrix["names"], np.array(matrix["matrix"]))
     require_fit(node.get("fit"), effects, names, numbers)
+
+
+def _verdict(node: Node) -> dict[str, Any]:
+    """The verdict and its reasons; files of other programs need not have them."""
+    if node.mapping().get("verdict") is None:
+        return {"verdict": None, "reasons": ()}
+    verdict = node.get("verdict").text(VERDICTS)
+    reasons = tuple(item.text() for item in node.get("reasons").items())
+    if (verdict == "good") == bool(reasons):
+        raise FormatError(
+            f"{node.file}: {node.get('verdict').path} is {verdict} with {len(reasons)} reasons: a verdict that is "
+            "not good has reasons, and a good one has none; correct one of them"
+        )
+    return {"verdict": verdict_of(verdict), "reasons": reasons}
 
 
 def _require_reference_temperature(node: Node) -> None:

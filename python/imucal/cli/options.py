@@ -9,6 +9,7 @@ import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import fields
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Final, get_type_hints
 
@@ -26,6 +27,8 @@ __all__ = [
     "MinRest",
     "RecordingPath",
     "ReportPath",
+    "Require",
+    "Required",
     "Verbose",
     "effect_option",
     "options_of",
@@ -51,8 +54,21 @@ ExcludeSaturated = Annotated[
 LimitsPath = Annotated[
     Path | None,
     typer.Option(
-        "--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is exceeded."
+        "--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is not kept."
     ),
+]
+
+
+class Required(str, Enum):
+    """The worst verdict with which a command ends with exit code 0."""
+
+    good = "good"
+    incomplete = "incomplete"
+
+
+Require = Annotated[
+    Required,
+    typer.Option("--require", help="Worst verdict that ends with exit code 0; with a worse one it is 2."),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print intermediate results.")]
 ReportPath = Annotated[

@@ -26,7 +26,7 @@ __all__ = [
     "require_apart",
 ]
 
-# Exit codes: no result (also for bad input), and a poor verdict.
+# Exit codes: no result (also for bad input), and a verdict that is poor or worse than required.
 NO_RESULT = 1
 POOR_VERDICT = 2
 # Width for output to a file or a pipe, characters: enough for every table, while rich assumes 80.
@@ -170,8 +170,8 @@ class Output:
             self.line(f"warning: {warning}")
         self.line(judgement.count)
 
-    def verdict(self, verdict: str, reasons: Sequence[str]) -> None:
-        """The verdict with its reasons; a poor one ends the command with its exit code."""
+    def verdict(self, verdict: str, reasons: Sequence[str], require: str = "incomplete") -> None:
+        """The verdict with its reasons; one that is poor, or worse than required, ends with its exit code."""
         self.line("; ".join((f"verdict: {verdict}", *reasons)))
-        if verdict == "poor":
+        if verdict == "poor" or (verdict == "incomplete" and require == "good"):
             raise typer.Exit(POOR_VERDICT)

@@ -14,6 +14,7 @@ from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.triad import Frame, Triad, as_frame
+from imucal.calibration.verdict import ResidualFit, verdict_of, worst
 from imucal.document.json_document import now
 from imucal.document.plain import plain
 from imucal.document.source import Source
@@ -131,6 +132,8 @@ def result_of(
     fit, figures = Fit.of_outcome(outcome), Figures(**outcome.figures)
     rests = tuple(of_library(FittedRest, fields) for fields in outcome.rests)
     moves = tuple(of_library(FittedMove, fields) for fields in outcome.moves)
+    verdict = worst(verdict_of(outcome.verdict), "good" if found is None else verdict_of(found.verdict))
+    reasons = (*outcome.reasons, *(() if found is None else found.reasons))
     calibration = Calibration(
         accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
         gyroscope=Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
@@ -147,6 +150,8 @@ def result_of(
         fit=fit.to_dict(),
         calibration_set=plain(figures),
         control_set=None if found is None else plain(Figures(**found.figures)),
+        verdict=verdict,
+        reasons=reasons,
         provenance=Provenance(
             _sources(unit_data),
             _sources(judges),
@@ -168,7 +173,9 @@ def result_of(
         ),
         held_out=HeldOut.of_outcome(outcome, options.folds),
         control=judged,
-        reasons=(*outcome.reasons, *(judged.reasons if judged else ())),
+        verdict=verdict,
+        reasons=reasons,
+        residuals=tuple(of_library(ResidualFit, fields) for fields in outcome.residuals),
         diagnosis=tuple(map(Diagnosis.of_library, outcome.diagnosis)),
     )
 

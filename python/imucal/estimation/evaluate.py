@@ -12,6 +12,7 @@ from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.figures import Figures, figures_text
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance
+from imucal.calibration.verdict import ResidualFit, Verdict, verdict_of, worst
 from imucal.document.json_document import now
 from imucal.document.plain import plain, without_nan
 from imucal.document.source import Source
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["Evaluation", "evaluate", "evaluated", "evaluation_of", "require_judges"]
 
 SCHEMA: Final = "imucal.evaluation/1"
+# Number of parameters of both triads, which come first in a covariance.
+BASE: Final = 21
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,7 +67,9 @@ class Evaluation:
     rests, moves  the rests and moves of the recordings, in order of time
     carried       for each recording, gravity at its rests, measured and propagated by the gyroscope
     findings      warnings about the recordings
-    reasons       why the verdict is poor; empty for a good one
+    verdict       `good`, `incomplete` or `poor`
+    reasons       why the verdict is not good
+    residuals     the residuals beside their noise, by kind
     judgement     the checks of the calibration and these figures against limits; None without limits
     serial_number, provenance   of the calibration
     recordings    name and files of each recording
@@ -77,25 +82,27 @@ class Evaluation:
     moves: tuple[Move, ...]
     carried: tuple[PropagatedGravity, ...]
     findings: tuple[Finding, ...]
+    verdict: Verdict
     reasons: tuple[str, ...]
+    residuals: tuple[ResidualFit, ...]
     judgement: Judgement | None = None
     serial_number: str | None = None
     provenance: Provenance = field(default_factory=Provenance)
     recordings: tuple[JudgedRecording, ...] = ()
     date: str = ""
 
-    @property
-    def verdict(self) -> str:
-        """`good` or `poor`."""
-        return "poor" if self.reasons else "good"
-
     def judged_by(self, limits: Limits, calibration: Calibration) -> Evaluation:
         """The evaluation with checks of `calibration` against limits, with these figures as its control set.
 
         A failed check makes the verdict poor.
         """
-        judgement = limits.judge(calibration, control_set=self.figures)
-        return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
+        known, reasons = calibration.judged
+        judged = (worst(known, self.verdict), (*reasons, *self.reasons))
+        judgement = limits.judge(calibration, control_set=self.figures, verdict=judged)
+        verdict: Verdict = self.verdict if judgement.passed else "poor"
+        return replace(
+            self, judgement=judgement, verdict=verdict, reasons=(*judgement.reasons, *self.reasons)
+        )
 
     def __repr__(self) -> str:
         used = f"{used_of(self.rests)} rests and {used_of(self.moves)} moves judged"
@@ -112,6 +119,7 @@ class Evaluation:
             "serial_number": self.serial_number,
             "verdict": self.verdict,
             "reasons": list(self.reasons),
+            "residuals": without_nan(self.residuals),
             "control_set": {"before": without_nan(self.before), "after": without_nan(self.figures)},
             "rests": without_nan(self.rests),
             "moves": without_nan(self.moves),
@@ -146,8 +154,22 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
     require_judges(calibration, judges)
     corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
     return _core.evaluate(
-        calibration.without_user_effects(), judges, corrected, calibration.gravity_mps2, min_rest_s
+        calibration.without_user_effects(),
+        _covariance(calibration),
+        calibration.frame,
+        judges,
+        corrected,
+        calibration.gravity_mps2,
+        min_rest_s,
     )
+
+
+def _covariance(calibration: Calibration) -> FloatArray | None:
+    """The covariance of the parameters of both triads; None if the calibration does not have all of it."""
+    names = [parameter.name for parameter in calibration.parameters[:BASE]]
+    if calibration.covariance is None or list(calibration.covariance_names[:BASE]) != names:
+        return None
+    return calibration.covariance[:BASE, :BASE]
 
 
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
@@ -176,7 +198,9 @@ def evaluation_of(
             *found.findings,
             *_seen_by_the_fit(calibration, judges),
         ),
+        verdict=verdict_of(found.verdict),
         reasons=tuple(found.reasons),
+        residuals=tuple(of_library(ResidualFit, fields) for fields in found.residuals),
         serial_number=calibration.serial_number,
         provenance=calibration.provenance,
         recordings=tuple(JudgedRecording(judge.name, judge.sources) for judge in judges),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures, figures_text
 from imucal.calibration.triad import Parameter
+from imucal.calibration.verdict import RESIDUALS, ResidualFit, Verdict
 from imucal.document.plain import without_nan
 from imucal.estimation.evaluate import Evaluation
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
@@ -25,13 +26,6 @@ __all__ = ["CalibrationResult"]
 SCHEMA: Final = "imucal.calibration-result/1"
 # Largest p value of the residuals at which a note says that noise alone does not explain them.
 UNLIKELY: Final = 1e-6
-# Words for the kinds of residuals whose standard deviations the joint fit may widen (docs/model.md (19)).
-RESIDUALS: Final = {
-    "norms": "the norm of gravity at the rests",
-    "moves": "the gravity direction after the moves",
-    "inside": "the specific force within the moves",
-    "stand": "the attitude relative to the stand",
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,7 +39,10 @@ class CalibrationResult:
     findings         warnings about the recordings
     held_out         rests and moves predicted by fits without them; None without folds
     control          the evaluation on the control recordings; None without any
-    reasons          why the verdict is poor; empty for a good one
+    verdict          `good`, `incomplete` or `poor`, the worse of those on the calibration recordings, on the
+                     control recordings and against limits
+    reasons          why the verdict is not good
+    residuals        the residuals of the calibration recordings beside their noise, by kind
     diagnosis        parameters that the recordings determine badly
     judgement        the checks against limits; None without limits
     """
@@ -58,14 +55,11 @@ class CalibrationResult:
     findings: tuple[Finding, ...]
     held_out: HeldOut | None
     control: Evaluation | None
+    verdict: Verdict
     reasons: tuple[str, ...]
+    residuals: tuple[ResidualFit, ...] = ()
     diagnosis: tuple[Diagnosis, ...] = ()
     judgement: Judgement | None = None
-
-    @property
-    def verdict(self) -> str:
-        """`good` or `poor`."""
-        return "poor" if self.reasons else "good"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -134,7 +128,9 @@ class CalibrationResult:
         """Words and widening factor of each part of the estimate."""
         if self.fit.joint is not None:
             scales = self.fit.joint.scales
-            return [(what, getattr(scales, kind)) for kind, what in RESIDUALS.items()]
+            return [
+                (what, getattr(scales, kind)) for kind, what in RESIDUALS.items() if hasattr(scales, kind)
+            ]
         return [
             ("the accelerometer", self.fit.accelerometer.inflation),
             ("the gyroscope", self.fit.gyroscope.inflation),
@@ -143,7 +139,10 @@ class CalibrationResult:
     def judged_by(self, limits: Limits) -> CalibrationResult:
         """The result with its checks against limits; a failed check makes the verdict poor."""
         judgement = limits.judge(self)
-        return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
+        verdict: Verdict = self.verdict if judgement.passed else "poor"
+        return replace(
+            self, judgement=judgement, verdict=verdict, reasons=(*judgement.reasons, *self.reasons)
+        )
 
     def summary(self) -> str:
         """The parameters, the figures and the verdict as plain text."""
@@ -194,6 +193,7 @@ class CalibrationResult:
             "serial_number": document["serial_number"],
             "verdict": self.verdict,
             "reasons": list(self.reasons),
+            "residuals": without_nan(self.residuals),
             **{name: document[name] for name in fields},
             "control": None if self.control is None else self.control.to_dict(),
             "held_out": without_nan(self.held_out),

@@ -87,6 +87,10 @@ class Gap(GapFields):
         )
         document = {"schema": SCHEMA, **{name: without_nan(getattr(self, name)) for name in names}}
         document["findings"] = [finding.to_dict() for finding in self.findings]
+        document["calibration_verdict"] = None
+        if self.calibration is not None:
+            verdict, reasons = self.calibration.judged
+            document["calibration_verdict"] = {"verdict": verdict, "reasons": list(reasons)}
         document["provenance"] = None if self.calibration is None else self.calibration.provenance
         return dict(plain(document))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from imucal.estimation.result import CalibrationResult
 from imucal.gap.fields import GapFields
 from imucal.units import SHOWN
 
@@ -106,7 +107,22 @@ def sentences(gap: GapFields) -> Iterator[str]:
             "no control recording was given: these figures are from cross-validation, in which each of "
             f"{gap.held_out['folds']} fits predicts rests and moves that it has not used"
         )
+    if "after" in gap.fits:
+        yield _remaining(gap.fits["after"])
     yield from gap.notes
+
+
+def _remaining(fit: CalibrationResult) -> str:
+    """The verdict on the calibration, with the residuals that still exceed their noise."""
+    of = "with the effects" if fit.calibration.effects else "without effects"
+    sets = {"calibration set": fit.residuals, "control set": fit.control.residuals if fit.control else ()}
+    remaining = [
+        f"{name}: {', '.join(own.text for own in residuals if own.exceeds_noise)}"
+        for name, residuals in sets.items()
+        if any(own.exceeds_noise for own in residuals)
+    ]
+    above = f"; residuals still exceed their noise: {'; '.join(remaining)}" if remaining else ""
+    return f"calibration {of}: {fit.verdict}{above}"
 
 
 def _none_of(names: Sequence[str]) -> str:

@@ -10,15 +10,18 @@ from typing import Any, Final
 
 from imucal.calibration.plausibility import BIAS, SENSITIVITY
 from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES
+from imucal.calibration.verdict import Verdict, verdict_of
 from imucal.document.json_document import Node
 from imucal.effects.definition import UserEffect, definitions
 from imucal.errors import FormatError, InputError
 from imucal.limits.limit import COUNTS, FIGURES, FigureLimit, ParameterLimit
 
-__all__ = ["NO_LIMIT", "document_of", "fields_of"]
+__all__ = ["NO_LIMIT", "REQUIRED", "document_of", "fields_of"]
 
 SCHEMA: Final = "imucal.limits/1"
-FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects")
+FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects", "verdict")
+# Verdicts that limits can require.
+REQUIRED: Final[tuple[Verdict, ...]] = ("good", "incomplete")
 NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one"
 # Largest limits of figures: 1000 times the noise, gravity, half a revolution, and a day of rests of a second.
 LARGEST_LIMITS: Final = {
@@ -36,6 +39,7 @@ def document_of(
     parameters: Sequence[ParameterLimit],
     figures: Sequence[FigureLimit],
     effects: Sequence[str] | None,
+    verdict: Verdict | None,
     description: str,
 ) -> dict[str, Any]:
     """The fields of the file; a quantity without a limit has no field."""
@@ -56,6 +60,8 @@ def document_of(
         document.setdefault(limit.of, {})[limit.figure] = {_side(limit.figure): number}
     if effects is not None:
         document["effects"] = list(effects)
+    if verdict is not None:
+        document["verdict"] = verdict
     return document
 
 
@@ -70,12 +76,13 @@ def fields_of(node: Node, user_effects: Sequence[UserEffect]) -> dict[str, Any]:
             "parameters": _parameters(node.get("parameters"), user_effects) if "parameters" in given else (),
             "figures": tuple(limit for of in FIGURES if of in given for limit in _figures(node.get(of), of)),
             "effects": _effects(node.get("effects"), user_effects) if "effects" in given else None,
+            "verdict": verdict_of(node.get("verdict").text(REQUIRED)) if "verdict" in given else None,
             "description": node.get("description").text() if "description" in given else "",
         }
     except InputError as error:
         raise FormatError(f"{node.file}: {error}") from None
     _require_passable(node, fields["parameters"], fields["effects"], _known_units(user_effects))
-    if not fields["parameters"] and not fields["figures"] and fields["effects"] is None:
+    if not any(fields[name] for name in ("parameters", "figures", "verdict")) and fields["effects"] is None:
         raise FormatError(f"{node.file}: {NO_LIMIT}")
     return fields
 

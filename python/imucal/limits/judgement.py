@@ -9,13 +9,15 @@ other side.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from imucal.calibration.verdict import VERDICTS, Verdict
 from imucal.document.plain import without_nan
 from imucal.document.source import Source
 
-__all__ = ["Check", "Judgement"]
+__all__ = ["Check", "Judgement", "VerdictCheck"]
 
 NEAR_SIGMAS: Final = 2.0
 
@@ -121,6 +123,29 @@ class Check:
             "reason": self.reason,
             "warning": self.warning,
         }
+
+
+@dataclass(frozen=True)
+class VerdictCheck(Check):
+    """The verdict with the worst one that is permitted. The value counts from 0 for good to 2 for poor."""
+
+    @staticmethod
+    def of(limit: Verdict, verdict: Verdict, reasons: Sequence[str]) -> VerdictCheck:
+        """The check of a verdict with these reasons."""
+        value, high = VERDICTS.index(verdict), VERDICTS.index(limit)
+        why = f": {reasons[0]}" if reasons else ""
+        problem = f"the verdict is {verdict}, {limit} is required{why}" if value > high else ""
+        return VerdictCheck("verdict", float(value), None, float(high), problem=problem)
+
+    @property
+    def value_text(self) -> str:
+        """The verdict."""
+        return VERDICTS[int(self.value or 0)]
+
+    @property
+    def limit_text(self) -> str:
+        """The verdict that is required."""
+        return f"at least {VERDICTS[int(self.high or 0)]}"
 
 
 @dataclass(frozen=True)

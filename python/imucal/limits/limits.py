@@ -4,7 +4,8 @@
     result = imucal.calibrate(recording, control=control).judged_by(limits)
 
 A limit is a range or a maximum standard deviation of parameters, a maximum figure or a minimum number of
-rests or moves of a set of recordings, or a list of permitted effects. A missing value fails its limit.
+rests or moves of a set of recordings, a list of permitted effects, or the worst permitted verdict. A missing
+value fails its limit.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from typing import Any, Protocol
 
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures
+from imucal.calibration.verdict import Verdict
 from imucal.document.json_document import read_json, write_json
 from imucal.document.plain import plain
 from imucal.document.source import Source, open_file
 from imucal.effects.definition import UserEffect
 from imucal.errors import InputError
-from imucal.limits.file import NO_LIMIT, document_of, fields_of
-from imucal.limits.judgement import Check, Judgement
+from imucal.limits.file import NO_LIMIT, REQUIRED, document_of, fields_of
+from imucal.limits.judgement import Check, Judgement, VerdictCheck
 from imucal.limits.limit import FigureLimit, ParameterLimit
 
 __all__ = ["Limits"]
@@ -45,6 +47,7 @@ class Limits:
     """Acceptance limits of a unit. If several limits match a parameter, all of them apply.
 
     effects      names of the permitted effects; None permits all
+    verdict      worst verdict that is permitted, `good` or `incomplete`; None permits all
     description  purpose of the limits, as text
     source       file from which the limits were read
     """
@@ -52,17 +55,27 @@ class Limits:
     parameters: tuple[ParameterLimit, ...] = ()
     figures: tuple[FigureLimit, ...] = ()
     effects: tuple[str, ...] | None = None
+    verdict: Verdict | None = None
     description: str = ""
     source: Source | None = None
 
     def __post_init__(self) -> None:
-        if not self.parameters and not self.figures and self.effects is None:
+        if not self.parameters and not self.figures and self.effects is None and self.verdict is None:
             raise InputError(NO_LIMIT)
+        if self.verdict not in (None, *REQUIRED):
+            raise InputError(f"verdict is {self.verdict!r}: give {' or '.join(REQUIRED)}, or leave it out")
 
-    def judge(self, unit: CalibrationRun | Calibration, *, control_set: Figures | None = None) -> Judgement:
+    def judge(
+        self,
+        unit: CalibrationRun | Calibration,
+        *,
+        control_set: Figures | None = None,
+        verdict: tuple[Verdict, tuple[str, ...]] | None = None,
+    ) -> Judgement:
         """Judge a calibration, or the result of `calibrate`, which also has held-out figures.
 
         control_set  figures on recordings other than the control set of the calibration
+        verdict      the verdict with these recordings, and its reasons; by default that of the calibration
         """
         calibration = unit if isinstance(unit, Calibration) else unit.calibration
         sets = {
@@ -77,6 +90,8 @@ class Limits:
             allowed = ", ".join(self.effects) or "none"
             problem = f"{', '.join(extra)} is carried, effects allowed: {allowed}" if extra else ""
             checks.append(Check("effects not allowed", float(len(extra)), None, 0, problem=problem))
+        if self.verdict is not None:
+            checks.append(VerdictCheck.of(self.verdict, *(verdict or calibration.judged)))
         return Judgement(tuple(checks), self.source)
 
     @staticmethod
@@ -95,4 +110,4 @@ class Limits:
 
     def to_dict(self) -> dict[str, Any]:
         """The fields of the file."""
-        return document_of(self.parameters, self.figures, self.effects, self.description)
+        return document_of(self.parameters, self.figures, self.effects, self.verdict, self.description)

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.calibration.calibration import Calibration
-from imucal.calibration.figures import saved_reasons
+from imucal.calibration.verdict import worst
 from imucal.errors import InputError
 from imucal.limits.limit import COUNTS, FIGURES, FigureLimit, ParameterLimit
 from imucal.limits.limits import Limits
@@ -33,8 +33,8 @@ def limits_from(calibrations: Sequence[Calibration], *, deviations: float = DEVI
 
     The limits of parameters and figures are the mean +- `deviations` standard deviations over the units. The
     limit of a standard deviation is twice the largest one, that of rests and moves the smallest number.
-    Effects are permitted if any unit has them. Figures are those of the calibration and control sets, if all
-    units have them.
+    Effects are permitted if any unit has them, and the verdict may be that of the worst unit. Figures are
+    those of the calibration and control sets, if all units have them.
 
     Raises InputError for fewer than two units, a unit given twice, a unit with poor figures, and units with
     different parameters.
@@ -63,7 +63,8 @@ def limits_from(calibrations: Sequence[Calibration], *, deviations: float = DEVI
             f"the serial number {twice[0]} comes {serials[twice[0]]} times: give every unit once"
         )
     for number, calibration in enumerate(calibrations, start=1):
-        if reasons := saved_reasons(calibration.calibration_set, calibration.control_set):
+        verdict, reasons = calibration.judged
+        if verdict == "poor":
             raise InputError(
                 f"unit {number} is no good unit, {reasons[0]}: limits are made of units that are"
             )
@@ -71,6 +72,7 @@ def limits_from(calibrations: Sequence[Calibration], *, deviations: float = DEVI
         tuple(_parameters(calibrations, values, deviations)),
         tuple(_figures(calibrations, deviations)),
         tuple(dict.fromkeys(effect.name for c in calibrations for effect in c.effects)),
+        worst(*(calibration.judged[0] for calibration in calibrations)),
         f"mean +- {deviations:g} standard deviations of {len(calibrations)} units",
     )
 

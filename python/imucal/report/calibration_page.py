@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 import imucal.plot as plot
 import imucal.report.sentences as sentences
+from imucal.calibration.verdict import RESIDUALS
 from imucal.report.blocks import coverage_tab, finding_texts, limits_tabs, propagated_tab, residuals
 from imucal.report.page import Shown, Tab, write_page
 from imucal.report.tables import figures_table, heading, item_list, paragraph, parameter_table, table
 
 if TYPE_CHECKING:
     from imucal.calibration.calibration import Calibration
+    from imucal.calibration.verdict import ResidualFit
     from imucal.estimation.evaluate import Evaluation
     from imucal.estimation.result import CalibrationResult
 
@@ -76,7 +78,8 @@ def write_evaluation_page(
             "Summary",
             (
                 figures_table({"uncalibrated": judged.before, "calibrated": judged.figures}),
-                *_reasons(judged.reasons),
+                *_reasons(judged.verdict, judged.reasons),
+                *_beside_noise(judged.residuals),
                 *_remarks(finding_texts(judged.findings)),
             ),
         ),
@@ -98,11 +101,23 @@ def _summary(result: CalibrationResult) -> list[str]:
     remarks = [*result.notes, *finding_texts(result.findings)]
     if result.control is not None:
         remarks += finding_texts(result.control.findings)
-    return [figures_table(sets), *_reasons(result.reasons), *_remarks(remarks)]
+    beside_noise = _beside_noise(result.residuals)
+    return [figures_table(sets), *_reasons(result.verdict, result.reasons), *beside_noise, *_remarks(remarks)]
 
 
-def _reasons(reasons: Sequence[str]) -> list[str]:
-    return [heading("Why it is poor"), item_list(reasons)] if reasons else []
+def _reasons(verdict: str, reasons: Sequence[str]) -> list[str]:
+    return [heading(f"Why it is {verdict}"), item_list(reasons)] if reasons else []
+
+
+def _beside_noise(residuals: Sequence[ResidualFit]) -> list[str]:
+    """The table of residuals beside their noise."""
+    rows = [
+        [RESIDUALS[own.kind], f"{own.rms:.3g} {own.unit}", f"{own.noise:.3g} {own.unit}", f"{own.ratio:.2g}"]
+        for own in residuals
+        if own.rms is not None and own.noise is not None and own.ratio is not None
+    ]
+    headings = ["rms of the residuals of", "measured", "explained by noise", "ratio"]
+    return [heading("Residuals beside their noise"), table(headings, rows)] if rows else []
 
 
 def _remarks(remarks: Sequence[str]) -> list[str]:

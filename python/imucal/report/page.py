@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 __all__ = ["Shown", "Tab", "Verdict", "require_plotly", "write_page"]
 
-MARKS = {"good": "✔", "poor": "✘", "open": "?"}
+MARKS = {"good": "✔", "incomplete": "◐", "poor": "✘", "open": "?"}
 
 
 @dataclass(frozen=True)
 class Verdict:
     """The verdict at the top of a page.
 
-    mood       "good", "poor", or "open" (no clear verdict); selects mark and colour
+    mood       "good", "incomplete", "poor", or "open" (no clear verdict); selects mark and colour
     sentence   the verdict in one sentence
     beside     supporting numbers
     """

@@ -82,7 +82,8 @@ def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, bes
         return Verdict("good", good, beside)
     first, more = result.reasons[0], len(result.reasons) - 1
     others = f", and {more} more reason{'s' if more > 1 else ''}" if more else ""
-    return Verdict("poor", f"Poor: {first}{others}.", beside)
+    word = "Incomplete" if result.verdict == "incomplete" else "Poor"
+    return Verdict(result.verdict, f"{word}: {first}{others}.", beside)
 
 
 def _better(judged: Evaluation) -> str:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import imucal._core as _core
 from imucal.calibration.provenance import require_serial_number
+from imucal.calibration.verdict import Verdict
 from imucal.document.json_document import now, write_json
 from imucal.document.source import open_large
 from imucal.errors import ImucalError, InputError
@@ -48,6 +49,7 @@ class Order:
                   `control_seed`, along the path of `program`, the only one known to be free of obstacles
     control_name  name of the control program in the result
     driver        name of the driver in the result
+    require       worst verdict on the calibration with which the unit passes
     """
 
     program: Program
@@ -62,6 +64,7 @@ class Order:
     control: Program | None = None
     control_name: str = "own poses"
     driver: str | None = None
+    require: Verdict = "incomplete"
 
     @property
     def programs(self) -> dict[str, Program]:
@@ -198,6 +201,7 @@ def _taken_through(
             gravity_mps2=order.gravity_mps2,
             serial_number=order.serial_number,
             limits=order.limits if len(recordings) > 1 else None,
+            require=order.require if len(recordings) > 1 else "incomplete",
         )
         # Without a calibration there is nothing to evaluate on a control run.
         if assessment.result is None:

@@ -6,6 +6,7 @@ mount_slip          the unit has slipped on its mount
 loose_mount         the mount has play
 poor_calibration    a figure of the run is poor, or too many rests or moves were rejected as outliers
 poor_control        a figure of the control run is poor
+incomplete_calibration, incomplete_control   good is required, but residuals of a run exceed their noise
 limit               a limit of the limits file is exceeded
 no_motion           all axes contain only noise: the stand did not move, or the data are frozen; no result
 stand_mismatch      the attitude differs by several degrees from the stand's angles, because of a motor or the
@@ -24,6 +25,7 @@ from typing import Final
 import numpy as np
 
 import imucal._core as _core
+from imucal.calibration.verdict import Verdict
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.estimation.calibrate import calibrate
 from imucal.estimation.rests import FittedRest
@@ -76,7 +78,8 @@ class Reason:
 class Assessment:
     """The evaluation of a unit's recordings.
 
-    reasons  reasons why the unit does not pass, the gravest first; empty if it passes
+    reasons  reasons why the unit does not pass, the gravest first; empty if it passes. A calibration with the
+             verdict incomplete passes unless good is required
     judged   whether the unit was judged; False if the reasons concern the stand or the run (no result)
     result   the calibration, None if there is none
     """
@@ -94,10 +97,12 @@ def assess(
     gravity_mps2: float,
     serial_number: str | None = None,
     limits: Limits | None = None,
+    require: Verdict = "incomplete",
 ) -> Assessment:
     """Calibrate a unit from its run, evaluate it on its control run, and name its faults.
 
     programs  program of the run and, if there is one, of the control run
+    require   worst verdict on the calibration with which a unit passes
     """
     recordings = [run, *([] if control is None else [control])]
     pairs = zip(recordings, programs, strict=False)
@@ -127,8 +132,10 @@ def assess(
             )
             return Assessment((Reason("stand_mismatch", message),), judged=False)
     reasons = [Reason(finding.code, str(finding)) for finding in found]
-    for text in result.reasons:
-        reasons.append(Reason("poor_control" if text.startswith("control") else "poor_calibration", text))
+    if result.verdict == "poor" or (result.verdict == "incomplete" and require == "good"):
+        for text in result.reasons:
+            of = "control" if text.startswith("control") else "calibration"
+            reasons.append(Reason(f"{result.verdict}_{of}", text))
     if limits is not None:
         result = result.judged_by(limits)
         reasons += [Reason("limit", text) for text in (result.judgement.reasons if result.judgement else ())]

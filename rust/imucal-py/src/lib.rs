@@ -127,11 +127,14 @@ mod _core {
     }
 
     /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` are the
-    /// recordings after the caller's correction, because the library cannot correct user-defined effects.
+    /// recordings after the caller's correction, because the library cannot correct user-defined effects. `covariance`
+    /// is that of the parameters in this body frame, by rows.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,
         calibration: CalibrationArrays<'_>,
+        covariance: Option<Vec<Vec<f64>>>,
+        frame: &str,
         recordings: Vec<RecordingColumns<'_>>,
         corrected: Option<Vec<RecordingColumns<'_>>>,
         gravity_mps2: f64,
@@ -140,11 +143,22 @@ mod _core {
         let calibration = calibration.calibration(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         let corrected = corrected.as_ref().map(|columns| RecordingColumns::views(py, columns)).transpose()?;
+        let frame = frame_named(frame).to_python(py)?;
+        let uncertainty = covariance.map(|rows| library::evaluate::Uncertainty::try_new(&rows, frame));
+        let uncertainty = uncertainty.transpose().to_python(py)?;
         let work = || match &corrected {
-            None => library::evaluate::evaluate(&calibration, &recordings, gravity_mps2, min_rest_s),
-            Some(corrected) => {
-                library::evaluate::evaluate_corrected(&calibration, &recordings, corrected, gravity_mps2, min_rest_s)
+            None => {
+                let recordings = &recordings;
+                library::evaluate::evaluate(&calibration, uncertainty.as_ref(), recordings, gravity_mps2, min_rest_s)
             }
+            Some(corrected) => library::evaluate::evaluate_corrected(
+                &calibration,
+                uncertainty.as_ref(),
+                &recordings,
+                corrected,
+                gravity_mps2,
+                min_rest_s,
+            ),
         };
         let evaluation = py.detach(work).to_python(py)?;
         Evaluation::new(py, evaluation, &recordings)
@@ -154,7 +168,8 @@ mod _core {
     /// these figures are good.
     #[pyfunction]
     fn poor_figures(set: &str, rests: usize, moves: usize, chi2_per_dof: Option<f64>) -> Option<String> {
-        use library::evaluate::{Figures, RecordingSet};
+        use library::evaluate::Figures;
+        use library::verdict::RecordingSet;
         let set = if set == RecordingSet::Control.name() { RecordingSet::Control } else { RecordingSet::Calibration };
         let (chi2_per_dof, nan) = (chi2_per_dof.unwrap_or(f64::NAN), f64::NAN);
         let figures =

@@ -7,6 +7,7 @@ use imucal::calibrate::diagnosis;
 use imucal::evaluate;
 use imucal::recording::Recording;
 use imucal::rests;
+use imucal::verdict;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -200,6 +201,34 @@ pub(crate) struct ResidualScales {
 impl From<calibrate::ResidualScales> for ResidualScales {
     fn from(s: calibrate::ResidualScales) -> Self {
         Self { norms: known(s.norms), moves: known(s.moves), inside: known(s.inside), stand: known(s.stand) }
+    }
+}
+
+/// Goodness of fit of one kind of residual. Sizes are in the unit of datasheets.
+#[derive(IntoPyObject)]
+pub(crate) struct GroupMisfit {
+    kind: &'static str,
+    rms: Option<f64>,
+    noise: Option<f64>,
+    unit: &'static str,
+    ratio: Option<f64>,
+    degrees_of_freedom: Option<f64>,
+    p_value: Option<f64>,
+    exceeds_noise: bool,
+}
+
+impl From<&verdict::GroupMisfit> for GroupMisfit {
+    fn from(m: &verdict::GroupMisfit) -> Self {
+        Self {
+            kind: m.group.name(),
+            rms: known(m.group.in_unit(m.rms)),
+            noise: known(m.group.in_unit(m.noise())),
+            unit: m.group.unit(),
+            ratio: known(m.ratio()),
+            degrees_of_freedom: known(m.degrees_of_freedom),
+            p_value: known(m.p_value()),
+            exceeds_noise: m.exceeds_noise(),
+        }
     }
 }
 

@@ -6,13 +6,16 @@ use imucal::error::Error;
 use imucal::evaluate;
 use imucal::recording::Recording;
 use imucal::rests::Segments;
+use imucal::verdict;
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arrays::to_rows;
 use crate::error::finding;
-use crate::mappings::{Diagnosis, Fields, Figures, FitReport, Misfit, Move, ResidualScales, Rest, Threshold, fields};
+use crate::mappings::{
+    Diagnosis, Fields, Figures, FitReport, GroupMisfit, Misfit, Move, ResidualScales, Rest, Threshold, fields,
+};
 
 type Vector = Py<PyArray1<f64>>;
 type Rows = Py<PyArray2<f64>>;
@@ -30,8 +33,12 @@ fn matrix(py: Python<'_>, values: &nalgebra::Matrix3<f64>) -> PyResult<Rows> {
 }
 
 /// The reasons of a verdict as sentences.
-fn words_of(verdict: &evaluate::Verdict) -> Vec<String> {
+fn words_of(verdict: &verdict::Verdict) -> Vec<String> {
     verdict.reasons().iter().map(ToString::to_string).collect()
+}
+
+fn residuals(py: Python<'_>, groups: &[verdict::GroupMisfit]) -> PyResult<Vec<Fields>> {
+    groups.iter().map(|group| fields(py, GroupMisfit::from(group))).collect()
 }
 
 /// An estimated effect.
@@ -97,8 +104,12 @@ pub(crate) struct Outcome {
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
     figures: Fields,
-    /// Reasons for a poor verdict on the recordings of the calibration; empty for a good one.
+    /// Verdict on the recordings of the calibration: good, incomplete or poor.
+    verdict: &'static str,
+    /// Reasons for this verdict; empty for a good one.
     reasons: Vec<String>,
+    /// Goodness of fit of each kind of residual under noise alone.
+    residuals: Vec<Fields>,
     held_out: Option<Py<HeldOut>>,
     findings: Vec<Py<PyAny>>,
     diagnosis: Vec<Fields>,
@@ -141,7 +152,7 @@ impl Outcome {
         let rests = o.rests.iter().map(|rest| with(fields(py, Rest::new(recordings, rest))?, rest.misfit));
         let moves = o.moves.iter().map(|m| with(fields(py, Move::new(recordings, m))?, m.misfit));
         let size = o.values.len();
-        let reasons = words_of(&o.verdict());
+        let verdict = o.verdict();
         let covariance: Vec<f64> = o.covariance.concat();
         Ok(Self {
             accel_sensitivity: matrix(py, o.calibration.accelerometer.sensitivity())?,
@@ -164,7 +175,9 @@ impl Outcome {
             joint_scales: o.joint_scales.map(|scales| fields(py, ResidualScales::from(scales))).transpose()?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: fields(py, Figures::from(o.figures))?,
-            reasons,
+            reasons: words_of(&verdict),
+            verdict: verdict.name(),
+            residuals: residuals(py, &o.groups)?,
             held_out: o.held_out.map(|held_out| HeldOut::new(py, held_out)).transpose()?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
             diagnosis: diagnosis.into_iter().map(|d| fields(py, Diagnosis::from(d))).collect::<PyResult<_>>()?,
@@ -199,8 +212,12 @@ pub(crate) struct Evaluation {
     figures: Fields,
     /// Figures of merit of the sensors with their nominal sensitivity, before calibration.
     before: Fields,
-    /// Reasons for a poor verdict; empty for a good one.
+    /// Verdict on the control recordings: good, incomplete or poor.
+    verdict: &'static str,
+    /// Reasons for this verdict; empty for a good one.
     reasons: Vec<String>,
+    /// Goodness of fit of each kind of residual under noise and the uncertainty of the calibration.
+    residuals: Vec<Fields>,
     rests: Vec<Fields>,
     moves: Vec<Fields>,
     carried: Vec<Py<Carried>>,
@@ -214,6 +231,8 @@ impl Evaluation {
             figures: fields(py, Figures::from(e.figures))?,
             before: fields(py, Figures::from(e.before))?,
             reasons: words_of(&e.verdict),
+            verdict: e.verdict.name(),
+            residuals: residuals(py, &e.groups)?,
             rests: e.rests.iter().map(|rest| fields(py, Rest::new(recordings, rest))).collect::<PyResult<_>>()?,
             moves: e.moves.iter().map(|m| fields(py, Move::new(recordings, m))).collect::<PyResult<_>>()?,
             carried: e.carried.into_iter().map(|c| Carried::new(py, c)).collect::<PyResult<_>>()?,

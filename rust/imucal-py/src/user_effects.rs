@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use imucal::calibrate::{BriefCorrection, CorrectedSamples, Outcome, RecordingSet, SampledField, UserEffects};
+use imucal::calibrate::{BriefCorrection, CorrectedSamples, Outcome, SampledField, UserEffects};
 use imucal::error::Error;
+use imucal::verdict::RecordingSet;
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 

@@ -22,7 +22,6 @@ use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
 
 use crate::error::Error;
-pub use crate::evaluate::RecordingSet;
 use crate::frame::Frame;
 pub use crate::joint::WarmStart;
 pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};

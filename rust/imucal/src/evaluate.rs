@@ -1,5 +1,7 @@
 //! Evaluation of a calibration on control recordings.
 
+mod group_misfits;
+mod uncertainty;
 mod verdict;
 
 use imucal_core::calibration::Calibration;
@@ -20,8 +22,11 @@ use crate::rests::rest::norm_error_mps2;
 use crate::rests::segment::Segments;
 use crate::rests::tremor::{self, Sensors};
 use crate::rests::unit_rest::{UnitRest, rests_of};
-use verdict::uncorrected_samples;
-pub use verdict::{Reason, RecordingSet, UncorrectedSamples, Verdict};
+use crate::verdict::{GroupMisfit, Reason, RecordingSet, Verdict};
+use group_misfits::Judged;
+pub use uncertainty::Uncertainty;
+pub(crate) use verdict::unknown_direction;
+use verdict::{impossible_rates, uncorrected_samples, worse};
 
 /// Figures of merit: the agreement of recordings with a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,7 +130,10 @@ pub struct Evaluation {
     pub carried: Vec<CarriedGravity>,
     /// Findings of the checks of the recordings.
     pub findings: Vec<Finding>,
-    /// Good, or poor with the reasons.
+    /// Goodness of fit of the norms at the rests and of the gravity directions after the moves, under noise and the
+    /// uncertainty of the calibration.
+    pub groups: Vec<GroupMisfit>,
+    /// Good, or incomplete or poor with the reasons.
     pub verdict: Verdict,
 }
 
@@ -146,18 +154,20 @@ pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>])
 
 /// Evaluates `calibration` on recordings that were not used to estimate it.
 ///
-/// `gravity_mps2` is the local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
+/// `uncertainty` is that of the calibration; without it, noise alone has to explain the residuals. `gravity_mps2` is the
+/// local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
 ///
 /// # Errors
 /// [`Error::Data`] for recordings with faults; [`Error::NotEnoughMotion`] if there is no rest.
 pub fn evaluate(
     calibration: &Calibration<f64>,
+    uncertainty: Option<&Uncertainty>,
     recordings: &[Recording<'_>],
     gravity_mps2: f64,
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     if calibration.effects.is_empty() {
-        return with_nominal(calibration, recordings, None, gravity_mps2, min_rest_s);
+        return with_nominal((calibration, uncertainty), recordings, None, gravity_mps2, min_rest_s);
     }
     let columns: Vec<_> = recordings.iter().map(|recording| correct(recording, calibration)).collect();
     let corrected: Vec<Recording<'_>> = recordings
@@ -169,7 +179,7 @@ pub fn evaluate(
             ..*recording
         })
         .collect();
-    with_nominal(calibration, recordings, Some(&corrected), gravity_mps2, min_rest_s)
+    with_nominal((calibration, uncertainty), recordings, Some(&corrected), gravity_mps2, min_rest_s)
 }
 
 /// As [`evaluate`], with recordings that the caller has already corrected, in SI units: for effects outside the
@@ -179,6 +189,7 @@ pub fn evaluate(
 /// As [`evaluate`]; [`Error::Input`] if `corrected` does not contain a recording of the same length for each recording.
 pub fn evaluate_corrected(
     calibration: &Calibration<f64>,
+    uncertainty: Option<&Uncertainty>,
     recordings: &[Recording<'_>],
     corrected: &[Recording<'_>],
     gravity_mps2: f64,
@@ -188,27 +199,34 @@ pub fn evaluate_corrected(
     if lengths(recordings) != lengths(corrected) {
         return Err(Error::Input("each recording needs a corrected recording with the same number of samples".into()));
     }
-    with_nominal(calibration, recordings, Some(corrected), gravity_mps2, min_rest_s)
+    with_nominal((calibration, uncertainty), recordings, Some(corrected), gravity_mps2, min_rest_s)
 }
 
 /// Evaluates the nominal sensors and the calibration.
 fn with_nominal(
-    calibration: &Calibration<f64>,
+    (calibration, uncertainty): (&Calibration<f64>, Option<&Uncertainty>),
     recordings: &[Recording<'_>],
     corrected: Option<&[Recording<'_>]>,
     gravity_mps2: f64,
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     let nominal = as_it_comes(calibration, recordings);
-    let before = judge(&nominal, &nominal.gyroscope, recordings, None, gravity_mps2, min_rest_s)?.figures;
-    let evaluation = judge(calibration, &nominal.gyroscope, recordings, corrected, gravity_mps2, min_rest_s)?;
-    Ok(Evaluation { before, ..evaluation })
+    let judge = |calibration, uncertainty, corrected| {
+        let triads = (calibration, &nominal.gyroscope);
+        judge(triads, uncertainty, recordings, corrected, gravity_mps2, min_rest_s)
+    };
+    let before = judge(&nominal, None, None)?;
+    let evaluation = judge(calibration, uncertainty, corrected)?;
+    let mut reasons = evaluation.verdict.reasons().to_vec();
+    reasons.extend(worse(&evaluation.groups, &before.groups));
+    Ok(Evaluation { before: before.figures, verdict: Verdict::of(reasons), ..evaluation })
 }
 
-/// Checks and rest detection use the recordings as measured. The figures use the corrected samples, if given.
+/// Checks and rest detection use the recordings as measured. The figures use the corrected samples, if given. The
+/// verdict contains all reasons that need no comparison with the uncalibrated unit.
 fn judge(
-    calibration: &Calibration<f64>,
-    uncalibrated: &Triad<f64>,
+    (calibration, uncalibrated): (&Calibration<f64>, &Triad<f64>),
+    uncertainty: Option<&Uncertainty>,
     recordings: &[Recording<'_>],
     corrected: Option<&[Recording<'_>]>,
     gravity_mps2: f64,
@@ -263,9 +281,22 @@ fn judge(
         .collect();
     let figures = figures(&rest_reports, &move_reports, &residuals, 0);
     let uncorrected = || corrected.map_or_else(Vec::new, |corrected| uncorrected_samples(recordings, corrected));
-    let reason = figures.reason(RecordingSet::Control, uncorrected);
+    let used = Judged {
+        recordings: judged,
+        triads: [accelerometer, gyroscope],
+        rests: rest_reports.iter().filter(|rest| rest.excluded.is_none()).collect(),
+        moves: &moves,
+        ends: &ends,
+        rotations: &rotations,
+    };
+    let groups = used.groups(|| uncertainty.map_or_else(Vec::new, |own| own.changed(calibration, corrected.is_some())));
+    let mut reasons = Vec::from_iter(figures.reason(RecordingSet::Control, uncorrected));
+    reasons.extend(impossible_rates(judged, gyroscope));
+    reasons.extend(unknown_direction(RecordingSet::Control, &move_reports));
+    reasons.extend(Reason::above_noise(RecordingSet::Control, &groups));
     Ok(Evaluation {
-        verdict: Verdict::of(reason.into_iter().collect()),
+        verdict: Verdict::of(reasons),
+        groups,
         figures,
         before: figures,
         carried: (0..recordings.len())

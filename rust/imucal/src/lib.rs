@@ -11,7 +11,7 @@
 //!
 //! ```
 //! use imucal::calibrate::{Options, calibrate};
-//! use imucal::evaluate::Verdict;
+//! use imucal::verdict::Verdict;
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
 //!
 //! # fn main() -> Result<(), imucal::error::Error> {
@@ -54,6 +54,7 @@ pub mod recording;
 pub mod rests;
 pub mod simulate;
 mod two_stage;
+pub mod verdict;
 
 pub use numerics::fit_report::FitReport;
 pub use numerics::lsq::Termination;

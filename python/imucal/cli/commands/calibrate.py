@@ -18,6 +18,8 @@ from imucal.cli.options import (
     LimitsPath,
     MinRest,
     ReportPath,
+    Require,
+    Required,
     Verbose,
     effect_option,
     unit_option,
@@ -70,6 +72,7 @@ def calibrate(
         str | None, typer.Option("--serial-number", help="Serial number of the unit, stored in the file.")
     ] = None,
     limits: LimitsPath = None,
+    require: Require = Required.incomplete,
     verbose: Verbose = False,
     report: ReportPath = None,
     json: JsonPath = None,
@@ -134,4 +137,4 @@ def calibrate(
         out.line(note)
     out.findings([*result.findings, *(result.control.findings if result.control else ())])
     out.judgement(result.judgement, verbose)
-    out.verdict(result.verdict, result.reasons)
+    out.verdict(result.verdict, result.reasons, require)

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucal.cli.decisions import show_rests_and_moves
-from imucal.cli.options import MIN_REST_S, JsonPath, LimitsPath, MinRest, ReportPath, Verbose
+from imucal.cli.options import (
+    MIN_REST_S,
+    JsonPath,
+    LimitsPath,
+    MinRest,
+    ReportPath,
+    Require,
+    Required,
+    Verbose,
+)
 from imucal.cli.output import Output, prepare_report, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
@@ -27,6 +36,7 @@ def evaluate(
     reading: Reading,
     min_rest_s: MinRest = MIN_REST_S,
     limits: LimitsPath = None,
+    require: Require = Required.incomplete,
     verbose: Verbose = False,
     report: ReportPath = None,
     json: JsonPath = None,
@@ -59,7 +69,7 @@ def evaluate(
     out.figures({"uncalibrated": judged.before, "calibrated": judged.figures})
     out.findings(judged.findings)
     out.judgement(judged.judgement, verbose)
-    out.verdict(judged.verdict, judged.reasons)
+    out.verdict(judged.verdict, judged.reasons, require)
 
 
 def _evaluated(items: Sequence[Rest] | Sequence[Move], what: str) -> str:

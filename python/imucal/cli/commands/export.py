@@ -56,12 +56,11 @@ def export(
     """Write a calibration for another program: firmware, autopilots, estimators, simulators.
 
     Prints the parts of the calibration that the format omits and, with --control, the resulting errors on a
-    recording. Warns if the verdict on the calibration is poor.
+    recording. Warns if the verdict on the calibration is not good.
 
     Example: imucal export unit-0042.json --to c-header -o calibration.h
     """
     import imucal
-    from imucal.calibration.figures import saved_reasons
     from imucal.exporting import FORMATS, find_format
 
     if show_formats:
@@ -91,7 +90,7 @@ def export(
     form = find_format(to)
     with working("reading"):
         unit = imucal.Calibration.load(calibration)
-        poor = saved_reasons(unit.calibration_set, unit.control_set)
+        verdict, reasons = unit.judged
         judges = reading.each(control or [])
         figures = None if noise is None else _noise(unit, reading, noise, min_rest_s)
     with working("exporting"):
@@ -109,14 +108,16 @@ def export(
             "formula": exported.form.formula,
             "units": form.units,
             "lost": exported.lost,
-            "poor": poor,
+            "verdict": verdict,
+            "reasons": list(reasons),
+            "poor": list(reasons) if verdict == "poor" else [],
             "control_set": None if residual is None else residual.to_dict(),
         }
     )
     if output is not None:
         out.line(f"{output}: {form.title}")
-    for reason in poor:
-        print(printable(f"warning: this calibration is poor: {reason}"), file=sys.stderr)
+    for reason in reasons:
+        print(printable(f"warning: this calibration is {verdict}: {reason}"), file=sys.stderr)
     for loss in exported.lost:
         print(printable(f"not exported to {form.name}: {loss}"), file=sys.stderr)
     if residual is not None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from imucal.cli.group import group
-from imucal.cli.options import JsonPath, writing_option
+from imucal.cli.options import JsonPath, Require, Required, writing_option
 from imucal.cli.output import NO_RESULT, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import ImucalError
@@ -71,6 +71,7 @@ def check(
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="PATH", help="Also write the table as CSV.")
     ] = None,
+    require: Require = Required.incomplete,
     json: JsonPath = None,
 ) -> None:
     """Check calibration files against limits, one line per unit.
@@ -104,7 +105,8 @@ def check(
     rows = [_row(*unit) for unit in zip(calibrations, loaded, judged, strict=True)]
     poor = sum(row["verdict"] == "poor" for row in rows)
     unread = [row for row in rows if row["verdict"] == "no_result"]
-    verdict = "no_result" if unread else "poor" if poor else "good"
+    incomplete = sum(row["verdict"] == "incomplete" for row in rows)
+    verdict = "no_result" if unread else "poor" if poor else "incomplete" if incomplete else "good"
     warnings = _warnings(rows)
     if csv is not None:
         write_text(csv, _csv_text(rows))
@@ -139,7 +141,9 @@ def check(
         [
             *([f"{len(unread)} of {len(rows)} files cannot be checked"] if unread else []),
             *([f"{poor} of {len(rows)} units do not pass"] if poor else []),
+            *([f"{incomplete} of {len(rows)} units are incomplete"] if incomplete else []),
         ],
+        require,
     )
     if unread:
         raise typer.Exit(NO_RESULT)
@@ -147,8 +151,6 @@ def check(
 
 def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | None) -> dict[str, Any]:
     """The row of one unit; `unit` is the error if its file could not be read."""
-    from imucal.calibration.figures import saved_reasons
-
     row: dict[str, Any] = {
         "serial_number": None,
         "file": str(path),
@@ -166,12 +168,13 @@ def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | Non
     }
     if isinstance(unit, ImucalError) or judgement is None:
         return row
-    reasons = [*saved_reasons(unit.calibration_set, unit.control_set), *judgement.reasons]
+    verdict, own = unit.judged
+    reasons = [*judgement.reasons, *own]
     worst = judgement.by_use[0]
     return row | {
         "serial_number": unit.serial_number,
         "date": unit.provenance.date,
-        "verdict": "poor" if reasons else "good",
+        "verdict": verdict if judgement.passed else "poor",
         "checks": len(judgement.checks),
         "failed": len(judgement.failed),
         "warnings": len(judgement.warnings),

@@ -12,7 +12,7 @@ import typer
 
 import imucal.cli.completion as completion
 from imucal.cli.equipment import Equipment, equipment_options
-from imucal.cli.options import Gravity, JsonPath, LimitsPath
+from imucal.cli.options import Gravity, JsonPath, LimitsPath, Require, Required
 from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
 from imucal.units import STANDARD_GRAVITY_MPS2
 
@@ -69,6 +69,7 @@ def calibrate(
         str, typer.Option("--operator", help="Name of the operator, stored in the calibration.")
     ] = "",
     limits: LimitsPath = None,
+    require: Require = Required.incomplete,
     export: Annotated[
         list[str] | None,
         typer.Option("--export", metavar="FORMAT", help="Export if the unit passes; may be repeated."),
@@ -78,11 +79,13 @@ def calibrate(
 ) -> None:
     """Run, calibrate, run a control program, judge, and export one unit.
 
+    A unit whose calibration is incomplete passes, unless --require good or the limits ask for more.
     Ends with 0 if the unit passes, with 2 if it fails, with the reasons, and with 1 if there is no result or
     a file of a unit that passes cannot be written.
 
     Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
     """
+    from imucal.calibration.verdict import verdict_of
     from imucal.limits.limits import Limits
     from imucal.rig.motion import Program
     from imucal.stand.line import Order, calibrate_unit
@@ -111,6 +114,7 @@ def calibrate(
         tuple(export or ()),
         gravity,
         driver=equipment.driver,
+        require=verdict_of(require.value),
         **control,
     )
     out = Output(json)
@@ -156,6 +160,9 @@ def _show(out: Output, outcome: Outcome) -> None:
             out.line(f"not exported to {name}: {loss}")
     for name, message in outcome.not_written.items():
         out.line(f"{name} is not written: {message}")
+    if result is not None and result.verdict == "incomplete":
+        for text in result.reasons:
+            out.line(f"the calibration is incomplete: {text}")
     for reason in outcome.reasons:
         out.line(f"{reason.code}: {reason.message}")
     order, names = outcome.order, dict.fromkeys(reason.code for reason in outcome.reasons)

@@ -10,7 +10,7 @@ use super::{CrossValidation, Options};
 use crate::calibrate::two_stages::Gyroscope;
 use crate::error::Error;
 use crate::joint::{
-    self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, Terms, Wander, WarmStart,
+    self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, Terms, UnitWander, Wander, WarmStart,
 };
 use crate::numerics::derivative::Width;
 use crate::numerics::stats::rms;
@@ -21,6 +21,10 @@ use crate::two_stage::accelerometer::AccelerometerFit;
 /// Maximum share of rests or moves that contradict the others as outliers. If more contradict, the model itself is
 /// likely to be wrong.
 const OUTLIERS: f64 = 0.1;
+/// Maximum bias instability of a gyroscope that is estimated from the scatter of the rates between rests and counts as
+/// noise, deg/h. Consumer sensors have 5 to 60 deg/h. A larger one is that of a bias which depends on something, such as
+/// the temperature, and is no noise.
+const MAX_INSTABILITY_DEGPH: f64 = 200.0;
 /// Maximum number of fits until the set of outliers no longer changes.
 const MAX_ROUNDS: usize = 4;
 
@@ -162,7 +166,10 @@ impl UnitData<'_> {
         model: [&Triad<f64>; 2],
         options: &Options<'_>,
     ) -> Result<Misfits, Error> {
-        let wander = fit.wander.map_or(Wander::Constant, Wander::Known);
+        let plausible = |unit: &UnitWander| {
+            unit.gyroscope.bias_instability.iter().all(|radps| radps.to_degrees() * 3600.0 <= MAX_INSTABILITY_DEGPH)
+        };
+        let wander = options.wander.or(fit.wander.filter(plausible)).map_or(Wander::Constant, Wander::Known);
         self.prepared(selection, model, options, wander, |prepared| {
             Misfits::of(prepared, &self.terms(options)?, &fit.linear)
         })

@@ -22,6 +22,7 @@ use crate::rests::moves::Unusable;
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::segment::Threshold;
 use crate::two_stage::accelerometer::AccelerometerFit;
+use crate::verdict::{GroupMisfit, ResidualGroup};
 
 /// A calibration with its covariance, residuals and figures.
 #[derive(Clone, Debug)]
@@ -54,6 +55,9 @@ pub struct Outcome {
     pub joint_fit: Option<FitReport>,
     /// Goodness of fit of the joint fit, with the weights of noise alone (model.md (26)).
     pub misfit: Option<Misfit>,
+    /// Goodness of fit of each kind of residuals under noise alone. Those of the two-stage fits are the norms and the
+    /// moves.
+    pub groups: Vec<GroupMisfit>,
     /// Factors by which the joint fit increases the noise of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
     /// Bias instability of the gyroscope in the weights of the joint fit, rad/s: that of the options, or an estimate
@@ -107,6 +111,7 @@ impl Outcome {
             gyroscope_fit: gyroscope.fit.report,
             joint_fit: None,
             misfit: None,
+            groups: groups_of_two_stages(accelerometer.report, gyroscope.fit.report, &figures),
             joint_scales: None,
             bias_instability_radps: None,
             tremor_rad: vec![None; data.recordings.len()],
@@ -186,12 +191,30 @@ impl Outcome {
             gyroscope_fit: started_from[1],
             joint_fit: Some(joint.report),
             misfit: misfits.all,
+            groups: misfits.groups.clone(),
             joint_scales: Some(joint.scales),
             held_out: None,
             findings: data.findings,
             calibration,
         })
     }
+}
+
+/// Goodness of fit of the residuals of the two-stage fits, which have the weights of noise alone.
+fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures: &Figures) -> Vec<GroupMisfit> {
+    let direction_rad = figures.gravity_direction_rms_deg.to_radians();
+    let groups = [
+        (ResidualGroup::RestNorms, accelerometer, figures.gravity_norm_rms_mps2),
+        (ResidualGroup::MoveDirections, gyroscope, direction_rad),
+    ];
+    let judged = groups.into_iter().filter(|(_, report, _)| report.degrees_of_freedom > 0);
+    let of = |(group, report, rms): (ResidualGroup, FitReport, f64)| GroupMisfit {
+        group,
+        rms,
+        chi2: report.chi2,
+        degrees_of_freedom: report.degrees_of_freedom as f64,
+    };
+    judged.map(of).collect()
 }
 
 /// Converts sensitivities, covariance and gravity directions of the moves from the symmetric to the requested body

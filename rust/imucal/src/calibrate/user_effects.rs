@@ -7,7 +7,7 @@ use imucal_core::effects::Sensor;
 
 use super::{Checked, ModelOptions, Outcome, UserField, WarmStart};
 use crate::error::Error;
-use crate::evaluate::RecordingSet;
+use crate::verdict::RecordingSet;
 
 /// Maximum number of fits until the fields converge. Each repetition reduces the change of a field to about the
 /// relative size of the effects, some per cent.

@@ -2,10 +2,11 @@
 
 use super::Outcome;
 use super::unit_data::NOT_STILL;
-use crate::evaluate::{Reason, RecordingSet, Verdict};
+use crate::evaluate::unknown_direction;
 use crate::finding::{Finding, general};
 use crate::numerics::lsq::Termination;
 use crate::recording::Recording;
+use crate::verdict::{Reason, RecordingSet, Verdict};
 
 /// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few disturbed rests or
 /// moves are accidental; many indicate a wrong model.
@@ -18,7 +19,7 @@ const MAX_MOVING_SHARE: f64 = 0.2;
 const OVERESTIMATED: f64 = 1.0 - 1e-6;
 
 impl Outcome {
-    /// The verdict: good, or poor with reasons. Control recordings have a separate verdict, see
+    /// The verdict: good, or incomplete or poor with reasons. Control recordings have a separate verdict, see
     /// [`evaluate`](mod@crate::evaluate).
     pub fn verdict(&self) -> Verdict {
         // The order of the reasons is that of the output.
@@ -38,6 +39,8 @@ impl Outcome {
         if are_many(count, all, MAX_MOVING_SHARE) {
             reasons.push(Reason::MovingRests { count, all });
         }
+        reasons.extend(unknown_direction(RecordingSet::Calibration, &self.moves));
+        reasons.extend(Reason::above_noise(RecordingSet::Calibration, &self.groups));
         Verdict::of(reasons)
     }
 

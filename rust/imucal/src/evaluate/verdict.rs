@@ -1,227 +1,23 @@
-//! The verdict on a calibration: good, or poor with the reasons.
+//! Reasons for the verdict on a calibration from its evaluation.
 
-use std::fmt;
+use imucal_core::sensor::Triad;
 
-use super::Figures;
-use crate::finding::general;
-use crate::numerics::fit_report::FitReport;
+use super::{Figures, MoveReport};
+use crate::numerics::stats::{median, quantile};
 use crate::recording::Recording;
+use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, UncorrectedSamples};
 
-/// chi2 per degree of freedom above which a calibration is poor: residuals are ten times what sensor noise explains, so
-/// that errors other than noise dominate the result.
-const POOR_CHI2_PER_DOF: f64 = 100.0;
-
-/// A set of recordings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RecordingSet {
-    /// The recordings from which the calibration is estimated.
-    Calibration,
-    /// The control recordings, which are used only to evaluate the calibration.
-    Control,
-}
-
-impl RecordingSet {
-    /// Name of the set in messages.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Calibration => "calibration set",
-            Self::Control => "control set",
-        }
-    }
-}
-
-/// Whether a calibration may be used.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Verdict {
-    /// Good: noise explains the residuals, or nearly so.
-    Good,
-    /// Poor for these reasons; there is at least one.
-    Poor(Vec<Reason>),
-}
-
-/// Reason for a poor verdict. It is displayed as a sentence with its numbers.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Reason {
-    /// A fit that makes the estimate has not converged.
-    NotConverged {
-        /// Name of the fit in messages.
-        fit: &'static str,
-        /// Report of the fit, with the reason for its end.
-        report: FitReport,
-    },
-    /// No move can be used, so the gyroscope is not judged.
-    NoUsableMove {
-        /// Set of recordings that the verdict refers to.
-        set: RecordingSet,
-        /// Number of usable rests.
-        rests: usize,
-    },
-    /// chi2 has no value because some samples could not be corrected.
-    NotCorrected {
-        /// Set of recordings that the verdict refers to.
-        set: RecordingSet,
-        /// The samples without a correction, by recording; empty if they are not known.
-        samples: Vec<UncorrectedSamples>,
-    },
-    /// Residuals are far larger than sensor noise explains.
-    LargeResiduals {
-        /// Set of recordings that the verdict refers to.
-        set: RecordingSet,
-        /// Root of chi2 per degree of freedom.
-        times_noise: f64,
-    },
-    /// Many rests contradict the others.
-    ContradictingRests {
-        /// Number of rests that contradict the others.
-        count: usize,
-        /// Number of all rests.
-        all: usize,
-    },
-    /// Many moves contradict the others.
-    ContradictingMoves {
-        /// Number of moves that contradict the others.
-        count: usize,
-        /// Number of all moves.
-        all: usize,
-    },
-    /// Many rests have mean angular rates far from those of the others.
-    MovingRests {
-        /// Number of rests with a mean angular rate far from those of the others.
-        count: usize,
-        /// Number of all rests.
-        all: usize,
-    },
-}
-
-/// Samples of a recording that were measured and have no correction.
-#[derive(Clone, Debug, PartialEq)]
-pub struct UncorrectedSamples {
-    /// Name of the recording.
-    pub recording: String,
-    /// Number of samples without a correction.
-    pub count: usize,
-    /// Number of samples of the recording.
-    pub all: usize,
-    /// Index of the first sample without a correction.
-    pub first: usize,
-    /// Time of this sample, s.
-    pub time_s: f64,
-    /// Whether the temperature of this sample is missing (not a number). Otherwise the effects are too large to be
-    /// removed.
-    pub is_temperature_missing: bool,
-}
-
-impl Verdict {
-    /// Verdict for these reasons: poor if there is any, otherwise good.
-    pub fn of(reasons: Vec<Reason>) -> Self {
-        if reasons.is_empty() { Self::Good } else { Self::Poor(reasons) }
-    }
-
-    /// Name of the verdict in documents: `good` or `poor`.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Good => "good",
-            Self::Poor(_) => "poor",
-        }
-    }
-
-    /// All reasons in one line; empty for a good verdict.
-    pub fn words(&self) -> String {
-        self.reasons().iter().map(Reason::to_string).collect::<Vec<_>>().join("; ")
-    }
-
-    /// Reasons for a poor verdict; empty for a good one.
-    pub fn reasons(&self) -> &[Reason] {
-        match self {
-            Self::Good => &[],
-            Self::Poor(reasons) => reasons,
-        }
-    }
-}
-
-impl Reason {
-    /// Reason code: stable, lower case, for scripts.
-    pub fn code(&self) -> &'static str {
-        match self {
-            Self::NotConverged { .. } => "not_converged",
-            Self::NoUsableMove { .. } => "no_usable_move",
-            Self::NotCorrected { .. } => "not_corrected",
-            Self::LargeResiduals { .. } => "large_residuals",
-            Self::ContradictingRests { .. } => "contradicting_rests",
-            Self::ContradictingMoves { .. } => "contradicting_moves",
-            Self::MovingRests { .. } => "moving_rests",
-        }
-    }
-}
-
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let of_calibration = RecordingSet::Calibration.name();
-        match self {
-            Self::NotConverged { fit, report } => f.write_str(&report.reason(fit).unwrap_or_default()),
-            Self::NoUsableMove { set, rests } => write!(
-                f,
-                "{}: {rests} usable rests and no usable move: the gyroscope is not judged, record rests in different poses \
-                 with moves between them",
-                set.name()
-            ),
-            Self::NotCorrected { set, samples } => {
-                write!(f, "{}: chi2 per degree of freedom has no value, nothing is judged: ", set.name())?;
-                if samples.is_empty() {
-                    return f.write_str("some of its samples have no correction");
-                }
-                f.write_str(&samples.iter().map(UncorrectedSamples::to_string).collect::<Vec<_>>().join("; "))
-            }
-            Self::LargeResiduals { set, times_noise } => {
-                write!(
-                    f,
-                    "{}: residuals are {} times what noise explains (more than {}): the linear model does not describe this \
-                     unit or this motion",
-                    set.name(),
-                    general(*times_noise, 3),
-                    general(POOR_CHI2_PER_DOF.sqrt(), 3)
-                )?;
-                match set {
-                    RecordingSet::Calibration => Ok(()),
-                    RecordingSet::Control => {
-                        f.write_str(", or the calibration is another unit's, or the recording is in wrong units")
-                    }
-                }
-            }
-            Self::ContradictingRests { count, all } => write!(
-                f,
-                "{of_calibration}: {count} of {all} rests contradict the others: the linear model does not describe this unit \
-                 or this motion"
-            ),
-            Self::ContradictingMoves { count, all } => write!(
-                f,
-                "{of_calibration}: {count} of {all} moves contradict the others: the linear model does not describe this unit \
-                 or this motion"
-            ),
-            Self::MovingRests { count, all } => write!(
-                f,
-                "{of_calibration}: {count} of {all} rests are left out because their mean rates are far from those of the \
-                 others: the unit was not still, its bias has jumped, as it may when power is lost, or these rests are of \
-                 another unit"
-            ),
-        }
-    }
-}
-
-impl fmt::Display for UncorrectedSamples {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { recording, count, all, first, time_s, is_temperature_missing } = self;
-        let cause = if *is_temperature_missing {
-            "temp_degc is not a number there: repair it, or leave the effects of temperature out"
-        } else {
-            "the effects are too large there to be undone: estimate them again, or leave them out"
-        };
-        write!(
-            f,
-            "no correction for {count} of {all} samples of {recording}, the first one {first} at {time_s:.2} s: {cause}"
-        )
-    }
-}
+/// Standard deviation of the gravity direction after a move, from noise alone, above which a gyroscope is not judged,
+/// deg. Errors of scale and alignment that matter are below it; consumer sensors reach 0.1 deg.
+const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
+/// Corrected rate above which a calibration is in wrong units, deg/s: range of the fastest MEMS gyroscopes on the market
+/// (ADXRS649).
+const FASTEST_DEGPS: f64 = 20_000.0;
+/// Share of samples that may exceed [`FASTEST_DEGPS`]: single wrong samples say nothing about a calibration.
+const MAX_FAST_SHARE: f64 = 1e-3;
+/// Ratio of the residuals with a calibration to those without above which the calibration makes a unit worse. Below it
+/// both are equally far from the truth, as for a unit with a calibration of its own.
+const WORSE: f64 = 1.1;
 
 impl Figures {
     /// Whether the calibration is poor by these figures, or is not judged at all.
@@ -241,6 +37,38 @@ impl Figures {
         let is_large = self.chi2_per_dof > POOR_CHI2_PER_DOF;
         is_large.then(|| Reason::LargeResiduals { set, times_noise: self.chi2_per_dof.sqrt() })
     }
+}
+
+/// The reason if noise hides the gravity direction after most moves.
+pub(crate) fn unknown_direction(set: RecordingSet, moves: &[MoveReport]) -> Option<Reason> {
+    let used = moves.iter().filter(|m| m.excluded.is_none()).map(|m| m.direction_sigma_deg);
+    let sigma_deg = median(&mut used.collect::<Vec<f64>>());
+    let limit_deg = MAX_DIRECTION_SIGMA_DEG;
+    (sigma_deg > limit_deg).then_some(Reason::UnknownDirection { set, sigma_deg, limit_deg })
+}
+
+/// A reason for each recording whose corrected rates are larger than any sensor measures. `gyroscope` corrects its
+/// samples.
+pub(super) fn impossible_rates(recordings: &[Recording<'_>], gyroscope: &Triad<f64>) -> Vec<Reason> {
+    let of_recording = |recording: &Recording<'_>| {
+        let rates = (0..recording.len()).map(|k| gyroscope.correct(recording.angular_rate.at(k).into()).norm());
+        let mut rates: Vec<f64> = rates.filter(|rate| rate.is_finite()).collect();
+        let rate_degps = quantile(&mut rates, 1.0 - MAX_FAST_SHARE).to_degrees();
+        let (recording, limit_degps) = (recording.name.to_owned(), FASTEST_DEGPS);
+        (rate_degps > FASTEST_DEGPS).then_some(Reason::ImpossibleRates { recording, rate_degps, limit_degps })
+    };
+    recordings.iter().filter_map(of_recording).collect()
+}
+
+/// The reasons if a calibration makes a unit worse: its residuals exceed their noise, and those without calibration.
+pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason> {
+    let reason = |after: &GroupMisfit| {
+        let before = before.iter().find(|before| before.group == after.group)?;
+        let is_worse = after.is_significant() && after.rms > WORSE * before.rms;
+        let set = RecordingSet::Control;
+        is_worse.then_some(Reason::WorseThanUncalibrated { set, after: *after, before: *before })
+    };
+    after.iter().filter_map(reason).collect()
 }
 
 /// Samples that were measured and have no correction, by recording.
@@ -271,6 +99,7 @@ pub(super) fn uncorrected_samples(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::verdict::Verdict;
 
     fn figures(chi2_per_dof: f64, moves: usize) -> Figures {
         Figures { chi2_per_dof, gravity_norm_rms_mps2: 0.01, gravity_direction_rms_deg: 0.1, rests: 12, moves }

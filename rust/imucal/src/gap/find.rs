@@ -15,12 +15,13 @@ use super::residuals_by_place::{ResidualsByPlace, residuals_by_place};
 use super::verdict::{Basis, Contradiction, Rivals, Verdict};
 use super::{Score, Search};
 use crate::calibrate::{
-    BriefCorrection, Checked, CorrectedSamples, EffectChoice, Options, RecordingSet, TermEstimate, UserEffects, views,
+    BriefCorrection, Checked, CorrectedSamples, EffectChoice, Options, TermEstimate, UserEffects, views,
 };
 use crate::correct::correct;
 use crate::error::Error;
 use crate::finding::Finding;
 use crate::recording::Recording;
+use crate::verdict::RecordingSet;
 
 /// The result of [`find_gap`].
 #[derive(Clone, Debug)]
@@ -227,7 +228,7 @@ impl Fits<'_> {
         let options = self.checked.options();
         let recordings = if self.control.is_empty() { self.checked.recordings() } else { self.control };
         let chi2 = |calibration: &Calibration<f64>, gravity_mps2: f64, corrected: Option<&[Recording<'_>]>| {
-            let evaluation = judged(calibration, recordings, corrected, gravity_mps2, options.min_rest_s)?;
+            let evaluation = judged(calibration, None, recordings, corrected, gravity_mps2, options.min_rest_s)?;
             let chi2 = evaluation.figures.chi2_per_dof;
             if chi2.is_finite() { Ok(chi2) } else { Err(Error::Input(evaluation.verdict.words())) }
         };

@@ -8,11 +8,12 @@ use imucal_core::effects::Effect;
 use nalgebra::Vector3;
 
 use super::options::{GapOptions, Progress};
-use crate::calibrate::{Checked, CorrectedSamples, EffectChoice, ModelOptions, Outcome, RecordingSet, WarmStart};
+use crate::calibrate::{Checked, CorrectedSamples, EffectChoice, ModelOptions, Outcome, WarmStart};
 use crate::correct::{correct, require_surroundings};
 use crate::error::Error;
-use crate::evaluate::{Evaluation, evaluate, evaluate_corrected};
+use crate::evaluate::{Evaluation, Uncertainty, evaluate, evaluate_corrected};
 use crate::recording::Recording;
+use crate::verdict::RecordingSet;
 
 /// Number of cross-validation folds if there are no control recordings. Each fold holds out every third rest and move,
 /// and predicts them with a fit to the other rests and moves.
@@ -121,7 +122,15 @@ impl<'a> Fits<'a> {
         let corrected = self.corrected_set(outcome, RecordingSet::Control)?;
         let corrected = corrected.as_ref().map(|samples| with_samples(self.control, samples));
         let (gravity_mps2, min_rest_s) = (options.gravity_mps2, options.min_rest_s);
-        let evaluation = judged(&outcome.calibration, self.control, corrected.as_deref(), gravity_mps2, min_rest_s)?;
+        let uncertainty = Uncertainty::try_new(&outcome.covariance, outcome.frame)?;
+        let evaluation = judged(
+            &outcome.calibration,
+            Some(&uncertainty),
+            self.control,
+            corrected.as_deref(),
+            gravity_mps2,
+            min_rest_s,
+        )?;
         let rate_chi2 = rate_chi2(&outcome.calibration, &evaluation, self.control, corrected.as_deref());
         Ok(Control { evaluation, rate_chi2 })
     }
@@ -146,14 +155,17 @@ pub(super) fn corrected_by(
 /// Evaluates a calibration on recordings. A calibration with effects requires the corrected recordings.
 pub(super) fn judged(
     calibration: &Calibration<f64>,
+    uncertainty: Option<&Uncertainty>,
     recordings: &[Recording<'_>],
     corrected: Option<&[Recording<'_>]>,
     gravity_mps2: f64,
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     match corrected {
-        None => evaluate(calibration, recordings, gravity_mps2, min_rest_s),
-        Some(corrected) => evaluate_corrected(calibration, recordings, corrected, gravity_mps2, min_rest_s),
+        None => evaluate(calibration, uncertainty, recordings, gravity_mps2, min_rest_s),
+        Some(corrected) => {
+            evaluate_corrected(calibration, uncertainty, recordings, corrected, gravity_mps2, min_rest_s)
+        }
     }
 }
 

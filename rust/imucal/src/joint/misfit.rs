@@ -9,6 +9,8 @@
 //! are excluded. It has a chi2 distribution whatever the leverage of the rest or move. The weights are those of sensor
 //! noise alone; standard deviations are not increased for excess scatter.
 
+mod groups;
+
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use std::ops::Range;
@@ -23,6 +25,8 @@ use crate::error::Error;
 use crate::joint::move_ends::move_direction;
 use crate::joint::outliers::by_means;
 use crate::numerics::stats::{dot, p_value};
+use crate::verdict::GroupMisfit;
+use groups::group_misfits;
 
 /// Goodness of fit of a set of residuals, relative to noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,13 +53,16 @@ pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
     pub(crate) moves: Vec<Option<Misfit>>,
+    /// Goodness of fit of each kind of residuals that has degrees of freedom.
+    pub(crate) groups: Vec<GroupMisfit>,
 }
 
 impl Misfits {
     /// Goodness of fit of a joint fit; `linear` is the linearisation at the end of the fit.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Arc<Linear>) -> Result<Self, Error> {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
-        let without = LeaveOut::new(&problem, linear);
+        let (residuals, jacobian) = problem.whiten(linear);
+        let without = LeaveOut::new(&problem, linear, (&residuals, &jacobian));
         let (mut of_rests, mut of_moves) =
             (vec![Vec::new(); prepared.rests.len()], vec![Vec::new(); linear.moves.len()]);
         for (row, line) in linear.lines.iter().enumerate() {
@@ -76,7 +83,12 @@ impl Misfits {
             groups.into_iter().map(judge).collect()
         };
         let (chi2, degrees_of_freedom) = without.whole();
-        Ok(Self { all: Misfit::new(chi2, degrees_of_freedom), rests: judged(of_rests), moves: judged(of_moves) })
+        Ok(Self {
+            all: Misfit::new(chi2, degrees_of_freedom),
+            rests: judged(of_rests),
+            moves: judged(of_moves),
+            groups: group_misfits(linear, (&residuals, &jacobian), &problem.weights),
+        })
     }
 }
 

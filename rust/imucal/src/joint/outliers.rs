@@ -86,7 +86,8 @@ pub(crate) fn outliers(
         known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Arc::new), |known| Ok(Arc::clone(known)))?;
     let problem = Joint::of_noise(prepared, &terms, Arc::clone(&linear))?;
     let groups = groups(&linear);
-    let mut without = LeaveOut::new(&problem, &linear);
+    let (residuals, jacobian) = problem.whiten(&linear);
+    let mut without = LeaveOut::new(&problem, &linear, (&residuals, &jacobian));
     let (mut rests, mut moves) = (prepared.used.to_vec(), vec![true; linear.moves.len()]);
     let mut found = Vec::new();
     loop {
@@ -213,8 +214,8 @@ pub(super) struct LeaveOut {
 }
 
 impl LeaveOut {
-    pub(super) fn new(problem: &Joint<'_>, linear: &Linear) -> Self {
-        let (residuals, jacobian) = problem.whiten(linear);
+    /// `residuals` and `jacobian` are those of the linearisation, whitened by the problem.
+    pub(super) fn new(problem: &Joint<'_>, linear: &Linear, (residuals, jacobian): (&Mat<f64>, &Mat<f64>)) -> Self {
         let mut columns = problem.whitened_units(linear);
         columns.extend(by_means(linear, &columns));
         let all = residuals.nrows();

@@ -1,0 +1,60 @@
+//! Goodness of fit of each kind of residuals, relative to noise (model.md (26)).
+//!
+//! Each kind has the degrees of freedom `sum of (1 - h)` over its residuals, with h their leverages. The residuals are
+//! those of the fit itself, whose weights widen the kinds that exceed their noise. Such a kind therefore does not
+//! distort the residuals of the others, as it would in a fit with the weights of noise alone.
+
+use faer::Mat;
+use nalgebra::Vector3;
+
+use crate::joint::linear::{INSIDE, Linear, STAND_MOVES, STAND_RESTS, Source};
+use crate::joint::pass::BLOCK_S;
+use crate::joint::weights::Weights;
+use crate::numerics::lsq;
+use crate::numerics::stats::rms;
+use crate::verdict::{GroupMisfit, ResidualGroup};
+
+/// Minimum degrees of freedom of a kind of residuals that is judged. Below it the fit determines them.
+const MIN_FREEDOM: f64 = 1.0;
+
+/// Goodness of fit of each kind of residuals. `white` contains the residuals and the Jacobian of the linearisation,
+/// whitened with `noise`, the weights of noise alone.
+pub(super) fn group_misfits(
+    linear: &Linear,
+    (residuals, jacobian): (&Mat<f64>, &Mat<f64>),
+    noise: &Weights,
+) -> Vec<GroupMisfit> {
+    let (leverages, kinds) = (lsq::leverages(jacobian), linear.groups_of_rows());
+    let of = |is_own: &dyn Fn(usize) -> bool| {
+        let own = || kinds.iter().enumerate().filter(|(_, kind)| is_own(**kind)).map(|(row, _)| row);
+        let free: f64 = own().map(|row| 1.0 - leverages[row]).sum();
+        (own().map(|row| residuals[(row, 0)].powi(2)).sum::<f64>(), free)
+    };
+    let of_lines = |is_norm: bool| {
+        let is_own = move |source: &Source| matches!(source, Source::Norm(_)) == is_norm;
+        linear.lines.iter().filter(move |line| is_own(&line.source)).map(|line| line.residual)
+    };
+    let [norms, moves, rates] = [of(&|kind| kind == 0), of(&|kind| kind == 1), of(&|kind| (2..=4).contains(&kind))];
+    let [inside, rests, encoders] = [INSIDE, STAND_RESTS, STAND_MOVES].map(|kind| of(&|own| own == kind));
+    let inverse = linear.model.gyroscope.inverse();
+    let rate =
+        |lines: &[crate::joint::Line; 3]| <[f64; 3]>::from(inverse * Vector3::from_fn(|axis, _| lines[axis].residual));
+    // A whitened residual inside a move or against the stand has no size of its own; that of its noise is known.
+    let of_noise = |(chi2, free): (f64, f64), sigma: f64| sigma * (chi2 / free).sqrt();
+    let force_sigma = rms(noise.inside.iter().map(|noise| (noise.force / BLOCK_S).sqrt()));
+    let against_stand = [(rests, noise.stand_sigma_rad), (encoders, noise.reading.sqrt())];
+    let worst = against_stand.into_iter().filter(|((_, free), _)| *free >= MIN_FREEDOM);
+    let worst = worst.max_by(|((a, n), _), ((b, m), _)| (a / n).total_cmp(&(b / m)));
+    let groups = [
+        Some((ResidualGroup::RestNorms, norms, rms(of_lines(true)))),
+        // The angle has two components.
+        Some((ResidualGroup::MoveDirections, moves, rms(of_lines(false)) * 2f64.sqrt())),
+        Some((ResidualGroup::RestRates, rates, rms(linear.rates.iter().flat_map(|(_, lines)| rate(lines))))),
+        Some((ResidualGroup::MoveForces, inside, of_noise(inside, force_sigma))),
+        worst.map(|(found, sigma)| (ResidualGroup::StandAttitudes, found, of_noise(found, sigma))),
+    ];
+    let judged = groups.into_iter().flatten().filter(|(_, (_, free), _)| *free >= MIN_FREEDOM);
+    judged
+        .map(|(group, (chi2, degrees_of_freedom), rms)| GroupMisfit { group, rms, chi2, degrees_of_freedom })
+        .collect()
+}

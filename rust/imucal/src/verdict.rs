@@ -1,0 +1,345 @@
+//! The verdict on a calibration: good, incomplete or poor, with the reasons.
+//!
+//! [`mod@crate::calibrate`] judges a calibration on the recordings from which it is estimated, [`mod@crate::evaluate`]
+//! on control recordings.
+
+mod group_misfit;
+
+use std::fmt;
+
+pub use group_misfit::{GroupMisfit, ResidualGroup};
+
+use crate::finding::general;
+use crate::numerics::fit_report::FitReport;
+
+/// chi2 per degree of freedom above which a calibration is poor: residuals are ten times what sensor noise explains, so
+/// that errors other than noise dominate the result.
+pub(crate) const POOR_CHI2_PER_DOF: f64 = 100.0;
+
+/// A set of recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecordingSet {
+    /// The recordings from which the calibration is estimated.
+    Calibration,
+    /// The control recordings, which are used only to evaluate the calibration.
+    Control,
+}
+
+impl RecordingSet {
+    /// Name of the set in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Calibration => "calibration set",
+            Self::Control => "control set",
+        }
+    }
+}
+
+/// Whether a calibration may be used.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// Noise explains the residuals, or nearly so.
+    Good,
+    /// Usable, but the unit or its motion does something that the model lacks. There is at least one reason.
+    Incomplete(Vec<Reason>),
+    /// Not to be relied on. There is at least one reason; reasons for an incomplete verdict follow those for a poor
+    /// one.
+    Poor(Vec<Reason>),
+}
+
+/// Reason for a verdict that is not good. It is displayed as a sentence with its numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reason {
+    /// A fit that makes the estimate has not converged.
+    NotConverged {
+        /// Name of the fit in messages.
+        fit: &'static str,
+        /// Report of the fit, with the reason for its end.
+        report: FitReport,
+    },
+    /// No move can be used, so the gyroscope is not judged.
+    NoUsableMove {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Number of usable rests.
+        rests: usize,
+    },
+    /// chi2 has no value because some samples could not be corrected.
+    NotCorrected {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// The samples without a correction, by recording; empty if they are not known.
+        samples: Vec<UncorrectedSamples>,
+    },
+    /// Residuals are far larger than sensor noise explains.
+    LargeResiduals {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Root of chi2 per degree of freedom.
+        times_noise: f64,
+    },
+    /// Noise hides the direction of gravity, so small residuals say nothing about the gyroscope.
+    UnknownDirection {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Median standard deviation of the gravity direction after a move, from noise, deg.
+        sigma_deg: f64,
+        /// Largest standard deviation with which a gyroscope is judged, deg.
+        limit_deg: f64,
+    },
+    /// Corrected rates are larger than any such sensor measures.
+    ImpossibleRates {
+        /// Name of the recording.
+        recording: String,
+        /// Corrected rate that one sample in a thousand exceeds, deg/s.
+        rate_degps: f64,
+        /// Range of the fastest sensors, deg/s.
+        limit_degps: f64,
+    },
+    /// Residuals exceed their noise and are larger than those of the uncalibrated unit.
+    WorseThanUncalibrated {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// The residuals with the calibration.
+        after: GroupMisfit,
+        /// The residuals of the uncalibrated unit.
+        before: GroupMisfit,
+    },
+    /// Many rests contradict the others.
+    ContradictingRests {
+        /// Number of rests that contradict the others.
+        count: usize,
+        /// Number of all rests.
+        all: usize,
+    },
+    /// Many moves contradict the others.
+    ContradictingMoves {
+        /// Number of moves that contradict the others.
+        count: usize,
+        /// Number of all moves.
+        all: usize,
+    },
+    /// Many rests have mean angular rates far from those of the others.
+    MovingRests {
+        /// Number of rests with a mean angular rate far from those of the others.
+        count: usize,
+        /// Number of all rests.
+        all: usize,
+    },
+    /// Some kinds of residuals exceed their noise: the model lacks something. The verdict is incomplete.
+    ResidualsAboveNoise {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// The kinds of residuals that exceed their noise; there is at least one.
+        groups: Vec<GroupMisfit>,
+    },
+}
+
+/// Samples of a recording that were measured and have no correction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UncorrectedSamples {
+    /// Name of the recording.
+    pub recording: String,
+    /// Number of samples without a correction.
+    pub count: usize,
+    /// Number of samples of the recording.
+    pub all: usize,
+    /// Index of the first sample without a correction.
+    pub first: usize,
+    /// Time of this sample, s.
+    pub time_s: f64,
+    /// Whether the temperature of this sample is missing (not a number). Otherwise the effects are too large to be
+    /// removed.
+    pub is_temperature_missing: bool,
+}
+
+impl Verdict {
+    /// Verdict for these reasons: poor if one of them makes it poor, incomplete if there are others, otherwise good.
+    pub fn of(reasons: Vec<Reason>) -> Self {
+        let (mut poor, incomplete): (Vec<Reason>, Vec<Reason>) = reasons.into_iter().partition(Reason::is_poor);
+        if poor.is_empty() {
+            return if incomplete.is_empty() { Self::Good } else { Self::Incomplete(incomplete) };
+        }
+        poor.extend(incomplete);
+        Self::Poor(poor)
+    }
+
+    /// Name of the verdict in documents: `good`, `incomplete` or `poor`.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Incomplete(_) => "incomplete",
+            Self::Poor(_) => "poor",
+        }
+    }
+
+    /// All reasons in one line; empty for a good verdict.
+    pub fn words(&self) -> String {
+        self.reasons().iter().map(Reason::to_string).collect::<Vec<_>>().join("; ")
+    }
+
+    /// Reasons for an incomplete or poor verdict; empty for a good one.
+    pub fn reasons(&self) -> &[Reason] {
+        match self {
+            Self::Good => &[],
+            Self::Incomplete(reasons) | Self::Poor(reasons) => reasons,
+        }
+    }
+}
+
+impl Reason {
+    /// Reason code: stable, lower case, for scripts.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::NotConverged { .. } => "not_converged",
+            Self::NoUsableMove { .. } => "no_usable_move",
+            Self::NotCorrected { .. } => "not_corrected",
+            Self::LargeResiduals { .. } => "large_residuals",
+            Self::UnknownDirection { .. } => "unknown_direction",
+            Self::ImpossibleRates { .. } => "impossible_rates",
+            Self::WorseThanUncalibrated { .. } => "worse_than_uncalibrated",
+            Self::ContradictingRests { .. } => "contradicting_rests",
+            Self::ContradictingMoves { .. } => "contradicting_moves",
+            Self::MovingRests { .. } => "moving_rests",
+            Self::ResidualsAboveNoise { .. } => "residuals_above_noise",
+        }
+    }
+
+    /// Whether this reason makes a verdict poor; otherwise it makes it incomplete.
+    pub fn is_poor(&self) -> bool {
+        !matches!(self, Self::ResidualsAboveNoise { .. })
+    }
+
+    /// The reason for an incomplete verdict: the groups that exceed their noise; `None` if there are none.
+    pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit]) -> Option<Self> {
+        let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
+        (!groups.is_empty()).then_some(Self::ResidualsAboveNoise { set, groups })
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let of_calibration = RecordingSet::Calibration.name();
+        match self {
+            Self::NotConverged { fit, report } => f.write_str(&report.reason(fit).unwrap_or_default()),
+            Self::NoUsableMove { set, rests } => write!(
+                f,
+                "{}: {rests} usable rests and no usable move: the gyroscope is not judged, record rests in different poses \
+                 with moves between them",
+                set.name()
+            ),
+            Self::NotCorrected { set, samples } => {
+                write!(f, "{}: chi2 per degree of freedom has no value, nothing is judged: ", set.name())?;
+                if samples.is_empty() {
+                    return f.write_str("some of its samples have no correction");
+                }
+                f.write_str(&samples.iter().map(UncorrectedSamples::to_string).collect::<Vec<_>>().join("; "))
+            }
+            Self::LargeResiduals { set, times_noise } => {
+                write!(
+                    f,
+                    "{}: residuals are {} times what noise explains (more than {}): the linear model does not describe this \
+                     unit or this motion",
+                    set.name(),
+                    general(*times_noise, 3),
+                    general(POOR_CHI2_PER_DOF.sqrt(), 3)
+                )?;
+                match set {
+                    RecordingSet::Calibration => Ok(()),
+                    RecordingSet::Control => {
+                        f.write_str(", or the calibration is another unit's, or the recording is in wrong units")
+                    }
+                }
+            }
+            Self::UnknownDirection { set, sigma_deg, limit_deg } => write!(
+                f,
+                "{}: noise alone gives the gravity direction after a move a standard deviation of {} deg (more than {}): the \
+                 gyroscope is not judged; the calibration or the recording is in wrong units, or the moves are too slow for \
+                 this sensor",
+                set.name(),
+                general(*sigma_deg, 3),
+                general(*limit_deg, 3)
+            ),
+            Self::ImpossibleRates { recording, rate_degps, limit_degps } => write!(
+                f,
+                "{}: corrected rates of {recording} reach {rate_degps:.0} deg/s, more than the {limit_degps:.0} deg/s of the \
+                 fastest sensors: the calibration or the recording is in wrong units",
+                RecordingSet::Control.name()
+            ),
+            Self::WorseThanUncalibrated { set, after, before } => {
+                let uncalibrated = before.size(before.rms);
+                write!(
+                    f,
+                    "{}: {after}, but {uncalibrated} without a calibration: this calibration makes the unit worse; it is \
+                     another unit's, or the unit has changed since",
+                    set.name()
+                )
+            }
+            Self::ContradictingRests { count, all } => write!(
+                f,
+                "{of_calibration}: {count} of {all} rests contradict the others: the linear model does not describe this unit \
+                 or this motion"
+            ),
+            Self::ContradictingMoves { count, all } => write!(
+                f,
+                "{of_calibration}: {count} of {all} moves contradict the others: the linear model does not describe this unit \
+                 or this motion"
+            ),
+            Self::MovingRests { count, all } => write!(
+                f,
+                "{of_calibration}: {count} of {all} rests are left out because their mean rates are far from those of the \
+                 others: the unit was not still, its bias has jumped, as it may when power is lost, or these rests are of \
+                 another unit"
+            ),
+            Self::ResidualsAboveNoise { set, groups } => {
+                let groups: Vec<String> = groups.iter().map(GroupMisfit::to_string).collect();
+                write!(f, "{}: residuals exceed their noise: {}: ", set.name(), groups.join(", "))?;
+                f.write_str(match set {
+                    RecordingSet::Calibration => {
+                        "the unit or its motion does something that the model lacks; `imucal gap FILE --control CONTROL` \
+                         searches for it"
+                    }
+                    RecordingSet::Control => {
+                        "the unit has changed since its calibration, or does something that the model lacks; `imucal gap \
+                         FILE --control CONTROL` searches for it"
+                    }
+                })
+            }
+        }
+    }
+}
+
+impl fmt::Display for UncorrectedSamples {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { recording, count, all, first, time_s, is_temperature_missing } = self;
+        let cause = if *is_temperature_missing {
+            "temp_degc is not a number there: repair it, or leave the effects of temperature out"
+        } else {
+            "the effects are too large there to be undone: estimate them again, or leave them out"
+        };
+        write!(
+            f,
+            "no correction for {count} of {all} samples of {recording}, the first one {first} at {time_s:.2} s: {cause}"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gravest_reason_decides() {
+        let group = GroupMisfit { group: ResidualGroup::RestNorms, rms: 0.01, chi2: 250.0, degrees_of_freedom: 10.0 };
+        let lacks = Reason::above_noise(RecordingSet::Control, &[group]).unwrap();
+        let contradicts = Reason::ContradictingRests { count: 3, all: 9 };
+        assert_eq!(Verdict::of(Vec::new()), Verdict::Good);
+        assert_eq!(Verdict::of(vec![lacks.clone()]).name(), "incomplete");
+        let poor = Verdict::of(vec![lacks.clone(), contradicts.clone()]);
+        assert_eq!(poor, Verdict::Poor(vec![contradicts, lacks.clone()]));
+        assert!(lacks.to_string().starts_with(
+            "control set: residuals exceed their noise: norm of gravity at the rests 1.02 mg rms (noise 0.204 mg): the unit \
+             has changed since its calibration"
+        ));
+    }
+}

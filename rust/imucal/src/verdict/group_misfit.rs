@@ -1,0 +1,158 @@
+//! Scatter of the residuals of one kind, compared with what noise explains.
+//!
+//! ```text
+//! ratio = sqrt(chi2 / dof),   p = P(chi2 of dof degrees of freedom is larger)
+//! ```
+//!
+//! A ratio above two alone would be frequent by chance for few residuals, and a small p-value alone would flag every
+//! small imperfection in a long recording. Residuals therefore exceed their noise only if both hold.
+
+use std::fmt;
+
+use imucal_core::STANDARD_GRAVITY_MPS2;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use crate::finding::general;
+
+/// Ratio of the residuals to their noise above which an error other than noise dominates them, dimensionless. Two is
+/// beyond what the estimated noise of a sensor is wrong by, and leaves three quarters of the variance unexplained.
+const EXCESS_RATIO: f64 = 2.0;
+/// p-value below which an excess is significant. A calibration with a control set compares seven groups, so noise alone
+/// exceeds this limit in fewer than one of 10 000 calibrations, however few residuals there are.
+const SIGNIFICANCE: f64 = 1e-5;
+
+/// Kind of residuals that are compared with their noise together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResidualGroup {
+    /// Norm of the specific force at the rests minus local gravity.
+    RestNorms,
+    /// Direction of gravity after the moves: propagated by the gyroscope, minus measured.
+    MoveDirections,
+    /// Mean angular rates at the rests, minus the bias.
+    RestRates,
+    /// Specific force within the moves, minus gravity at the predicted attitude.
+    MoveForces,
+    /// Attitude relative to the angles of the stand.
+    StandAttitudes,
+}
+
+impl ResidualGroup {
+    /// Name in documents, as those of the factors by which the fit widens standard deviations.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::RestNorms => "norms",
+            Self::MoveDirections => "moves",
+            Self::RestRates => "rates",
+            Self::MoveForces => "inside",
+            Self::StandAttitudes => "stand",
+        }
+    }
+
+    /// Unit of the residuals in datasheets, in which they are displayed.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::RestNorms | Self::MoveForces => "mg",
+            Self::RestRates => "deg/h",
+            Self::MoveDirections | Self::StandAttitudes => "deg",
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::RestNorms => "norm of gravity at the rests",
+            Self::MoveDirections => "gravity direction after the moves",
+            Self::RestRates => "mean rates at the rests",
+            Self::MoveForces => "specific force within the moves",
+            Self::StandAttitudes => "attitude relative to the stand",
+        }
+    }
+
+    /// Converts a residual from SI units to [`Self::unit`].
+    pub fn in_unit(self, si: f64) -> f64 {
+        match self {
+            Self::RestNorms | Self::MoveForces => si / STANDARD_GRAVITY_MPS2 * 1e3,
+            Self::RestRates => si.to_degrees() * 3600.0,
+            Self::MoveDirections | Self::StandAttitudes => si.to_degrees(),
+        }
+    }
+}
+
+/// Goodness of fit of the residuals of one kind under noise alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroupMisfit {
+    /// Kind of the residuals.
+    pub group: ResidualGroup,
+    /// RMS of the residuals in SI units: m/s^2, rad, or rad/s.
+    pub rms: f64,
+    /// Sum of the squared residuals, each divided by the standard deviation of its noise.
+    pub chi2: f64,
+    /// Number of residuals minus the number of parameters that they determine; not a whole number, because the groups
+    /// of a fit determine the parameters together.
+    pub degrees_of_freedom: f64,
+}
+
+impl GroupMisfit {
+    /// Ratio of the residuals to what noise explains; 1 if noise explains them.
+    pub fn ratio(&self) -> f64 {
+        (self.chi2 / self.degrees_of_freedom).sqrt()
+    }
+
+    /// RMS of the residuals, in SI units, that noise explains.
+    pub fn noise(&self) -> f64 {
+        self.rms / self.ratio()
+    }
+
+    /// Probability of a larger chi2 under noise alone.
+    pub fn p_value(&self) -> f64 {
+        ChiSquared::new(self.degrees_of_freedom).map_or(1.0, |distribution| distribution.sf(self.chi2.max(0.0)))
+    }
+
+    /// A residual in SI units, with the unit in which it is displayed.
+    pub(super) fn size(&self, si: f64) -> String {
+        let size = self.group.in_unit(si);
+        let words = if size < 100.0 { general(size, 3) } else { format!("{size:.0}") };
+        format!("{words} {}", self.group.unit())
+    }
+
+    /// Whether the residuals exceed twice their noise, and significantly so.
+    pub fn exceeds_noise(&self) -> bool {
+        self.ratio() > EXCESS_RATIO && self.is_significant()
+    }
+
+    /// Whether noise alone is unlikely to explain the residuals.
+    pub fn is_significant(&self) -> bool {
+        self.p_value() < SIGNIFICANCE
+    }
+}
+
+impl fmt::Display for GroupMisfit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [rms, noise] = [self.rms, self.noise()].map(|size| self.size(size));
+        write!(f, "{} {rms} rms (noise {noise})", self.group.words())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn misfit(chi2: f64, degrees_of_freedom: f64) -> GroupMisfit {
+        GroupMisfit { group: ResidualGroup::MoveDirections, rms: 0.01, chi2, degrees_of_freedom }
+    }
+
+    #[test]
+    fn an_excess_is_large_and_significant() {
+        assert!(misfit(90.0, 20.0).exceeds_noise());
+        // Four residuals at 2.2 times their noise happen once in a thousand runs.
+        assert!(!misfit(20.0, 4.0).exceeds_noise());
+        // In a long recording even 10 % more than noise is significant.
+        let long = misfit(12_100.0, 10_000.0);
+        assert!(long.is_significant() && !long.exceeds_noise());
+    }
+
+    #[test]
+    fn an_excess_is_displayed_beside_its_noise() {
+        let words = misfit(180.0, 20.0).to_string();
+        assert_eq!(words, "gravity direction after the moves 0.573 deg rms (noise 0.191 deg)");
+    }
+}
