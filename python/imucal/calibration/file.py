@@ -207,8 +207,8 @@ def _verdict(node: Node) -> dict[str, Any]:
     reasons = tuple(item.text() for item in node.get("reasons").items())
     if (verdict == "good") == bool(reasons):
         raise FormatError(
-            f"{node.file}: {node.get('verdict').path} is {verdict} with {len(reasons)} reasons: a verdict that is "
-            "not good has reasons, and a good one has none; correct one of them"
+            f"{node.file}: {node.get('verdict').path} is {verdict} with {len(reasons)} reasons: a "
+            "verdict that is not good has reasons, and a good one has none; correct one of them"
         )
     return {"verdict": verdict_of(verdict), "reasons": reasons}
 

@@ -1,6 +1,6 @@
 """The command line application: its commands, error messages and exit codes.
 
-    0  good          1  bad input, or no result          2  finished, but the verdict is poor
+    0  good, incomplete   1  bad input, or no result          2  finished, but the verdict is poor
     130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP: no file is incomplete
 
 Commands raise ImucalError for all foreseen errors, which are printed on stderr as a message. Other exceptions
@@ -50,7 +50,8 @@ app = group(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit codes: 0 good, 1 bad input or no result, 2 finished with a poor verdict, 130 interrupted.",
+    epilog="Exit codes: 0 good or incomplete, 1 bad input or no result, 2 finished with a poor verdict, "
+    "130 interrupted.",
 )
 app.add_typer(demo.app, name="demo")
 for command in (
