@@ -163,9 +163,12 @@ class Options:
     def words(self) -> list[str]:
         """The options as words: `min_rest_s=2.0` is `--min-rest-s=2.0`."""
         names = {"gravity_mps2": "gravity", "gravity_sigma_mps2": "gravity-sigma", "latitude_deg": "latitude"}
-        names |= {"height_m": "height"}
+        names |= {"height_m": "height", "effects": "effect"}
         words = []
         for name, value in self.by_name.items():
             flag = "--" + names.get(name, name).replace("_", "-")
-            words.append(flag if value is True else f"{flag}={value}")
+            if isinstance(value, list):
+                words += [f"{flag}={item}" for item in value]
+            else:
+                words.append(flag if value is True else f"{flag}={value}")
         return words
