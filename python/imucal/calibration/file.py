@@ -200,11 +200,13 @@ def require_consistent(node: Node, model: SensorModel, written: Mapping[str, Any
 
 
 def _verdict(node: Node) -> dict[str, Any]:
-    """The verdict and its reasons; files of other programs need not have them."""
-    if node.mapping().get("verdict") is None:
+    """The verdict and its reasons; files of other programs need neither."""
+    if not {"verdict", "reasons"} & node.mapping().keys():
+        return {"verdict": None, "reasons": ()}
+    reasons = tuple(item.text() for item in node.get("reasons").items())
+    if node.get("verdict").value is None and not reasons:
         return {"verdict": None, "reasons": ()}
     verdict = node.get("verdict").text(VERDICTS)
-    reasons = tuple(item.text() for item in node.get("reasons").items())
     if (verdict == "good") == bool(reasons):
         raise FormatError(
             f"{node.file}: {node.get('verdict').path} is {verdict} with {len(reasons)} reasons: a "
