@@ -3,6 +3,8 @@
     0  good, incomplete   1  bad input, or no result          2  finished, but the verdict is poor
     130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP: no file is incomplete
 
+A reader that closes standard output early changes neither the files that are written nor the exit code.
+
 Commands raise ImucalError for all foreseen errors, which are printed on stderr as a message. Other exceptions
 are bugs, whose message explains how to show the traceback.
 """
