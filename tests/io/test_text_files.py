@@ -209,7 +209,7 @@ def test_the_same_names_mean_what_the_program_above_them_writes(tmp_path):
     dot = read(tmp_path, ["sep=,", "DeviceTag:,1", "OutputRate:,60Hz", ",".join(names), *ticks])
     np.testing.assert_allclose(dot.time_s, NUMBERS[:, 0] / 100, atol=1e-12)
     np.testing.assert_allclose(dot.angular_rate, np.radians(NUMBERS[:, 4:]), rtol=1e-12)
-    with pytest.raises(imucal.FormatError, match="does not say everything"):
+    with pytest.raises(imucal.FormatError, match="does not give every unit"):
         read(tmp_path, [",".join(names), *ticks])
 
 
@@ -364,3 +364,13 @@ def test_stamps_of_the_serial_monitor_are_a_column(tmp_path):
         f"12:00:0{at:.3f} -> {line.split(',', 1)[1]}" for at, line in zip(NUMBERS[:, 0], LINES, strict=True)
     ]
     np.testing.assert_allclose(read(tmp_path, lines, columns=HEADER).time_s, NUMBERS[:, 0], atol=1e-9)
+
+
+def test_bytes_that_are_no_text_in_a_bad_line(tmp_path):
+    path = tmp_path / "run.csv"
+    lines = [line.encode() for line in [HEADER, *LINES]]
+    lines[100] = b"1.0,\xdc\xe8,2\x00"
+    path.write_bytes(b"\n".join([*lines, b""]))
+    recording = imucal.read(path)
+    assert_rows(recording, np.delete(np.arange(ROWS), 99))
+    assert recording.findings[0].count == 1

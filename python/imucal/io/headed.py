@@ -263,7 +263,9 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
     shown = ", ".join(layout.names or [])
     is_known = header.accel and header.gyro
     lead = (
-        "the header does not say everything" if is_known else "the format could not be determined; first line"
+        "the header does not give every unit"
+        if is_known
+        else "the format could not be determined; first line"
     )
     return (
         f"{text.name}: {lead}: {shown[:200]}. "

@@ -180,9 +180,11 @@ def split_line(text: str, separator: str) -> list[str]:
     if separator == " ":
         return [field.strip('"') for field in text.split()]
     if '"' in text:
-        return [
-            field.strip() for field in next(csv.reader([text], delimiter=separator, skipinitialspace=True))
-        ]
+        try:
+            quoted = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+        except (csv.Error, StopIteration):
+            quoted = text.replace('"', "").split(separator)
+        return [field.strip() for field in quoted]
     return [field.strip() for field in text.split(separator)]
 
 

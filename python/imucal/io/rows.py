@@ -132,6 +132,7 @@ def cleaned_columns(
     from pyarrow import csv
 
     used = [index for index, name in enumerate(names) if name not in SKIP]
+    buffer = _valid_text(buffer)
     left = _LeftOut([], len(names))
     try:
         rows = csv.read_csv(
@@ -197,6 +198,18 @@ def cleaned_columns(
     findings = (_warning(file, parts, out),) if parts else ()
     table = pa.table(columns, names=[str(index) for index in used]).filter(_mask(kept))
     return Table(file, [names[index] for index in used], table.columns, place_of, findings)
+
+
+def _valid_text(buffer: Any) -> Any:
+    """The text with a mark in place of bytes that are no UTF-8, of which Arrow reports no invalid row."""
+    import pyarrow as pa
+
+    content = buffer.to_pybytes()
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        return pa.py_buffer(content.decode(errors="replace").encode())
+    return buffer
 
 
 def _numbers(name: str, column: Any, decimal: str) -> tuple[Any, Any]:

@@ -118,7 +118,7 @@ def time_reading(values: Any) -> Reading:
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else math.nan
     rates = {unit: ticks / step for unit, ticks in TICKS_PER_S.items()}
     fitting = [unit for unit, rate in rates.items() if RATES_HZ[0] <= rate <= RATES_HZ[1]]
-    shown = ", ".join(f"{rates[unit]:.4g} Hz as {unit}" for unit in ("s", "ms", "us"))
+    shown = ", ".join(f"{rates[unit]:.4g} Hz as {unit}" for unit in rates if 0.01 < rates[unit] < 1e7)
     # A step below one that reads as s is a fraction, which counters in ms or us do not have.
     is_whole = bool(len(steps)) and _is_whole(np.asarray(values, dtype=np.float64))
     fitting = [unit for unit in fitting if (unit == "s") != is_whole or len(fitting) == 1]

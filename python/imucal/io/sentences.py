@@ -26,7 +26,7 @@ __all__ = ["are_labels", "are_sentences", "read_labels", "read_vectornav"]
 
 # A label, its number, and perhaps a unit: `ax:0.01`, `ax = 0.01 g`, `"ax": 0.01`.
 PAIR: Final = re.compile(
-    r"[\"']?([A-Za-z_][\w ]*?(?:\[\w+\])?)[\"']?\s*[:=]\s*"
+    r"[\"']?([A-Za-z_][\w ]{0,40}?(?:\[\w+\])?)[\"']?\s*[:=]\s*"
     r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:.])"
     r"(?:\s?(m/s\^?2|m/s²|m/s/s|mg|g|rad/s|mdps|deg/s|dps|°/s|°C|degC|us|ms|s)(?=[\s,;|}]|$))?"
 )
@@ -125,7 +125,7 @@ def read_vectornav(
         )
         good = sentences
     wrong = len(sentences) - len(good)
-    if wrong > max(MOST_WRONG * len(sentences), 1):
+    if wrong > max(MOST_WRONG * len(sentences), 1) or not good:
         raise FormatError(
             f"{file.name}: {wrong} of {len(sentences)} sentences have a wrong check sum: it is "
             "altered, or the line lost bytes: record again at a higher baud rate or a lower output rate"
