@@ -317,8 +317,8 @@ def test_a_gzip_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch
         imucal.read(path)
 
 
-def sentence(row):
-    body = "VNIMU," + ",".join(f"{number:+.6f}" for number in [0.1, 0.2, 0.3, *row, 25.5, 101.3])
+def sentence(row, start="VNIMU,"):
+    body = start + ",".join(f"{number:+.6f}" for number in [0.1, 0.2, 0.3, *row, 25.5, 101.3])
     total = 0
     for byte in body.encode():
         total ^= byte
@@ -339,6 +339,16 @@ def test_sentences_with_a_wrong_check_sum(tmp_path):
         read(tmp_path, [line.replace("+9.", "+8.") for line in good[:-1]] + good[-1:], rate_hz=100)
     placeholder = read(tmp_path, [line.rpartition("*")[0] + "*XX" for line in good], rate_hz=100)
     assert [finding.code for finding in placeholder.findings] == ["checksums_missing"]
+
+
+def test_other_sentences_are_read_by_their_fields(tmp_path):
+    own = [sentence(row, "PIMU,A,") for row in NUMBERS[:, 1:]]
+    mixed = [line for pair in zip(own, [sentence([], "GPX,")] * ROWS, strict=True) for line in pair]
+    columns = "-,-,-,-,-," + HEADER.removeprefix("time_s,") + ",-,-"
+    recording = read(tmp_path, mixed, columns=columns, rate_hz=100)
+    np.testing.assert_array_equal(recording.specific_force, NUMBERS[:, 1:4])
+    with pytest.raises(imucal.FormatError, match=r"\$PIMU with 12 fields.*name every field"):
+        read(tmp_path, mixed, rate_hz=100)
 
 
 @pytest.mark.parametrize(

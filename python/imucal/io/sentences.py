@@ -7,6 +7,8 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
+from operator import xor
 from typing import Any, Final
 
 from imucal.document.source import open_file
@@ -40,7 +42,7 @@ SENTENCES: Final = {
     "VNMAR": ["-"] * 3 + _ACCEL + _GYRO,
 }
 SENTENCE: Final = re.compile(
-    rb"^(.*?)\$(VN(?:YMR|IMU|QMR|MAR)),([^*\r\n$]*)\*?([0-9A-Fa-fXx]*)[ \t\r]*$", re.MULTILINE
+    rb"^(.*?)\$([A-Z][A-Z0-9]{1,9}),([^*\r\n$]*)\*?([0-9A-Fa-fXx]*)[ \t\r]*$", re.MULTILINE
 )
 # Largest share of sentences with a wrong check sum.
 MOST_WRONG: Final = 0.1
@@ -56,8 +58,11 @@ def are_labels(start: bytes) -> bool:
 
 
 def are_sentences(start: bytes) -> bool:
-    """Whether a text contains sentences of VectorNav with accelerations and rates."""
-    return re.search(rb"\$VN(YMR|IMU|QMR|MAR),", start) is not None
+    """Whether a text contains sentences of VectorNav with samples, or mostly sentences with check sums."""
+    if re.search(rb"^\$VN(YMR|IMU|QMR|MAR),", start, re.MULTILINE) is not None:
+        return True
+    lines = [line for line in start.split(b"\n")[1:41] if line.strip()]
+    return len(lines) > 2 and 2 * sum(b"*" in line and line[:1] == b"$" for line in lines) > len(lines)
 
 
 def read_labels(
@@ -96,19 +101,16 @@ def _labels(pairs: Sequence[tuple[str, str, str]]) -> tuple[str, ...]:
 def read_vectornav(
     path: str | os.PathLike[str], *, columns: str | Sequence[str] | None = None, rate_hz: float | None = None
 ) -> Recording:
-    """Read the sentences $VNYMR, $VNIMU, $VNQMR and $VNMAR of VectorNav; they contain no time.
+    """Read the sentences $VNYMR, $VNIMU, $VNQMR and $VNMAR of VectorNav, which contain no time.
 
-    columns  a name for every field, the name of the sentence first, instead of those of the manual
+    columns  a name for every field, the name of the sentence first, instead of those of the manual; with it
+             other sentences in the form of NMEA 0183 are read, too
     """
     file = open_file(path)
     content = plain_text(file.name, unpacked(file.name, file.content))
     found = SENTENCE.findall(content)
-    kinds = Counter(kind for _, kind, _, _ in found)
-    if not kinds:
-        raise FormatError(
-            f"{file.name}: there is no sentence $VNYMR or $VNIMU: check that it is the right file"
-        )
-    kind = kinds.most_common(1)[0][0]
+    given_names = None if columns is None else _given(file.name, columns)
+    kind = _kind(file.name, found, given_names)
     sentences = [(kind + b"," + body, given) for _, of, body, given in found if of == kind]
     good = [(body, given) for body, given in sentences if _is_valid(body, given)]
     findings = []
@@ -130,7 +132,7 @@ def read_vectornav(
             f"{file.name}: {wrong} of {len(sentences)} sentences have a wrong check sum: it is "
             "altered, or the line lost bytes: record again at a higher baud rate or a lower output rate"
         )
-    names = SENTENCES[kind.decode()] if columns is None else _given(file.name, columns)
+    names = SENTENCES[kind.decode()] if given_names is None else given_names
     rows = [body.partition(b",")[2].split(b",") for body, _ in good]
     full = [row for row in rows if len(row) == len(names)]
     if not full:
@@ -148,6 +150,24 @@ def read_vectornav(
     return _with(recording_from_table(table, [file.source], rate_hz), findings)
 
 
+def _kind(file: str, found: Sequence[tuple[bytes, bytes, bytes, bytes]], names: list[str] | None) -> bytes:
+    """The most frequent sentence with as many fields as there are names, or known without names."""
+    kinds = Counter(
+        kind
+        for _, kind, body, _ in found
+        if (kind.decode() in SENTENCES if names is None else body.count(b",") + 1 == len(names))
+    )
+    if kinds:
+        return kinds.most_common(1)[0][0]
+    shown = Counter((kind.decode(), body.count(b",") + 1) for _, kind, body, _ in found).most_common(5)
+    listed = ", ".join(f"${kind} with {count} fields" for (kind, count), _ in shown) or "none"
+    known = ", ".join(f"${kind}" for kind in SENTENCES)
+    raise FormatError(
+        f"{file}: sentences found: {listed}. Known are {known}; for others name every field, '-' for the "
+        "name of the sentence (--columns -,time_s,accel_x_g,...)"
+    )
+
+
 def _given(file: str, columns: str | Sequence[str]) -> list[str]:
     if mapping_of(columns) is not None:
         raise InputError(f"{file} has no column names: give a name for every field, '-' to ignore it")
@@ -158,10 +178,7 @@ def _given(file: str, columns: str | Sequence[str]) -> list[str]:
 def _is_valid(body: bytes, given: bytes) -> bool:
     """Whether a sentence has its check sum: the 8-bit exclusive or, or CRC-16-CCITT."""
     if len(given) == 2 and given.upper() != b"XX":
-        total = 0
-        for byte in body:
-            total ^= byte
-        return total == int(given, 16) if given.isalnum() and _is_hex(given) else False
+        return _is_hex(given) and reduce(xor, body, 0) == int(given, 16)
     if len(given) == 4 and _is_hex(given):
         import binascii
 
