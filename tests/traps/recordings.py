@@ -83,6 +83,7 @@ def calibrating(
     run: Callable[[], Any] = stand_run,
     control: Change | None = None,
     truth: Mapping[str, float] | None = None,
+    changing: tuple[str, ...] = (),
     ending: str = "parquet",
     **options: Any,
 ) -> Trap:
@@ -91,6 +92,7 @@ def calibrating(
     change    returns a recording or several
     control   makes the control recording of the unchanged one; without it there is none
     truth     true parameters by name; those of the simulated unit if None
+    changing  beginnings of the names of parameters that change during the run, and have no one truth
     options   of `imucal.calibrate`, passed to the command, too
     """
 
@@ -112,6 +114,8 @@ def calibrating(
             judge = None if control is None else imucal.read(folder / f"control.{ending}")
             return imucal.calibrate(recordings, control=judge, **options)
 
-        return Question(words, call, truth_of(simulated) if truth is None else truth)
+        known = truth_of(simulated) if truth is None else truth
+        constant = {n: value for n, value in known.items() if not n.startswith(changing)}
+        return Question(words, call, constant)
 
     return Trap(kind, name, make, right)

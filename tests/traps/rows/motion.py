@@ -1,0 +1,179 @@
+"""Traps of the motion: rests and moves that do not determine the parameters, disturbances, several units."""
+
+import numpy as np
+
+import imucal
+from imucal import Program, Step
+from recordings import calibrating, changed, force, rate, stand_run
+from trap import good, incomplete, poor, refused
+
+FEW_POSES = "the motion does not determine all parameters"
+DISTURBED = "a rest is disturbed"
+UNITS = "several units are taken for one"
+
+
+def program(*steps):
+    """Another motion of the same unit: (turn of the three motors in deg, seconds, seconds at rest)."""
+    steps = tuple(Step(turn, move_s, hold_s) for turn, move_s, hold_s in steps)
+    return lambda _: imucal.simulate(Program(steps), rate_hz=100, seed=1).recording
+
+
+def poses_within(deg):
+    """Thirty rests, no motor farther than `deg` from zero."""
+    poses = np.random.default_rng(3).uniform(-deg, deg, (30, 3))
+    turns = np.diff(np.vstack([np.zeros(3), poses]), axis=0)
+    return program(*((tuple(turn), 1.0, 2.0) for turn in turns.tolist()))
+
+
+def without_turns(r):
+    noise = np.random.default_rng(0).normal(scale=0.003, size=r.angular_rate.shape)
+    return changed(r, angular_rate=noise)
+
+
+UNDETERMINED = (
+    calibrating(FEW_POSES, "one rest", program(((0.0, 0.0, 0.0), 1.0, 60.0)), refused("do not determine")),
+    calibrating(
+        FEW_POSES,
+        "turns about a vertical axis",
+        program(*[((0.0, 0.0, 20.0), 1.0, 2.0)] * 18),
+        refused("no rest with x within 40 deg of vertical"),
+    ),
+    calibrating(
+        FEW_POSES,
+        "whole turns only",
+        program(*[((360.0, 0.0, 0.0), 3.0, 2.0), ((0.0, 360.0, 0.0), 3.0, 2.0)] * 9),
+        refused("add rests"),
+    ),
+    calibrating(
+        FEW_POSES,
+        "two faces",
+        program(*[((0.0, 180.0, 90.0), 2.0, 2.0), ((0.0, -180.0, 90.0), 2.0, 2.0)] * 10),
+        refused("rest"),
+    ),
+    calibrating(
+        FEW_POSES,
+        "about one axis",
+        program(*[((0.0, 40.0, 0.0), 1.0, 2.0)] * 18),
+        refused("about body|no rest"),
+    ),
+    *(
+        calibrating(FEW_POSES, f"all poses within {deg:g} deg", poses_within(deg), refused("rest|determine"))
+        for deg in (2.0, 10.0, 20.0)
+    ),
+    calibrating(FEW_POSES, "a gyroscope with noise only", without_turns, refused("no more than noise")),
+)
+
+
+def bump(axis, size, rest=11, seconds=0.3):
+    """A decaying oscillation of 8 Hz in the accelerometer in the middle of a rest."""
+
+    def change(r):
+        values, start = r.specific_force.copy(), 400 * rest + 100
+        t = np.arange(int(seconds * 100)) / 100
+        values[start : start + t.size, axis] += size * np.exp(-t / 0.1) * np.sin(2 * np.pi * 8 * t)
+        return changed(r, specific_force=values)
+
+    return change
+
+
+def bias_jump(share, size, axis=0):
+    def change(r):
+        values = r.angular_rate.copy()
+        values[int((1 - share) * len(r)) :, axis] += size
+        return changed(r, angular_rate=values)
+
+    return change
+
+
+def slip(deg, after=0.5):
+    """The unit turns in its mount by an angle about z, at a rest; from then on both sensors are turned."""
+
+    def change(r):
+        c, s = np.cos(np.radians(deg)), np.sin(np.radians(deg))
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        start = 400 * int(after * 30) + 100
+        both = [values.copy() for values in (r.specific_force, r.angular_rate)]
+        for values in both:
+            values[start:] = values[start:] @ turn.T
+        return changed(r, specific_force=both[0], angular_rate=both[1])
+
+    return change
+
+
+DISTURBANCES = (
+    *(
+        calibrating(DISTURBED, f"a knock of {size:g} m/s^2", bump(axis, size), good(), incomplete(), poor())
+        for axis, size in ((0, 0.2), (1, 1.0), (2, 5.0))
+    ),
+    *(
+        calibrating(
+            DISTURBED,
+            f"the gyroscope's bias jumps by {size:g} rad/s at {100 * (1 - share):.0f} % of the run",
+            bias_jump(share, size),
+            poor(),
+            incomplete(),
+            good(),
+            changing=("gyro_bias",),
+        )
+        for share, size in ((0.3, 0.02), (0.45, 0.02), (0.5, 0.002), (0.5, 0.005), (0.2, 0.05))
+    ),
+    *(
+        calibrating(
+            DISTURBED,
+            f"the unit slips by {deg:g} deg about z in its mount, and both sensors with it",
+            slip(deg),
+            good(),
+            incomplete(),
+            poor(),
+        )
+        for deg in (0.5, 2.0, 10.0)
+    ),
+)
+
+OTHERS = (
+    calibrating(
+        UNITS,
+        "two runs of two units",
+        lambda r: [same_name(r), stand_run(3, "ideal").recording],
+        poor(),
+        refused("unit"),
+    ),
+    calibrating(
+        UNITS,
+        "three runs, one of another unit",
+        lambda r: [same_name(r), stand_run(2).recording, stand_run(3, "ideal").recording],
+        poor(),
+        refused("unit"),
+    ),
+    calibrating(
+        UNITS,
+        "a control run of another unit",
+        changed,
+        poor(),
+        run=stand_run,
+        control=lambda _: stand_run(3, "ideal").recording,
+    ),
+    calibrating(
+        UNITS,
+        "a control run of the unit with a gyroscope 1 % off",
+        changed,
+        poor(),
+        incomplete(),
+        control=lambda _: rate(lambda w: w * 1.01)(stand_run(2).recording),
+    ),
+    calibrating(
+        UNITS,
+        "a control run of the unit with an accelerometer 0.1 m/s^2 off",
+        changed,
+        poor(),
+        incomplete(),
+        control=lambda _: force(lambda f: f + np.array([0.1, 0.0, 0.0]))(stand_run(2).recording),
+    ),
+)
+
+
+def same_name(r):
+    return changed(r, name="first")
+
+
+TRAPS = (*UNDETERMINED, *DISTURBANCES, *OTHERS)
