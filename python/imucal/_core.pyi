@@ -1,7 +1,7 @@
 """Types of the compiled library. Public functions and classes of `imucal` wrap these."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, final
+from typing import Any, Protocol, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,7 @@ __all__ = [
     "allan_factors",
     "angular_acceleration",
     "calibrate",
+    "check_temperature",
     "chi2_p_value",
     "convert_frame",
     "correct",
@@ -751,8 +752,22 @@ class Noise:
     @property
     def gyroscope(self) -> list[AxisNoise]: ...
     @property
+    def steps(self) -> list[_NoiseStep]: ...
+    @property
+    def cut_steps(self) -> list[_NoiseStep]: ...
+    @property
+    def drifts(self) -> list[tuple[float, float, float | None, _Departure]]: ...
+    @property
     def findings(self) -> list[Finding]: ...
 
-def identify_noise(recording: _Recording, min_rest_s: float, threads: int | None) -> Noise: ...
+# Index of the axis, size, standard deviation, gain of twice the log-likelihood.
+_Departure: TypeAlias = tuple[int, float, float, float]
+# Time, sample, and sizes.
+_NoiseStep: TypeAlias = tuple[float, int, list[_Departure]]
+
+def check_temperature(recording: _Recording) -> Finding | None: ...
+def identify_noise(
+    recording: _Recording, min_rest_s: float, cut_steps: bool, threads: int | None
+) -> Noise: ...
 def allan_deviations(values: _Array, factors: Sequence[int], threads: int | None) -> list[_Array]: ...
 def allan_factors(samples: int, spacing: str) -> list[int]: ...

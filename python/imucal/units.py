@@ -6,7 +6,10 @@ value in SI units = value in the unit * UNITS[si_unit][unit]
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = [
     "COLUMN_UNITS",
@@ -14,8 +17,10 @@ __all__ = [
     "DEGREE_RAD",
     "SHOWN",
     "STANDARD_GRAVITY_MPS2",
+    "TEMPERATURE_UNITS",
     "TICKS_PER_S",
     "UNITS",
+    "to_degc",
     "units_of",
 ]
 
@@ -56,6 +61,13 @@ COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
     "gyro": {"radps": 1.0, "dps": _DEG, "mdps": _DEG / 1000.0, "lsb": 1.0},
     "stand": {"rad": 1.0, "deg": _DEG},
 }
+# Endings of columns of temperature, such as temp_k: (degC in one, degC at zero). Raw counts, temp_lsb, have the slope
+# and the offset of their sensor (`temp_scale`).
+TEMPERATURE_UNITS: Final[dict[str, tuple[float, float]]] = {
+    "degc": (1.0, 0.0),
+    "k": (1.0, -273.15),
+    "degf": (1.0 / 1.8, -32.0 / 1.8),
+}
 # Endings of columns of time, such as time_us: ticks in a second.
 TICKS_PER_S: Final[dict[str, float]] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 # SI unit: (factor, unit) in which summaries and pages show an effect or a residual, which is of the order of
@@ -86,3 +98,9 @@ SHOWN: Final[dict[str, tuple[float, str]]] = {
 def units_of(si_unit: str) -> dict[str, float]:
     """The units in which a value of this SI unit may be given, and the SI units in one of each."""
     return UNITS.get(si_unit, {si_unit: 1.0})
+
+
+def to_degc(values: NDArray[Any], scale: tuple[float, float]) -> NDArray[Any]:
+    """Temperatures in degC from values with this slope and offset; values in degC are unchanged bit for bit."""
+    slope, offset = scale
+    return values if scale == (1.0, 0.0) else slope * values + offset

@@ -223,20 +223,144 @@ def test_the_summary_and_the_document_say_all(found):
 # --- recordings that will not do
 
 
+def codes(found):
+    return [finding.code for finding in found.findings]
+
+
 def test_faults_are_named(recording):
     force = recording.specific_force.copy()
     force[700, 1] = np.nan
-    keep = np.r_[0:5000, 5200 : len(recording)]
-    twice = np.r_[0:5000, np.repeat(np.arange(5000, 5200), 2), 5200 : len(recording) - 200]
     cases = {
         "non_finite": replaced(recording, specific_force=force),
-        "samples_missing": replaced(recording, keep),
-        "samples_duplicated": replaced(recording, twice, time_s=recording.time_s),
         "empty": imucal.Recording([], np.zeros((0, 3)), np.zeros((0, 3))),
     }
     for code, bad in cases.items():
         with pytest.raises(imucal.InputError, match=code):
             imucal.noise(bad)
+
+
+def test_the_longest_stretch_without_lost_or_repeated_samples_is_used(recording):
+    n = len(recording)
+    lost = replaced(recording, np.r_[0:5000, 5200:n])
+    repeated = np.r_[0:5000, np.repeat(np.arange(5000, 5200), 2), 5200 : n - 200]
+    for changed, start_s, code in (
+        (lost, 52.0, "samples_missing"),
+        (replaced(recording, repeated, time_s=recording.time_s), 54.0, "samples_duplicated"),
+    ):
+        found = imucal.noise(changed)
+        assert found.start_s == pytest.approx(start_s, abs=0.1)
+        assert found.end_s == pytest.approx(recording.time_s[-1], abs=0.1)
+        assert {"recording_interrupted", code} <= set(codes(found))
+        assert found.verdict == "good"
+    # A few lost samples in a long recording change nothing.
+    few = imucal.noise(replaced(recording, np.delete(np.arange(n), [30_000, 90_000])))
+    assert few.samples == pytest.approx(n - 2, abs=20)
+    assert "recording_interrupted" not in codes(few)
+
+
+def test_a_stretch_that_is_too_short_is_refused(recording):
+    keep = np.delete(np.arange(6000), np.arange(500, 6000, 500))
+    with pytest.raises(imucal.InputError, match=r"longest stretch without lost .* 1000 are needed"):
+        imucal.noise(replaced(recording, keep))
+
+
+def test_late_samples_are_not_missing(recording):
+    late = recording.time_s.copy()
+    late[700::900] += 0.8 / RATE_HZ
+    found = imucal.noise(replaced(recording, time_s=late))
+    assert found.samples == pytest.approx(len(recording), abs=20)
+    assert not {"samples_missing", "recording_interrupted"} & set(codes(found))
+
+
+# --- steps and drifts
+
+
+def shifted(recording, shift):
+    """The recording with a change of the mean of accelerometer y and gyroscope x, rad/s and m/s^2."""
+    force, rate = recording.specific_force.copy(), recording.angular_rate.copy()
+    force[:, 1] += shift
+    rate[:, 0] -= shift
+    return replaced(recording, specific_force=force, angular_rate=rate)
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return still(duration_s=400.0, seed=3, instability=0.0, walk=1e-5)
+
+
+def test_a_step_is_reported_and_cut_on_request(quiet):
+    bumped = shifted(quiet, 4e-3 * (quiet.time_s > 251.3))
+    found = imucal.noise(bumped)
+    assert (found.verdict, codes(found)[0]) == ("poor", "step")
+    [step] = found.steps
+    assert step.time_s == pytest.approx(251.3, abs=1.0)
+    assert set(step.sizes) == {"accel_y", "gyro_x"}
+    for name, sign in (("accel_y", 1.0), ("gyro_x", -1.0)):
+        assert step.sizes[name].size == pytest.approx(sign * 4e-3, abs=4.5 * step.sizes[name].std)
+    assert "accel_y 0.4" in found.summary()
+    cut = imucal.noise(bumped, cut_steps=True)
+    assert (cut.verdict, cut.steps, len(cut.cut_steps)) == ("good", (), 1)
+    assert cut.end_s < 251.3
+    assert json.loads(json.dumps(cut.to_dict()))["cut_steps"][0]["sizes"]["gyro_x"]["size"] < 0
+    for axis in ("accel_y", "gyro_x"):
+        walks = [result.axes[axis].random_walk for result in (found, cut)]
+        assert walks[0].value > 5e-5
+        assert walks[1].low <= 1e-5 <= walks[1].high
+
+
+def test_noise_and_warming_up_are_no_steps(quiet, recording):
+    assert not imucal.noise(quiet).steps
+    wandering = imucal.noise(recording)
+    assert not wandering.steps
+    assert not wandering.drifts
+    warm = imucal.noise(shifted(quiet, 2e-2 * (1.0 - np.exp(-quiet.time_s / 120.0))))
+    assert not warm.steps
+    assert {"accel_y", "gyro_x"} <= {drift.axis for drift in warm.drifts}
+    assert "drift" in codes(warm)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "most_wrong"),
+    [("white", 1), ("flicker", 1), ("walk", 1), ("strong walk", 1), ("step", 2), ("heating", 2)],
+)
+def test_confusion_of_noise_steps_and_heating(kind, most_wrong):
+    """Fifty runs of each kind, seeds 100 to 149."""
+    noise = {"flicker": (3e-4, 0.0), "walk": (0.0, 1e-4), "strong walk": (0.0, 1e-3), "step": (0.0, 2e-5)}
+    instability, walk = noise.get(kind, (0.0, 0.0))
+    wrong = 0
+    for seed in range(100, 150):
+        run = still(duration_s=300.0, seed=seed, instability=instability, walk=walk)
+        at_s = 30.0 + 240.0 * np.random.default_rng(seed).random()
+        shape = {
+            "step": 5e-3 * (run.time_s > at_s),
+            "heating": 1e-2 * (1.0 - np.exp(-run.time_s / at_s)),
+        }
+        found = imucal.noise(shifted(run, shape.get(kind, 0.0 * run.time_s)))
+        expected = {"step": (True, False), "heating": (False, True)}.get(kind, (False, False))
+        wrong += (bool(found.steps), bool(found.drifts)) != expected
+        wrong += kind == "step" and len(found.steps) == 1 and abs(found.steps[0].time_s - at_s) > 2.0
+    assert wrong <= most_wrong
+
+
+# --- figures that no sensor has
+
+
+def test_degrees_read_as_radians_are_named_with_their_count():
+    count = 1.0 / 131.0
+    rng = np.random.default_rng(5)
+    degrees = np.round(0.05 * rng.standard_normal((6000, 3)) / count) * count
+    force = 0.02 * rng.standard_normal((6000, 3)) + [0, 0, 9.81]
+    time_s = np.arange(6000) / RATE_HZ
+    wrong = imucal.noise(imucal.Recording(time_s, force, degrees))
+    finding = next(f for f in wrong.findings if f.code == "noise_implausible")
+    assert finding.columns == ("gyro_x", "gyro_y", "gyro_z")
+    assert "gyro_x_dps" in finding.way_out
+    assert "1/131" in finding.way_out
+    assert "noise_implausible" in codes(imucal.inspect(imucal.Recording(time_s, force, degrees)))
+    right = imucal.Recording(time_s, force, np.deg2rad(degrees))
+    assert "noise_implausible" not in codes(imucal.noise(right))
+    assert "noise_implausible" not in codes(imucal.inspect(right))
 
 
 def test_a_short_rest_is_refused_and_a_moving_record_remarked():

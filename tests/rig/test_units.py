@@ -3,6 +3,7 @@
 `to_json` is used, because it is the text that documents are compared by.
 """
 
+import dataclasses
 import json
 from importlib import resources
 
@@ -60,14 +61,61 @@ def test_a_unit_is_simulated_as_its_file_says(name):
 
 def test_figures_are_those_of_the_datasheets():
     bmi088 = imucal.Unit.named("bmi088")
-    assert bmi088.gyroscope.noise_density == pytest.approx(0.014 * DEG)
+    # Densities of datasheets are one-sided.
+    assert bmi088.gyroscope.noise_density == pytest.approx(0.014 * DEG / np.sqrt(2))
     assert bmi088.accelerometer.lsb == pytest.approx(G / 10920)
     # 2 deg/h is the floor of the Allan deviation, 0.664 B.
     assert bmi088.gyroscope.bias_instability * 0.6643 == pytest.approx(2 * DEG / 3600, rel=1e-3)
-    assert imucal.Unit.named("mpu6050").accelerometer.noise_density == pytest.approx(400e-6 * G)
+    assert imucal.Unit.named("mpu6050").accelerometer.noise_density == pytest.approx(
+        400e-6 * G / np.sqrt(2)
+    )
     paper = imucal.Unit.named("paper")
     assert paper.gyroscope.sensitivity[0].tolist() == [0.9771, 0.0094 * 1.0309, -0.0060 * 1.0030]
     assert paper.accelerometer.bias == pytest.approx(np.array([-0.0427, 0.0241, 0.0402]) * G)
+
+
+@pytest.mark.parametrize(
+    ("name", "sensor", "rms", "bandwidth_hz"),
+    [
+        ("mpu6050", "gyroscope", 0.05 * DEG, 98.0),
+        ("icm42688p", "gyroscope", 0.028 * DEG, 100.0),
+        ("icm42688p", "accelerometer", 0.70e-3 * G, 100.0),
+        ("bmi088", "gyroscope", 0.1 * DEG, 47.0),
+        ("adis16460", "gyroscope", 0.075 * DEG, 375.0),
+    ],
+)
+def test_simulated_noise_in_a_bandwidth_is_that_of_the_datasheet(name, sensor, rms, bandwidth_hz):
+    """The root mean square noise behind a filter, which a datasheet gives together with its one-sided density.
+
+    The simulated filter is a Butterworth filter of second order: it passes the noise of 1.11 times its bandwidth.
+    A two-sided density would give 1.41 times as much.
+    """
+    unit = imucal.Unit.named(name)
+    filtered = dataclasses.replace(
+        getattr(unit, sensor), filter_hz=bandwidth_hz, lsb=None, bits=None, bias_instability=0.0
+    )
+    run = imucal.simulate(
+        imucal.Static(30.0), unit=dataclasses.replace(unit, **{sensor: filtered}), rate_hz=1000, seed=2
+    ).recording
+    measured = run.angular_rate if sensor == "gyroscope" else run.specific_force
+    found = np.sqrt(np.mean(measured.var(axis=0)) / 1.11)
+    assert found == pytest.approx(rms, rel=0.12)
+
+
+def test_a_one_sided_density_is_that_of_an_allan_deviation_times_the_square_root_of_two(tmp_path):
+    document = file_of("ideal")
+    given = {"value": 0.01, "unit": "deg/s/sqrt(Hz)"}
+    document["gyroscope"]["noise_density_one_sided"] = given
+    path = tmp_path / "own.json"
+    path.write_text(json.dumps(document))
+    run = imucal.simulate(imucal.Static(600.0), unit=path, rate_hz=100, seed=1).recording
+    taus_s, deviations = imucal.allan_deviation(run.angular_rate, 100.0, [1.0])
+    assert taus_s == [1.0]
+    assert deviations[0] == pytest.approx([0.01 * DEG / np.sqrt(2)] * 3, rel=0.08)
+    document["gyroscope"]["noise_density"] = given
+    path.write_text(json.dumps(document))
+    with pytest.raises(imucal.FormatError, match="has noise_density and noise_density_one_sided: give one"):
+        imucal.Unit.read(path)
 
 
 @pytest.mark.parametrize("name", ["paper", "mpu6050", "random:bmi088:5"])
@@ -159,10 +207,10 @@ def test_a_profile_may_spread_any_effect(effect, tmp_path):
         (lambda d: d.update(schema="imucal.unit/9"), "has the schema 'imucal.unit/9'"),
         (lambda d: d.pop("gyroscope"), r"\$\.gyroscope is missing"),
         (
-            lambda d: d["gyroscope"]["noise_density"].update(unit="furlong"),
+            lambda d: d["gyroscope"]["noise_density_one_sided"].update(unit="furlong"),
             "unit is 'furlong': give one of rad/s",
         ),
-        (lambda d: d["gyroscope"]["noise_density"].update(unit="ug/sqrt(Hz)"), "give one of rad/s/sqrt"),
+        (lambda d: d["gyroscope"]["noise_density_one_sided"].update(unit="ug/sqrt(Hz)"), "give one of rad/s/sqrt"),
         (
             lambda d: d["gyroscope"].update(bias={"value": [1, 2], "unit": "rad/s"}),
             "a list of 3 items, not 2",

@@ -109,6 +109,8 @@ def _require_columns(model: SensorModel, recording: Recording) -> None:
                 f"{recording.name} has no temperature_degc (temp_degc in a file) and {effect.name} depends "
                 "on it: record the temperature, or leave the effect out of the calibration"
             )
+        if "temperature" in effect.needs and (finding := _core.check_temperature(recording)) is not None:
+            raise InputError(f"{finding}")
         if "angular_acceleration" in effect.needs:
             _require_derivative(recording, effect.name)
 

@@ -19,7 +19,23 @@ Calibrate uncorrected sensor data. If the data have already been corrected by an
 calibration is valid only after that correction.
 """
 
-FOOT = """## Arrays with names
+FOOT = """## Temperature
+
+A temperature is in degC (`temp_degc`), kelvin (`temp_k`) or degrees Fahrenheit (`temp_degf`). Raw counts (`temp_lsb`)
+need the slope and the offset of the datasheet, `--temp-scale SLOPE,OFFSET` in degC per count and degC; the slope may be
+a fraction. Without them the counts become an auxiliary input.
+
+| sensor | `--temp-scale` |
+|---|---|
+| MPU-6050 | `1/340,36.53` |
+| ICM-42688-P | `1/132.48,25` |
+| LSM6DSO | `1/256,25` |
+| BMI160, BMI270 | `1/512,23` |
+
+Recordings are written with `temp_degc`. Temperatures outside -60 to 150 degC are refused
+(`temperature_implausible`), with the unit in which they would be plausible.
+
+## Arrays with names
 
 MATLAB, HDF5 and NumPy files contain named arrays. An array is found by its canonical name: the name of a
 column (`time_s`, `accel_x_mps2`, `temp_degc`) or of a triad of shape (N, 3) (`accel_mps2`, `gyro_radps`,

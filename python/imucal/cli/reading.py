@@ -70,6 +70,13 @@ class Reading:
     gyro_unit: Annotated[
         str | None, _option("--gyro-unit", "Two files without units: lsb, rad/s, deg/s.")
     ] = None
+    temp_scale: Annotated[
+        str | None,
+        _option(
+            "--temp-scale",
+            "SLOPE,OFFSET of a column temp_lsb, degC per count and degC; 1/340,36.53 for an MPU-6050.",
+        ),
+    ] = None
 
     def one(self, paths: Sequence[Path]) -> Recording:
         """The recording in these files."""

@@ -14,6 +14,7 @@ from imucal.io.formats import FORMATS, Format
 from imucal.io.names import NAMES
 from imucal.io.recognition import recognise
 from imucal.io.sensor_files import are_pair
+from imucal.io.temperature_counts import TempScale, scale_of, with_temperature
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import column_names
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording, as_recording
@@ -42,6 +43,7 @@ def read(
     time_unit: str | None = None,
     accel_unit: AccelUnit | Literal["g", "mg"] | None = None,
     gyro_unit: GyroUnit | Literal["deg/s", "mdeg/s"] | None = None,
+    temp_scale: TempScale | None = None,
 ) -> Recording:
     """Read one recording.
 
@@ -62,6 +64,8 @@ def read(
     time_unit  [imu_tk, pair, folder] s, ms, us or ns, if there is no header that gives it
     accel_unit, gyro_unit  [imu_tk, pair, folder] "lsb" (default of imu_tk), "m/s^2" and "rad/s"; for pair and
                folder also "g", "mg", "deg/s" and "mdeg/s", if there is no header that gives it
+    temp_scale  slope, degC per count, and offset, degC, of a column temp_lsb: (1/340, 36.53) or
+               "1/340,36.53". Without it these counts become an auxiliary input
 
     Physical units are converted to SI, counts are unchanged. Time in ms, us or ns is counted from the first
     sample, time in s is unchanged. Empty cells become NaN. Repairs to the data are reported in the
@@ -82,10 +86,11 @@ def read(
         "accel_unit": accel_unit,
         "gyro_unit": gyro_unit,
     }
+    scale = None if temp_scale is None else scale_of(temp_scale)
     if len(paths) == 1 and is_frame(paths[0]):
-        return _of_frame(paths[0], format, given)
+        return with_temperature(_of_frame(paths[0], format, given), scale)
     known, options = _chosen(paths, format, given)
-    return known.read(*paths, **options)
+    return with_temperature(known.read(*paths, **options), scale)
 
 
 def _of_frame(frame: Any, format: str | None, given: Mapping[str, Any]) -> Recording:
@@ -101,7 +106,10 @@ def _of_frame(frame: Any, format: str | None, given: Mapping[str, Any]) -> Recor
 
 
 def read_pieces(
-    *paths: str | os.PathLike[str], format: str | None = None, **given: Any
+    *paths: str | os.PathLike[str],
+    format: str | None = None,
+    temp_scale: TempScale | None = None,
+    **given: Any,
 ) -> Iterator[Recording]:
     """Read a recording in pieces, with the arguments of `read`; only CSV and Parquet come in several pieces.
 
@@ -109,10 +117,11 @@ def read_pieces(
     FormatError, at a later piece of a CSV file if its column types can only be determined from the whole
     file.
     """
+    scale = None if temp_scale is None else scale_of(temp_scale)
     known, options = _chosen(paths, format, given)
     if known.pieces is None:
-        return iter([known.read(*paths, **options)])
-    return known.pieces(*paths, **options)
+        return iter([with_temperature(known.read(*paths, **options), scale)])
+    return (with_temperature(piece, scale) for piece in known.pieces(*paths, **options))
 
 
 def _chosen(

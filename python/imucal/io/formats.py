@@ -55,7 +55,8 @@ class Format:
 
 
 NAMED_UNITS = (
-    "by the column names: accel mps2, g, mg, lsb; gyro radps, dps, mdps, lsb; temp degc; stand rad, deg"
+    "by the column names: accel mps2, g, mg, lsb; gyro radps, dps, mdps, lsb; "
+    "temp degc, k, degf, lsb; stand rad, deg"
 )
 NAMED_TIME = "time_s unchanged; time_ms, time_us and time_ns counted from the first sample; or --rate-hz"
 DATED_TIME = (

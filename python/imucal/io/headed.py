@@ -180,7 +180,7 @@ def _by_header(text: Text, rate_hz: float | None) -> Table:
     if time is not None:
         names[known[time[0]]] = time[1]
     if header.temperature is not None:
-        names[known[header.temperature]] = "temp_degc"
+        names[known[header.temperature[0]]] = header.temperature[1]
     table = replace(read_rows(text, names), ticks_per_s=ticks)
     return replace(table, findings=(*table.findings, _as_read(text.name, header, time)))
 

@@ -106,7 +106,7 @@ class Header:
     linear       triads of acceleration without gravity
     plain        triads whose names are only x, y, z, with the sensor of their unit, or ""
     times        name, unit or None, and unit source of the time columns
-    temperature  name of a column in degC, or None
+    temperature  name of a column of temperature and its canonical name, or None
     program      the program or app that writes such files, or None
     """
 
@@ -115,7 +115,7 @@ class Header:
     linear: list[Triad] = field(default_factory=list)
     plain: list[tuple[Triad, str]] = field(default_factory=list)
     times: list[tuple[str, str | None]] = field(default_factory=list)
-    temperature: str | None = None
+    temperature: tuple[str, str] | None = None
     program: str | None = None
 
 
@@ -146,7 +146,7 @@ def header_of(
     program = _program(names, preamble)
     groups: _Groups = {}
     times: list[tuple[str, str | None]] = []
-    temperature = None
+    temperature: tuple[str, str] | None = None
     # A name of the device before all columns says nothing about them.
     prefix = _shared_start([name for name in names if name])
     for name, text in zip(names, described, strict=True):
@@ -159,8 +159,8 @@ def header_of(
                 known = program.times.get(name.strip().lower())
             times.append((name, known))
             continue
-        if unit == ("temp", "degc") and temperature is None:
-            temperature = name
+        if unit is not None and unit[0] == "temp" and temperature is None:
+            temperature = (name, f"temp_{unit[1]}")
             continue
         role = _role(words, bare, unit)
         if role is not None:

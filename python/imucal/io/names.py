@@ -1,22 +1,33 @@
 """The canonical column names.
 
 time_s | _ms | _us | _ns            accel_{x,y,z}_{mps2,g,mg,lsb}     gyro_{x,y,z}_{radps,dps,mdps,lsb}
-temp_degc                           stand_{1,2,3}_{rad,deg}
+temp_{degc,k,degf,lsb}              stand_{1,2,3}_{rad,deg}
 """
 
 from __future__ import annotations
 
 import re
 
-from imucal.units import COLUMN_UNITS, TICKS_PER_S
+from imucal.units import COLUMN_UNITS, TEMPERATURE_UNITS, TICKS_PER_S
 
-__all__ = ["AXES", "NAMES", "SKIP", "is_canonical", "time_unit", "triad_part"]
+__all__ = [
+    "AXES",
+    "NAMES",
+    "RAW_TEMPERATURE",
+    "SKIP",
+    "is_canonical",
+    "temperature_unit",
+    "time_unit",
+    "triad_part",
+]
 
 NAMES = (
-    "time_{s,ms,us,ns}, accel_{x,y,z}_{mps2,g,mg,lsb}, gyro_{x,y,z}_{radps,dps,mdps,lsb}, temp_degc, "
-    "stand_{1,2,3}_{rad,deg}"
+    "time_{s,ms,us,ns}, accel_{x,y,z}_{mps2,g,mg,lsb}, gyro_{x,y,z}_{radps,dps,mdps,lsb}, "
+    "temp_{degc,k,degf,lsb}, stand_{1,2,3}_{rad,deg}"
 )
 SKIP = ("-", "skip")
+# Raw counts of a temperature sensor: an auxiliary input unless their scale is given.
+RAW_TEMPERATURE = "temp_lsb"
 
 AXES = {"accel": "xyz", "gyro": "xyz", "stand": "123"}
 TRIAD_NAME = re.compile(r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)")
@@ -24,7 +35,12 @@ TRIAD_NAME = re.compile(r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)")
 
 def is_canonical(name: str) -> bool:
     """Whether `name` is a canonical name; columns with other names become auxiliary inputs."""
-    return triad_part(name) is not None or name == "temp_degc" or time_unit(name) is not None
+    return (
+        triad_part(name) is not None
+        or time_unit(name) is not None
+        or temperature_unit(name) is not None
+        or name == RAW_TEMPERATURE
+    )
 
 
 def triad_part(name: str) -> tuple[str, str, str] | None:
@@ -40,3 +56,9 @@ def time_unit(name: str) -> str | None:
     """The unit of a column of time, such as us of time_us; None for any other column."""
     unit = name.removeprefix("time_")
     return unit if unit != name and unit in TICKS_PER_S else None
+
+
+def temperature_unit(name: str) -> str | None:
+    """The unit of a column of temperature, such as k of temp_k; None for any other column and for raw counts."""
+    unit = name.removeprefix("temp_")
+    return unit if unit != name and unit in TEMPERATURE_UNITS else None

@@ -24,6 +24,8 @@ _SPELLINGS: Final[dict[tuple[str, str], str]] = {
     ("gyro", "mdps"): "mdps mdeg/s m°/s mdegs-1",
     ("any", "lsb"): "lsb lsbs raw count counts adc digit digits",
     ("temp", "degc"): "°c ºc degc c celsius deg.c",
+    ("temp", "k"): "k kelvin degk",
+    ("temp", "degf"): "°f ºf degf f fahrenheit deg.f",
     ("angle", "deg"): "deg ° degree degrees",
     ("angle", "rad"): "rad radian radians",
     (

@@ -1,7 +1,7 @@
 """The canonical column names, and the conversion of named columns to a Recording.
 
     time_s | _ms | _us | _ns            accel_{x,y,z}_{mps2,g,mg,lsb}     gyro_{x,y,z}_{radps,dps,mdps,lsb}
-    temp_degc                           stand_{1,2,3}_{rad,deg}           other numeric columns: auxiliary
+    temp_{degc,k,degf}                  stand_{1,2,3}_{rad,deg}           other numeric columns: auxiliary
 
 Readers only assign canonical names to columns; units are converted and contents checked here. Physical units
 become SI (1 g = 9.80665 m/s^2 exactly). Time in s is unchanged. Time in ms, us or ns, usually a large integer
@@ -23,11 +23,19 @@ from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
 from imucal.io.arrow_values import numpy_of, truth_of
 from imucal.io.copies import without_copies
-from imucal.io.names import AXES, SKIP, is_canonical, time_unit, triad_part
+from imucal.io.names import (
+    AXES,
+    RAW_TEMPERATURE,
+    SKIP,
+    is_canonical,
+    temperature_unit,
+    time_unit,
+    triad_part,
+)
 from imucal.io.suggestion import columns_suggested
 from imucal.io.table import Table, parts
 from imucal.recording.recording import Recording
-from imucal.units import COLUMN_UNITS, TICKS_PER_S
+from imucal.units import COLUMN_UNITS, TEMPERATURE_UNITS, TICKS_PER_S, to_degc
 
 __all__ = ["Clock", "column_names", "float64", "recording_from_table"]
 
@@ -47,7 +55,8 @@ def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
     if recording.stand_rad is not None:
         columns += [(f"stand_{motor}_rad", recording.stand_rad[:, i]) for i, motor in enumerate("123")]
     for name, values in recording.auxiliary.items():
-        if is_canonical(name) or not name.strip() or any(mark in name for mark in ',;"\r\n'):
+        is_taken = is_canonical(name) and name != RAW_TEMPERATURE
+        if is_taken or not name.strip() or any(mark in name for mark in ',;"\r\n'):
             raise InputError(
                 f"{recording.name}: the auxiliary input {name!r} cannot be a column name: it is a canonical "
                 "name, is blank, or contains a comma, semicolon, quote or line break; rename it"
@@ -84,10 +93,7 @@ def recording_from_table(
     stand = None
     if any(name.startswith("stand_") and triad_part(name) for name in table.names):
         stand, _ = _triad(wanted, "stand", used)
-    temperature = None
-    if "temp_degc" in table.names:
-        used.add("temp_degc")
-        temperature = wanted.numbers("temp_degc")
+    temperature, scale = _temperature(wanted, used)
     auxiliary = {
         name: wanted.numbers(name)
         for name, column in zip(table.names, table.columns, strict=True)
@@ -98,7 +104,7 @@ def recording_from_table(
         time_s,
         accel,
         gyro,
-        temperature_degc=temperature,
+        temperature_degc=None if temperature is None else to_degc(temperature, scale),
         stand_rad=stand,
         auxiliary=auxiliary,
         accel_unit="lsb" if accel_unit == "lsb" else "m/s^2",
@@ -269,6 +275,19 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
     if unit == "s" and of_date is None:
         return wanted.numbers(name)
     return wanted.since_first(name, of_date or TICKS_PER_S[unit])
+
+
+def _temperature(wanted: _Wanted, used: set[str]) -> tuple[NDArray[Any] | None, tuple[float, float]]:
+    """The column of temperature, or None, and the slope and the offset that convert it to degC."""
+    table = wanted.table
+    names = [name for name in table.names if temperature_unit(name) is not None]
+    if len(names) > 1:
+        raise FormatError(f"{table.file}: the temperature is given twice ({', '.join(names)}): remove one")
+    if not names:
+        return None, TEMPERATURE_UNITS["degc"]
+    name = names[0]
+    used.add(name)
+    return wanted.numbers(name), TEMPERATURE_UNITS[name.removeprefix("temp_")]
 
 
 def _ticks_per_s(column: Any) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from imucal.finding import Finding
 from imucal.notebook import html_of
 from imucal.recording.recording import Recording, as_recording
 
-__all__ = ["AxisNoise", "NoiseFigure", "NoiseResult", "noise"]
+__all__ = ["AxisNoise", "Departure", "Drift", "NoiseFigure", "NoiseResult", "Step", "noise"]
 
 SCHEMA: Final = "imucal.noise/1"
 # Figures and their units; {} is the unit of the sensor.
@@ -25,7 +25,8 @@ FIGURES: Final = {
     "quantisation": "{} s",
 }
 # Findings that make the verdict poor, because the figures are not reliable.
-POOR: Final = ("noise_below_lsb", "noise_model")
+POOR: Final = ("noise_below_lsb", "noise_model", "step")
+AXES: Final = tuple(f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz")
 
 
 @dataclass(frozen=True)
@@ -90,12 +91,56 @@ class AxisNoise:
         return {name: getattr(self, name) for name in FIGURES}
 
 
+@dataclass(frozen=True)
+class Departure:
+    """Change of the mean of one axis: its size and standard deviation, m/s^2, rad/s or lsb.
+
+    gain  increase of twice the log-likelihood over a model with random noise only
+    """
+
+    size: float
+    std: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of the mean of a unit at rest, as by a bump of the table.
+
+    time_s  time of the first sample after the step
+    sample  index of that sample in the recording
+    sizes   size of the step in each axis that shows it
+    """
+
+    time_s: float
+    sample: int
+    sizes: Mapping[str, Departure]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A slow change of the mean of one axis of a unit at rest, as by warming up.
+
+    start_s, end_s   the time of the change
+    time_constant_s  of an exponential approach; None for a change at a constant rate
+    """
+
+    axis: str
+    start_s: float
+    end_s: float
+    time_constant_s: float | None
+    size: Departure
+
+
 @dataclass(frozen=True, eq=False)
 class NoiseResult:
     """The noise of both triads of a unit.
 
     axes              accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z
     start_s, end_s    the rest that was used
+    steps             steps of the means in the rest; they are part of the noise figures
+    cut_steps         steps that were cut; the samples without them were used
+    drifts            drifts of the means in the rest; they are part of the noise figures
     findings          findings about the recording
     """
 
@@ -107,6 +152,9 @@ class NoiseResult:
     rate_hz: float
     accel_unit: str
     gyro_unit: str
+    steps: tuple[Step, ...]
+    cut_steps: tuple[Step, ...]
+    drifts: tuple[Drift, ...]
     findings: tuple[Finding, ...]
 
     def triad(self, sensor: str) -> tuple[AxisNoise, ...]:
@@ -155,20 +203,28 @@ class NoiseResult:
 
 
 def noise(
-    recording: Recording, *, min_rest_s: float = _core.MIN_REST_S, threads: int | None = None
+    recording: Recording,
+    *,
+    min_rest_s: float = _core.MIN_REST_S,
+    cut_steps: bool = False,
+    threads: int | None = None,
 ) -> NoiseResult:
     """Identify white noise, bias instability, random walk and quantisation of a unit at rest.
 
     The longest rest of the recording is used; several hours at a constant temperature are best. Figures are
     in the units of the recording, with the definitions of the simulation and of unit files, docs/model.md
-    (22). threads: None uses all processors; the result does not depend on it.
+    (22). If samples are lost or repeated, the longest stretch without is used, with a finding.
 
-    Raises InputError for faults, including lost and repeated samples, and for a rest of fewer than 1000
-    samples; NotEnoughMotionError if the unit is never at rest.
+    cut_steps  use only the longest part of the rest in which no mean changes in a step, as by a bump of the
+               table. Otherwise steps are reported, and the verdict is poor
+    threads    None uses all processors; the result does not depend on it
+
+    Raises InputError for faults and for a rest of fewer than 1000 samples; NotEnoughMotionError if the unit
+    is never at rest.
     """
     recording = as_recording(recording)
     check_threads(threads)
-    found = _core.identify_noise(recording, min_rest_s, threads)
+    found = _core.identify_noise(recording, min_rest_s, cut_steps, threads)
     axes = {
         f"{sensor}_{axis}": _axis(of_axis, unit)
         for sensor, triad, unit in (
@@ -186,7 +242,22 @@ def noise(
         rate_hz=found.rate_hz,
         accel_unit=recording.accel_unit,
         gyro_unit=recording.gyro_unit,
+        steps=_steps(found.steps),
+        cut_steps=_steps(found.cut_steps),
+        drifts=tuple(
+            Drift(AXES[channel], start_s, end_s, constant_s, Departure(*size))
+            for start_s, end_s, constant_s, (channel, *size) in found.drifts
+        ),
         findings=(*recording.findings, *found.findings),
+    )
+
+
+def _steps(
+    found: Sequence[tuple[float, int, Sequence[tuple[int, float, float, float]]]],
+) -> tuple[Step, ...]:
+    return tuple(
+        Step(time_s, sample, {AXES[channel]: Departure(*size) for channel, *size in sizes})
+        for time_s, sample, sizes in found
     )
 
 

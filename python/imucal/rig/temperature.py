@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from imucal.arrays import FloatArray, as_rows
 from imucal.document.source import open_file
 from imucal.errors import FormatError, InputError
+from imucal.units import TEMPERATURE_UNITS, to_degc
 
 __all__ = ["Temperature"]
 
@@ -27,7 +28,7 @@ ABSOLUTE_ZERO_DEGC: Final = -273.15
 KNOTS_PER_CONSTANT: Final = 50
 CONSTANTS: Final = 12
 FORMS: Final = (
-    "DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file time_s,temp_degc"
+    "DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file time_s,temp_degc (temp_k, temp_degf)"
 )
 
 
@@ -79,17 +80,24 @@ class Temperature:
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> Temperature:
-        """Read a CSV file with the columns time_s and temp_degc; FormatError if it is invalid."""
+        """Read a CSV file with the columns time_s and temp_degc (or temp_k, temp_degf).
+
+        Raises FormatError if it is invalid.
+        """
         file = open_file(path)
         try:
             rows = list(csv.DictReader(io.StringIO(file.content.decode("utf-8-sig"))))
-            knots = [(float(row["time_s"]), float(row["temp_degc"])) for row in rows]
+            given = [unit for unit in TEMPERATURE_UNITS if rows and f"temp_{unit}" in rows[0]]
+            unit = given[0] if len(given) == 1 else "degc"
+            knots = [(float(row["time_s"]), float(row[f"temp_{unit}"])) for row in rows]
         except (KeyError, TypeError, ValueError, csv.Error) as error:
             raise FormatError(
-                f"{file.name}: {error}: a CSV file with the columns time_s,temp_degc and numbers is needed"
+                f"{file.name}: {error}: a CSV file with the columns time_s,temp_degc (or temp_k, temp_degf) "
+                "and numbers is needed"
             ) from None
         try:
-            return Temperature(_row(*(knot[0] for knot in knots)), _row(*(knot[1] for knot in knots)))
+            temperature = to_degc(_row(*(knot[1] for knot in knots)), TEMPERATURE_UNITS[unit])
+            return Temperature(_row(*(knot[0] for knot in knots)), temperature)
         except InputError as error:
             raise FormatError(f"{file.name}: {error}") from None
 

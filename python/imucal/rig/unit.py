@@ -2,9 +2,10 @@
 
     measured = convert(sensitivity (true + effects) + bias + noise)
 
-A unit file (schema imucal.unit/1) has the figures of a datasheet, each with its unit and source. A figure
-that the source does not give is `null` and is simulated as perfect. The package contains the units
-`unit_names()`.
+A unit file (schema imucal.unit/1) has the figures of a datasheet, each with its unit and source. The noise density
+of a datasheet is one-sided and is given as `noise_density_one_sided`; `noise_density` is that of the Allan
+deviation, which is smaller by sqrt(2). A figure that the source does not give is `null` and is simulated as
+perfect. The package contains the units `unit_names()`.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ SCHEMA: Final = "imucal.unit/1"
 FOLDER: Final = Path(__file__).parent / "shipped"
 # Minimum of the Allan deviation of flicker noise with coefficient B: sqrt(2 ln 2 / pi) B (IEEE Std 952-1997).
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
+# The noise density N (two-sided) per noise density of a datasheet (one-sided, docs/model.md (22)).
+TWO_SIDED_PER_ONE_SIDED: Final = math.sqrt(0.5)
 # A typical tolerance of a datasheet is one standard deviation of the drawn units, a maximum is three.
 DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
 # Shape and unit of the drawn figures other than effects, in the order in which random numbers are used.
@@ -54,7 +57,8 @@ FIELDS: Final = (
     *("accelerometer", "gyroscope", "effects", "spread"),
 )
 SENSOR_FIELDS: Final = (
-    *("part", "sensitivity", "bias", "noise_density", "allan_floor", "bias_instability", "random_walk"),
+    *("part", "sensitivity", "bias", "noise_density", "noise_density_one_sided"),
+    *("allan_floor", "bias_instability", "random_walk"),
     *("noise_in_motion", "range", "resolution", "bits", "bandwidth", "filter", "output_rate", "averaging"),
 )
 
@@ -65,7 +69,8 @@ class Sensor:
 
     sensitivity       (3, 3), 1 is perfect
     bias              (3,) v
-    noise_density     white noise, continuous, v/sqrt(Hz): a point sample has noise_density * sqrt(rate_hz)
+    noise_density     white noise N, continuous, two-sided, v/sqrt(Hz): a point sample has N * sqrt(rate_hz), the
+                      Allan deviation is N / sqrt(tau). The density of a datasheet is one-sided: sqrt(2) N
     bias_instability  flicker coefficient B, v: the Allan deviation is flat at 0.664 B
     random_walk       (3,) rate random walk K per axis, v/s/sqrt(Hz): the Allan deviation is K sqrt(tau / 3)
     noise_in_motion   factor on the white noise during moves
@@ -236,8 +241,16 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     require_fields(node, SENSOR_FIELDS, "a unit file")
     floor = Figure.optional(node, "allan_floor", unit)
     instability = Figure.optional(node, "bias_instability", unit)
-    if floor is not None and instability is not None:
-        raise FormatError(f"{node.file}: {node.path} has allan_floor and bias_instability: give one of them")
+    density = Figure.optional(node, "noise_density", f"{unit}/sqrt(Hz)")
+    one_sided = Figure.optional(node, "noise_density_one_sided", f"{unit}/sqrt(Hz)")
+    for twice, names in (
+        ((floor, instability), "allan_floor and bias_instability"),
+        ((density, one_sided), "noise_density and noise_density_one_sided"),
+    ):
+        if None not in twice:
+            raise FormatError(f"{node.file}: {node.path} has {names}: give one of them")
+    if one_sided is not None:
+        density = one_sided * TWO_SIDED_PER_ONE_SIDED
     if floor is not None:
         instability = floor / FLOOR_PER_INSTABILITY
     bits = Figure.optional(node, "bits", "bit")
@@ -249,7 +262,7 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     found: dict[str, Any] = {
         "sensitivity": Figure.optional(node, "sensitivity", "1", (3, 3)),
         "bias": Figure.optional(node, "bias", unit, (3,)),
-        "noise_density": Figure.optional(node, "noise_density", f"{unit}/sqrt(Hz)"),
+        "noise_density": density,
         "bias_instability": instability,
         "random_walk": Figure.optional(node, "random_walk", f"{unit}/s/sqrt(Hz)", (3,)),
         "noise_in_motion": Figure.optional(node, "noise_in_motion", "1"),

@@ -177,6 +177,13 @@ mod _core {
         figures.reason(set, Vec::new).map(|reason| reason.to_string())
     }
 
+    /// The finding about implausible temperatures of a recording; None if there are none.
+    #[pyfunction]
+    fn check_temperature(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<Option<Py<PyAny>>> {
+        let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+        check::check_temperature(&views[0]).map(|found| finding(py, &found)).transpose()
+    }
+
     /// Findings of all checks that need no fit, and the rests of the recording.
     #[pyfunction]
     fn inspect(
@@ -196,6 +203,7 @@ mod _core {
             if let Some(Ok(segments)) = &segments {
                 let ranges: Vec<_> = segments.rests.iter().map(|rest| rest.first..rest.end).collect();
                 findings.extend(check::check_rests(recording, &ranges, gravity_mps2));
+                findings.extend(segments.check_noise(recording));
             }
             (findings, segments)
         });

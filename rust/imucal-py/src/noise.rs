@@ -40,6 +40,21 @@ pub(crate) struct AxisNoise {
     model: Py<PyArray1<f64>>,
 }
 
+/// Change of the mean of one axis: index of the axis, size, standard deviation, and gain of twice the log-likelihood.
+type Departure = (usize, f64, f64, f64);
+/// A step: its time, the index of its first sample, and its sizes.
+type Step = (f64, usize, Vec<Departure>);
+/// A drift: start, end, time constant, and size.
+type Drift = (f64, f64, Option<f64>, Departure);
+
+fn departure(axis: &library::Departure) -> Departure {
+    (axis.channel, axis.size, axis.std, axis.gain)
+}
+
+fn steps(steps: &[library::Step]) -> Vec<Step> {
+    steps.iter().map(|step| (step.time_s, step.sample, step.axes.iter().map(departure).collect())).collect()
+}
+
 /// Noise of both triads.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Noise {
@@ -49,6 +64,9 @@ pub(crate) struct Noise {
     rate_hz: f64,
     accelerometer: Vec<Py<AxisNoise>>,
     gyroscope: Vec<Py<AxisNoise>>,
+    steps: Vec<Step>,
+    cut_steps: Vec<Step>,
+    drifts: Vec<Drift>,
     findings: Vec<Py<PyAny>>,
 }
 
@@ -83,11 +101,13 @@ pub(crate) fn identify_noise(
     py: Python<'_>,
     recording: RecordingColumns<'_>,
     min_rest_s: f64,
+    cut_steps: bool,
     threads: Option<NonZeroUsize>,
 ) -> PyResult<Noise> {
     let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
     let threads = or_all(threads);
-    let noise = py.detach(|| library::identify(&views[0], min_rest_s, threads)).to_python(py)?;
+    let options = library::Options { min_rest_s, cut_steps };
+    let noise = py.detach(|| library::identify(&views[0], &options, threads)).to_python(py)?;
     let axes =
         |axes: &[library::AxisNoise; 3]| axes.iter().map(|axis| AxisNoise::new(py, axis)).collect::<PyResult<_>>();
     Ok(Noise {
@@ -97,6 +117,13 @@ pub(crate) fn identify_noise(
         rate_hz: noise.rate_hz,
         accelerometer: axes(&noise.accelerometer)?,
         gyroscope: axes(&noise.gyroscope)?,
+        steps: steps(&noise.steps),
+        cut_steps: steps(&noise.cut_steps),
+        drifts: noise
+            .drifts
+            .iter()
+            .map(|drift| (drift.start_s, drift.end_s, drift.time_constant_s, departure(&drift.axis)))
+            .collect(),
         findings: noise.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
     })
 }

@@ -16,12 +16,14 @@ mod gains;
 mod kinematics;
 mod part;
 mod plateau;
+mod plausible;
 mod rails;
 mod repeats;
 mod runs;
 mod shared;
 mod stuck;
 mod survey;
+mod temperature;
 mod units;
 mod unsigned;
 mod values;
@@ -30,8 +32,10 @@ use survey::Survey;
 
 pub use gains::check_gains;
 pub use kinematics::check_kinematics;
+pub use plausible::{RestNoise, check_noise};
 pub use rails::saturated_samples;
 pub use shared::check_shared;
+pub use temperature::{TEMPERATURE_DEGC, check_temperature};
 pub use units::check_rests;
 pub use unsigned::check_counts;
 
@@ -42,7 +46,7 @@ use crate::recording::{RawUnit, Recording};
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `time_not_increasing`, `samples_duplicated`,
 /// `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`, `accel_saturation`,
-/// `gyro_saturation`, `accel_units`, `gyro_units`, `temperature_jump`.
+/// `gyro_saturation`, `accel_units`, `gyro_units`, `temperature_implausible`, `temperature_jump`.
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     if let Err(error) = recording.check_lengths() {
         return vec![Finding {
@@ -78,7 +82,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
         .extend(rails::check(recording, &survey).into_iter().filter(|rails| !rails.columns.iter().any(is_unsigned)));
     findings.extend(unsigned);
     findings.extend(units::check(recording, (&survey.lengths, &survey.extremes)));
-    findings.extend(values::check_temperature(recording));
+    findings.extend(temperature::check(recording));
     findings
 }
 

@@ -21,15 +21,18 @@
 pub mod allan;
 mod axis;
 mod cosines;
+mod departures;
 mod likelihood;
 mod power_law;
+mod steps;
+mod stretch;
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
 
 use nalgebra::Vector6;
 
-use crate::check;
+use crate::check::{self, RestNoise};
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
 use crate::numerics::workers::in_order;
@@ -38,11 +41,12 @@ use crate::rests::segment::Segments;
 
 pub use axis::{AllanPoint, AxisNoise, Estimate};
 use cosines::Layout;
+use departures::Blocks;
+pub use steps::{Departure, Drift, Step};
+use stretch::Stretch;
 
 /// Minimum number of samples. From a shorter record only the white noise can be estimated, with poor accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// Maximum share of lost or repeated samples. More would change the power spectrum at high frequencies.
-const IRREGULAR_SHARE: f64 = 1e-4;
 /// Minimum share of the recording that the longest rest should cover. If it covers less, a finding is reported.
 const WHOLE_SHARE: f64 = 0.9;
 
@@ -61,79 +65,185 @@ pub struct Noise {
     pub accelerometer: [AxisNoise; 3],
     /// Noise of the gyroscope's axes x, y, z, in the recording's unit.
     pub gyroscope: [AxisNoise; 3],
+    /// Steps of the means in the samples used. They are part of the noise figures.
+    pub steps: Vec<Step>,
+    /// Steps that were cut; only samples without them were used.
+    pub cut_steps: Vec<Step>,
+    /// Drifts of the means, as of a unit that warms up. They are part of the noise figures.
+    pub drifts: Vec<Drift>,
     /// Findings about the recording.
     pub findings: Vec<Finding>,
 }
 
+/// Options of a noise identification.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Minimum duration of a rest, s, for rest detection.
+    pub min_rest_s: f64,
+    /// Uses only the longest part of the rest in which no mean changes in a step.
+    pub cut_steps: bool,
+}
+
 /// Identifies the noise in the longest rest of `recording`.
 ///
-/// `min_rest_s` is the minimum duration of a rest, s, for rest detection. The result does not depend on the number of
-/// `threads`.
+/// If samples are lost or repeated, the longest stretch without is used. Steps and drifts of the mean are reported, but
+/// they are part of the noise unless `options` cuts the steps. The result does not depend on the number of `threads`.
 ///
 /// # Errors
-/// [`Error::Data`] for a recording with faults, including lost and repeated samples; [`Error::NotEnoughMotion`] if the
-/// unit is never at rest; [`Error::Input`] if the longest rest has fewer than 1000 samples.
-pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsize) -> Result<Noise, Error> {
+/// [`Error::Data`] for a recording with faults; [`Error::NotEnoughMotion`] if the unit is never at rest;
+/// [`Error::Input`] if the longest rest has fewer than 1000 samples.
+pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUsize) -> Result<Noise, Error> {
     let mut findings = check::check_columns(recording);
-    for finding in &mut findings {
-        let irregular = ["samples_missing", "samples_duplicated"].contains(&finding.code);
-        if irregular && finding.count as f64 > IRREGULAR_SHARE * recording.len() as f64 {
-            finding.severity = Severity::Error;
-        }
-    }
     let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
     if !errors.is_empty() {
         return Err(Error::Data(errors));
     }
-    let samples = longest_rest(recording, min_rest_s)?;
-    if samples.len() < (WHOLE_SHARE * recording.len() as f64) as usize {
+    let has_repeats = findings.iter().any(|finding| finding.code == "samples_duplicated");
+    let stretch = stretch::longest(recording, has_repeats);
+    if stretch.lost == 0 {
+        // Samples that are stamped late are not missing.
+        findings.retain(|finding| finding.code != "samples_missing");
+    }
+    let is_whole = stretch.samples.len() == recording.len();
+    if !is_whole {
+        findings.push(interrupted(recording, &stretch));
+    }
+    let Stretch { samples: part, .. } = stretch;
+    let samples = longest_rest(recording, &part, options.min_rest_s)?;
+    if samples.len() < (WHOLE_SHARE * part.len() as f64) as usize {
         findings.push(moving(recording, &samples));
     }
-    let (start_s, end_s) = (recording.time_s[samples.start], recording.time_s[samples.end - 1]);
-    let rate_hz = (samples.len() - 1) as f64 / (end_s - start_s);
-    let layout = Layout::new(samples.len());
-    let of_channel = |channel: usize| {
-        let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
-        AxisNoise::identify(rows.slice(samples.clone()), channel % 3, rate_hz, &layout)
-    };
-    let axes: Vec<AxisNoise> = in_order(threads.get(), 6, of_channel).into_iter().collect::<Result<_, _>>()?;
-    findings.extend(remarks(recording, end_s - start_s, rate_hz, &axes));
-    let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not evaluated".into()))?;
-    let [ax, ay, az, gx, gy, gz] = triads;
-    Ok(Noise {
-        start_s,
-        end_s,
-        samples: samples.len(),
-        rate_hz,
-        accelerometer: [ax, ay, az],
-        gyroscope: [gx, gy, gz],
-        findings,
-    })
+    let mut result = analyse(recording, samples, threads)?;
+    if options.cut_steps {
+        let mut cut = Vec::new();
+        // A shorter part may show a step that a larger step had hidden.
+        while !result.steps.is_empty() {
+            cut.append(&mut result.steps);
+            let rest = steps::longest_without(recording, &result.samples, &cut);
+            if rest.len() < FEWEST_SAMPLES {
+                return Err(too_short(recording, &rest, "the longest part without a step"));
+            }
+            result = analyse(recording, rest, threads)?;
+        }
+        findings.extend(cut.iter().map(|step| steps::finding(recording, step, Some(&result.samples))));
+        result.cut = cut;
+    }
+    findings.extend(result.steps.iter().map(|step| steps::finding(recording, step, None)));
+    findings.extend(steps::drift(recording, &result.drifts));
+    result.noise(recording, findings)
 }
 
-/// Sample range of the longest rest.
-fn longest_rest(recording: &Recording<'_>, min_rest_s: f64) -> Result<Range<usize>, Error> {
-    let segments = Segments::find(recording, min_rest_s)?;
+/// Noise, steps and drifts in one range of samples.
+struct Analysis {
+    samples: Range<usize>,
+    rate_hz: f64,
+    axes: Vec<AxisNoise>,
+    steps: Vec<Step>,
+    cut: Vec<Step>,
+    drifts: Vec<Drift>,
+}
+
+fn analyse(recording: &Recording<'_>, samples: Range<usize>, threads: NonZeroUsize) -> Result<Analysis, Error> {
+    let duration_s = recording.time_s[samples.end - 1] - recording.time_s[samples.start];
+    let rate_hz = (samples.len() - 1) as f64 / duration_s;
+    let layout = Layout::new(samples.len());
+    let blocks = Blocks::try_new(samples.len());
+    let of_channel = |channel: usize| {
+        let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
+        AxisNoise::identify(rows.slice(samples.clone()), channel % 3, rate_hz, &layout, blocks.as_ref())
+    };
+    let found: Vec<_> = in_order(threads.get(), 6, of_channel).into_iter().collect::<Result<_, _>>()?;
+    let (axes, components): (Vec<AxisNoise>, Vec<_>) = found.into_iter().unzip();
+    let block = blocks.map_or(1, |blocks| blocks.samples);
+    let (steps, drifts) = steps::gather(recording, &samples, block, &components);
+    Ok(Analysis { samples, rate_hz, axes, steps, cut: Vec::new(), drifts })
+}
+
+impl Analysis {
+    /// The result, with the findings that follow from the axes.
+    fn noise(self, recording: &Recording<'_>, mut findings: Vec<Finding>) -> Result<Noise, Error> {
+        let Self { samples, rate_hz, axes, steps, cut, drifts } = self;
+        let (start_s, end_s) = (recording.time_s[samples.start], recording.time_s[samples.end - 1]);
+        findings.extend(remarks(recording, end_s - start_s, rate_hz, &axes));
+        let at_rest: [RestNoise; 6] = std::array::from_fn(|channel| {
+            let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
+            let sum: f64 = rows.slice(samples.clone()).axis(channel % 3).sum();
+            RestNoise { density: axes[channel].noise_density.value, mean: Some(sum / samples.len() as f64) }
+        });
+        findings.extend(check::check_noise(recording, &at_rest));
+        let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not evaluated".into()))?;
+        let [ax, ay, az, gx, gy, gz] = triads;
+        Ok(Noise {
+            start_s,
+            end_s,
+            samples: samples.len(),
+            rate_hz,
+            accelerometer: [ax, ay, az],
+            gyroscope: [gx, gy, gz],
+            steps,
+            cut_steps: cut,
+            drifts,
+            findings,
+        })
+    }
+}
+
+/// Sample range of the longest rest in a part of the recording.
+fn longest_rest(recording: &Recording<'_>, part: &Range<usize>, min_rest_s: f64) -> Result<Range<usize>, Error> {
+    if part.len() < FEWEST_SAMPLES && part.len() < recording.len() {
+        return Err(too_short(recording, part, "the longest stretch without lost or repeated samples"));
+    }
+    let stretch = Recording {
+        time_s: &recording.time_s[part.clone()],
+        specific_force: recording.specific_force.slice(part.clone()),
+        angular_rate: recording.angular_rate.slice(part.clone()),
+        temperature_degc: None,
+        stand_rad: None,
+        ..*recording
+    };
+    let segments = Segments::find(&stretch, min_rest_s)?;
     let floor = &segments.threshold.noise_floor;
     let mut longest = 0..0;
     let mut current = 0..0;
     for rest in &segments.rests {
-        let joins = !current.is_empty() && is_noise(recording, current.clone(), rest.first, floor);
+        let joins = !current.is_empty() && is_noise(&stretch, current.clone(), rest.first, floor);
         current = if joins { current.start..rest.end } else { rest.first..rest.end };
         if current.len() > longest.len() {
             longest = current.clone();
         }
     }
+    let longest = longest.start + part.start..longest.end + part.start;
     if longest.len() >= FEWEST_SAMPLES {
         return Ok(longest);
     }
-    Err(Error::Input(format!(
-        "{}: the longest rest, {}, has {} samples; {FEWEST_SAMPLES} are needed: let the unit rest for minutes to get the \
-         white noise, for hours to get bias instability and random walk",
+    Err(too_short(recording, &longest, "the longest rest"))
+}
+
+fn too_short(recording: &Recording<'_>, samples: &Range<usize>, what: &str) -> Error {
+    Error::Input(format!(
+        "{}: {what}, {}, has {} samples; {FEWEST_SAMPLES} are needed: let the unit rest for minutes to get the white \
+         noise, for hours to get bias instability and random walk",
         recording.name,
-        place(recording, &longest),
-        longest.len()
-    )))
+        place(recording, samples),
+        samples.len()
+    ))
+}
+
+fn interrupted(recording: &Recording<'_>, stretch: &Stretch) -> Finding {
+    let Stretch { samples, lost, repeated, places } = stretch;
+    Finding {
+        count: lost + repeated,
+        value: samples.len() as f64 / recording.len() as f64,
+        unit: "1",
+        message: format!(
+            "samples are lost or repeated in {places} places ({lost} lost, {repeated} repeated); only the longest stretch \
+             without, {}, is used: {:.0} % of the recording",
+            place(recording, samples),
+            100.0 * samples.len() as f64 / recording.len() as f64
+        ),
+        way_out: "look for lost packets or a full buffer, and record again, if the stretch is too short".into(),
+        ..Finding::warning("recording_interrupted", recording.name)
+    }
 }
 
 /// Whether a rest and the next one, which starts at sample `next`, are separated only by noise: no sample between them
@@ -232,6 +342,7 @@ mod tests {
     use crate::simulate::{Converter, LowPass, Program, Sensor, Simulation, Step, Unit, simulate};
 
     const RATE_HZ: f64 = 100.0;
+    const OPTIONS: Options = Options { min_rest_s: 1.0, cut_steps: false };
 
     fn still(sensor: Sensor, duration_s: f64, seed: u64) -> Simulation {
         let unit = Unit { accelerometer: sensor, gyroscope: sensor, ..Unit::paper() };
@@ -239,7 +350,7 @@ mod tests {
     }
 
     fn noise_of(run: &Simulation) -> Noise {
-        identify(&run.recording("still"), 1.0, NonZeroUsize::MIN).unwrap()
+        identify(&run.recording("still"), &OPTIONS, NonZeroUsize::MIN).unwrap()
     }
 
     fn axes(noise: &Noise) -> impl Iterator<Item = &AxisNoise> {
@@ -337,27 +448,31 @@ mod tests {
     #[test]
     fn a_rest_that_is_too_short_is_refused_with_its_length() {
         let run = still(all_kinds(), 8.0, 1);
-        let message = identify(&run.recording("short"), 1.0, NonZeroUsize::MIN).unwrap_err().to_string();
+        let message = identify(&run.recording("short"), &OPTIONS, NonZeroUsize::MIN).unwrap_err().to_string();
         assert!(message.contains("short: the longest rest") && message.contains("1000 are needed"), "{message}");
     }
 
     #[test]
-    fn lost_samples_are_refused() {
+    fn the_longest_stretch_without_lost_samples_is_used() {
         let run = still(all_kinds(), 60.0, 1);
-        let keep = |i: &usize| !(2000..2050).contains(i);
-        let kept: Vec<usize> = (0..run.time_s.len()).filter(keep).collect();
-        let time: Vec<f64> = kept.iter().map(|&i| run.time_s[i]).collect();
-        let force: Vec<[f64; 3]> = kept.iter().map(|&i| run.specific_force[i]).collect();
-        let rate: Vec<[f64; 3]> = kept.iter().map(|&i| run.angular_rate[i]).collect();
-        let recording = Recording::try_new("gap", &time, &force, &rate).unwrap();
-        let error = identify(&recording, 1.0, NonZeroUsize::MIN).unwrap_err();
-        assert!(matches!(&error, Error::Data(findings) if findings[0].code == "samples_missing"), "{error}");
+        let with_gap = |gap: std::ops::Range<usize>| {
+            let kept: Vec<usize> = (0..run.time_s.len()).filter(|i| !gap.contains(i)).collect();
+            let time: Vec<f64> = kept.iter().map(|&i| run.time_s[i]).collect();
+            let force: Vec<[f64; 3]> = kept.iter().map(|&i| run.specific_force[i]).collect();
+            let rate: Vec<[f64; 3]> = kept.iter().map(|&i| run.angular_rate[i]).collect();
+            let recording = Recording::try_new("gap", &time, &force, &rate).unwrap();
+            identify(&recording, &OPTIONS, NonZeroUsize::MIN)
+        };
+        let noise = with_gap(2000..2050).unwrap();
+        assert!((noise.start_s - 20.5).abs() < 0.2 && noise.samples > 3900, "{} {}", noise.start_s, noise.samples);
+        let finding = noise.findings.iter().find(|finding| finding.code == "recording_interrupted").unwrap();
+        assert_eq!(finding.count, 50);
     }
 
     #[test]
     fn threads_change_no_bit() {
         let run = still(all_kinds(), 100.0, 1);
-        let found = |threads| format!("{:?}", identify(&run.recording("r"), 1.0, threads).unwrap());
+        let found = |threads| format!("{:?}", identify(&run.recording("r"), &OPTIONS, threads).unwrap());
         assert_eq!(found(NonZeroUsize::MIN), found(NonZeroUsize::new(4).unwrap()));
     }
 }

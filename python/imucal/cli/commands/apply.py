@@ -26,8 +26,6 @@ __all__ = ["apply"]
 # Temperatures may exceed the calibrated range by this share of it before a warning, as extrapolation is then
 # safe.
 BEYOND: Final = 0.05
-# Above this temperature, which no IMU tolerates, the column is probably in kelvin.
-TOO_HOT_DEGC: Final = 200.0
 
 
 @reading_options
@@ -100,7 +98,6 @@ def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
     return [
         f"the temperature is {seen[0]:.5g} to {seen[1]:.5g} degC, but the calibration covers {known[0]:.5g} "
         f"to {known[1]:.5g} degC: outside this range, {' and '.join(effects)} are extrapolated"
-        + ("; is the column in kelvin? temp_degc is in degC" if seen[1] > TOO_HOT_DEGC else "")
     ]
 
 

@@ -38,6 +38,10 @@ def noise(
             "--unit-profile", metavar="PATH", help="Write a unit file with this noise for imucal simulate."
         ),
     ] = None,
+    cut_steps: Annotated[
+        bool,
+        typer.Option("--cut-steps", help="Use only the longest part without a step of the mean (a bump)."),
+    ] = False,
     min_rest_s: MinRest = MIN_REST_S,
     verbose: Verbose = False,
     json: JsonPath = None,
@@ -45,7 +49,8 @@ def noise(
     """Estimate noise density, bias instability and random walk of a unit at rest by the Allan deviation.
 
     Every figure has a 95 % confidence interval. If a kind of noise is not detected, only its upper bound is
-    meaningful. Ends with 2 if the noise of an axis is below one count, or does not fit the noise model.
+    meaningful. Ends with 2 if the noise of an axis is below one count or does not fit the noise model, or if
+    the mean of an axis changes in a step.
 
     Example: imucal noise still.csv --report noise.html --kalibr imu.yaml
     """
@@ -61,7 +66,7 @@ def noise(
     with working("reading"):
         loaded = reading.one(recording)
     with working("identifying the noise"):
-        found = imucal.noise(loaded, min_rest_s=min_rest_s)
+        found = imucal.noise(loaded, min_rest_s=min_rest_s, cut_steps=cut_steps)
     # Before any file is written, because these conversions refuse raw counts.
     yaml = None if kalibr is None else kalibr_yaml(found, rostopic=rostopic)
     profile = None if unit_profile is None else unit_of_noise(found, name=unit_profile.stem)

@@ -74,6 +74,7 @@ impl<'a> UnitData<'a> {
         for (recording, segments) in recordings.iter().zip(&segments) {
             let ranges: Vec<_> = segments.rests.iter().map(|rest| rest.first..rest.end).collect();
             findings.extend(check::check_rests(recording, &ranges, options.gravity_mps2));
+            findings.extend(segments.check_noise(recording));
         }
         refuse_errors(&findings)?;
         let rests = rests_of(&segments);

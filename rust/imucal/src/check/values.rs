@@ -1,4 +1,4 @@
-//! Checks of single columns: values that are not finite, and jumps of the temperature.
+//! Checks of single columns: values that are not finite, extremes and the resolution of the converter.
 
 use super::part::{Part, all_finite};
 use super::{ACCEL, GYRO, Tally, names};
@@ -6,9 +6,6 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{Recording, Samples};
 
-/// Difference between consecutive temperatures above which a jump is reported, K. A sensor does not warm up this fast
-/// at any usual sampling rate.
-const TEMPERATURE_STEP_K: f64 = 5.0;
 /// Minimum share of rows with only one sensor, for each of the two sensors, above which the sensors are considered to
 /// have separate time stamps.
 const OWN_ROWS: f64 = 0.1;
@@ -200,38 +197,6 @@ pub(super) fn converter_step(rows: Samples<'_>, axis: usize) -> f64 {
     quantile(&mut steps, 0.05)
 }
 
-/// Reports temperature jumps above [`TEMPERATURE_STEP_K`] between consecutive samples, and values that are not finite.
-pub(super) fn check_temperature(recording: &Recording) -> Option<Finding> {
-    let temperature = recording.temperature_degc?;
-    let (mut jumps, mut largest, mut not_finite) = (Tally::default(), 0.0f64, 0);
-    for i in 0..temperature.len() {
-        let step = if i == 0 { 0.0 } else { (temperature[i] - temperature[i - 1]).abs() };
-        if !temperature[i].is_finite() {
-            not_finite += 1;
-            jumps.add(i);
-        } else if step.is_finite() && step > TEMPERATURE_STEP_K {
-            largest = largest.max(step);
-            jumps.add(i);
-        }
-    }
-    let steps = jumps.samples - not_finite;
-    let jumping = (steps > 0).then(|| {
-        format!("jumps by more than {TEMPERATURE_STEP_K:.0} K {steps} times (at most {largest:.1} K), faster than a sensor warms up")
-    });
-    let empty = (not_finite > 0).then(|| format!("is not finite in {not_finite} samples"));
-    let wrong: Vec<String> = jumping.into_iter().chain(empty).collect();
-    (jumps.samples > 0).then(|| Finding {
-        columns: names(["temp_degc"]),
-        place: jumps.place(recording),
-        count: jumps.samples,
-        value: largest,
-        unit: "K",
-        message: format!("the temperature {}, first {}", wrong.join(" and "), jumps.first_place(recording)),
-        way_out: "repair the temperature column, or drop it: effects of temperature need a value in every row".into(),
-        ..Finding::warning("temperature_jump", recording.name)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::example::Columns;
@@ -248,7 +213,6 @@ mod tests {
         for columns in [Columns::tumbling(), Columns::tumbling().quantised(0.05, 0.01)] {
             let recording = columns.recording();
             assert!(not_finite(&recording).is_empty());
-            assert!(check_temperature(&recording).is_none());
         }
     }
 
@@ -288,20 +252,5 @@ mod tests {
         let findings = not_finite(&recording);
         assert_eq!(findings[0].severity, Severity::Warning);
         assert_eq!(findings[0].columns, ["stand_1"]);
-    }
-
-    #[test]
-    fn temperature_may_drift_but_not_jump() {
-        let columns = Columns::tumbling();
-        let mut temperature: Vec<f64> = (0..4000).map(|i| 20.0 + 0.005 * i as f64).collect();
-        let check = |temperature: &[f64]| {
-            check_temperature(&Recording { temperature_degc: Some(temperature), ..columns.recording() })
-        };
-        assert!(check(&temperature).is_none());
-        temperature[2000] = -40.0;
-        temperature[3000] = f64::NAN;
-        let finding = check(&temperature).unwrap();
-        assert_eq!((finding.count, finding.severity), (3, Severity::Warning));
-        assert!(finding.value > 60.0);
     }
 }

@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::cosines::{Layout, Power};
+use super::departures::{Blocks, Component, NoiseModel};
 use super::likelihood::{Fit, Likelihood};
 use super::power_law::{FLICKER, KINDS, PerKind, QUANTISATION, WALK, WHITE, allan_variance, degrees_of_freedom};
 use crate::error::Error;
@@ -84,8 +85,15 @@ pub struct AxisNoise {
 }
 
 impl AxisNoise {
-    /// Identifies the noise in one column of the samples of a rest.
-    pub(super) fn identify(rows: Samples<'_>, axis: usize, rate_hz: f64, layout: &Layout) -> Result<Self, Error> {
+    /// Identifies the noise in one column of the samples of a rest, and the steps and drifts of its mean. `blocks` are
+    /// those of this number of samples.
+    pub(super) fn identify(
+        rows: Samples<'_>,
+        axis: usize,
+        rate_hz: f64,
+        layout: &Layout,
+        blocks: Option<&Blocks>,
+    ) -> Result<(Self, Vec<Component>), Error> {
         let values = rows.axis(axis);
         let lsb = smallest_step(values.clone());
         let powers = layout.powers(values.clone());
@@ -112,7 +120,14 @@ impl AxisNoise {
                 (true, _) => estimate.bounded(0.0),
             }
         });
-        Ok(Self {
+        // A drift looks like a misfit, and so many octaves may be omitted that it can no longer be seen.
+        let filtered = model.filtered.min(FILTERED[0]);
+        let noise = NoiseModel { kinds: model.kinds, rounding: model.rounding, filtered };
+        let components = match blocks {
+            Some(blocks) if !is_constant => blocks.components(values.clone(), &noise, rate_hz),
+            _ => Vec::new(),
+        };
+        let noise = Self {
             noise_density: estimates[WHITE],
             bias_instability: estimates[FLICKER],
             random_walk: estimates[WALK],
@@ -122,7 +137,8 @@ impl AxisNoise {
             shortest_period_s: 2.0 * f64::from(1_u32 << model.filtered) / rate_hz,
             misfit: model.misfit,
             allan: allan_points(values, &model, rate_hz)?,
-        })
+        };
+        Ok((noise, components))
     }
 }
 
@@ -194,7 +210,7 @@ impl Model {
 }
 
 /// Octave of a frequency below half the sampling rate; 0 is the highest octave.
-fn octave(power: &Power) -> u32 {
+pub(super) fn octave(power: &Power) -> u32 {
     (-(2.0 * power.frequency).log2()).floor().max(0.0) as u32
 }
 

@@ -83,20 +83,7 @@ impl Layout {
             means = Some(next);
         }
         let window = means.or_else(|| values.map(Iterator::collect)).unwrap_or_default();
-        let squares = squared_cosines(&window);
-        let mut first = 1;
-        while first < last.width {
-            let count = ((first as f64 * POOLED_SHARE) as usize).max(1).min(last.width - first);
-            let pooled = first - 1..first - 1 + count;
-            let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / count as f64;
-            let expected = std::array::from_fn(|kind| mean(&mut last.expected[pooled.clone()].iter().map(|e| e[kind])));
-            let value = mean(&mut squares[pooled.clone()].iter().copied());
-            powers.push(Power {
-                frequency: (first as f64 + (count - 1) as f64 / 2.0) / (2.0 * last.width as f64 * last.length),
-                ..last.power(first, value, count as f64, expected)
-            });
-            first += count;
-        }
+        powers.extend(pooled(&squared_cosines(&window), &last.expected, last.length));
         powers
     }
 }
@@ -107,9 +94,30 @@ impl Stage {
     }
 }
 
+/// The powers of one window: squares of its cosines, whose neighbours are averaged over [`POOLED_SHARE`] of their
+/// frequency. `length` is the number of samples in each value of the window.
+pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<Power> {
+    let width = squares.len() + 1;
+    let mut powers = Vec::new();
+    let mut first = 1;
+    while first < width {
+        let count = ((first as f64 * POOLED_SHARE) as usize).max(1).min(width - first);
+        let places = first - 1..first - 1 + count;
+        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / count as f64;
+        powers.push(Power {
+            value: mean(&mut squares[places.clone()].iter().copied()),
+            dof: count as f64,
+            expected: std::array::from_fn(|kind| mean(&mut expected[places.clone()].iter().map(|e| e[kind]))),
+            frequency: (first as f64 + (count - 1) as f64 / 2.0) / (2.0 * width as f64 * length),
+        });
+        first += count;
+    }
+    powers
+}
+
 /// `E z_j^2 = c_0 + 2/W sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))`, a = pi j / W, for j = 1 to W - 1.
 /// c_d is the covariance of means over `length` samples at a distance of d means. A constant in c cancels.
-fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
+pub(super) fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
     let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
     let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();
     (1..width)

@@ -1,5 +1,7 @@
 //! The simulated unit: models of its accelerometer and its gyroscope.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use imucal_core::effects::EffectSet;
 use nalgebra::{Matrix3, Vector3};
@@ -148,6 +150,8 @@ impl Unit {
     /// The unit of the paper (Tables 1 and 2), NXP FXOS8700CQ and FXAS21002CQ, with noise and resolution from the
     /// datasheets.
     ///
+    /// The densities of datasheets are one-sided, so they are divided by sqrt(2) (`docs/model.md` (22)).
+    ///
     /// * FXOS8700CQ: 126 ug/sqrt(Hz); 14 bit, range +-2 g, 0.244 mg per count (2 g / 8192).
     /// * FXAS21002CQ: 0.025 deg/s/sqrt(Hz); 16 bit, range +-500 deg/s, 15.625 mdeg/s per count (clips at 512 deg/s).
     ///   The paper does not state the range. With +-250 deg/s the random program would clip, because it reaches up to
@@ -164,14 +168,14 @@ impl Unit {
                     0.0055, 0.0043, 0.9921,
                 ),
                 bias: Vector3::new(-0.0427, 0.0241, 0.0402) * STANDARD_GRAVITY_MPS2,
-                noise_density: 126e-6 * STANDARD_GRAVITY_MPS2,
+                noise_density: 126e-6 * STANDARD_GRAVITY_MPS2 * FRAC_1_SQRT_2,
                 converter: Some(Converter { lsb: 2.0 * STANDARD_GRAVITY_MPS2 / 8192.0, bits: 14 }),
                 ..Sensor::ideal()
             },
             gyroscope: Sensor {
                 sensitivity: misalignment * scale,
                 bias: Vector3::new(-0.0350, 0.0042, 0.0010),
-                noise_density: 0.025_f64.to_radians(),
+                noise_density: 0.025_f64.to_radians() * FRAC_1_SQRT_2,
                 converter: Some(Converter { lsb: 0.015625_f64.to_radians(), bits: 16 }),
                 ..Sensor::ideal()
             },

@@ -1,0 +1,287 @@
+//! Plausible noise densities and biases of inertial sensors at rest: the one table of limits, and the unit in which an
+//! implausible value would be plausible.
+//!
+//! ```text
+//! quantity                   highest                 lowest                     sources
+//! gyroscope, density         0.1 deg/s/sqrt(Hz)      1e-6 deg/s/sqrt(Hz)        (1), (2)
+//! accelerometer, density     10 mg/sqrt(Hz)          10 ng/sqrt(Hz)             (3), (4)
+//! gyroscope, bias            50 deg/s                -                          (5)
+//!
+//! (1) Consumer MEMS: 0.0028 (ICM-42688-P) to 0.03 deg/s/sqrt(Hz) (L3GD20, ITG-3200), one-sided; automotive and
+//!     industrial MEMS: up to 0.1 (ADXRS300). Only sensors for fast rotation are noisier (ADXRS649, +-20000 deg/s: 0.25).
+//! (2) Space-grade fibre-optic and hemispherical resonator gyroscopes: an angle random walk of 1e-4 deg/sqrt(h), which is
+//!     1.7e-6 deg/s/sqrt(Hz).
+//! (3) Consumer MEMS: 0.06 to 0.4 mg/sqrt(Hz) (MPU-6050); high-g MEMS: up to 5 mg/sqrt(Hz) (ADXL377, +-200 g: 2.7 to 4.3).
+//! (4) Seismic MEMS and servo accelerometers: 15 to 300 ng/sqrt(Hz).
+//! (5) Consumer MEMS: +-20 (MPU-6050) to +-40 deg/s (ITG-3200) of zero-rate output.
+//! ```
+
+use std::f64::consts::PI;
+
+use imucal_core::STANDARD_GRAVITY_MPS2;
+
+use super::values::range;
+use super::{CHANNELS, names};
+use crate::finding::{Finding, general};
+use crate::recording::{RawUnit, Recording, Samples};
+
+const DEGREE_RAD: f64 = PI / 180.0;
+/// Plausible noise densities of an accelerometer, m/s^2/sqrt(Hz); sources (3) and (4) above.
+const ACCEL_DENSITY: [f64; 2] = [1e-8 * STANDARD_GRAVITY_MPS2, 1e-2 * STANDARD_GRAVITY_MPS2];
+/// Plausible noise densities of a gyroscope, rad/s/sqrt(Hz); sources (1) and (2) above.
+const GYRO_DENSITY: [f64; 2] = [1e-6 * DEGREE_RAD, 0.1 * DEGREE_RAD];
+/// Largest plausible bias of a gyroscope, rad/s; source (5) above.
+const GYRO_BIAS_RADPS: f64 = 50.0 * DEGREE_RAD;
+/// Noise densities of usual MEMS sensors, deg/s/sqrt(Hz) and mg/sqrt(Hz). A unit in which the density is usual is the
+/// likely one.
+const USUAL: [f64; 2] = [1e-3, 0.1];
+/// Sizes of a count of usual gyroscopes, deg/s: a full scale of 125, 250, ... 2000 deg/s over 32768 counts, and the
+/// rounded sensitivities of the datasheets of TDK InvenSense (131, 65.5, 32.8 and 16.4 counts per deg/s),
+/// STMicroelectronics (4.375, 8.75, 17.5, 35 and 70 mdeg/s) and NXP (7.8125 to 62.5 mdeg/s).
+const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
+    (1.0 / 131.0, "1/131"),
+    (1.0 / 65.5, "1/65.5"),
+    (1.0 / 32.8, "1/32.8"),
+    (1.0 / 16.4, "1/16.4"),
+    (125.0 / 32_768.0, "125/32768"),
+    (250.0 / 32_768.0, "250/32768"),
+    (500.0 / 32_768.0, "500/32768"),
+    (1000.0 / 32_768.0, "1000/32768"),
+    (2000.0 / 32_768.0, "2000/32768"),
+    (0.004_375, "0.004375"),
+    (0.008_75, "0.00875"),
+    (0.0175, "0.0175"),
+    (0.035, "0.035"),
+    (0.07, "0.07"),
+    (0.007_812_5, "0.0078125"),
+    (0.015_625, "0.015625"),
+    (0.031_25, "0.03125"),
+    (0.0625, "0.0625"),
+    (1.0 / 14.375, "1/14.375"),
+];
+/// Relative tolerance within which the step of a column is a known size of a count. Columns of text are rounded to three
+/// digits or more.
+const SAME_COUNT: f64 = 3e-3;
+
+/// The noise of one column at rest, in the unit of the recording.
+#[derive(Clone, Copy, Debug)]
+pub struct RestNoise {
+    /// White-noise density, v/sqrt(Hz); `None` if it is not known.
+    pub density: Option<f64>,
+    /// Mean at rest, v; `None` if it is not known.
+    pub mean: Option<f64>,
+}
+
+/// Reports noise densities and biases at rest that no sensor has, and the unit in which they would be plausible. Counts
+/// have no plausible size, so only columns in SI units are checked.
+///
+/// `columns` is the noise of the accelerometer's axes x, y, z and of the gyroscope's axes x, y, z. Codes, all of them
+/// warnings: `noise_implausible`, `bias_implausible`.
+///
+/// # Example
+/// A gyroscope in deg/s whose columns are read as rad/s has a density of 0.3 deg/s/sqrt(Hz): no gyroscope is that noisy,
+/// and the recommended action is to name the columns `gyro_x_dps`, `gyro_y_dps`, `gyro_z_dps`.
+pub fn check_noise(recording: &Recording, columns: &[RestNoise; 6]) -> Vec<Finding> {
+    let [ax, ay, az, gx, gy, gz] = *columns;
+    let (accel, gyro) = ([ax, ay, az], [gx, gy, gz]);
+    let mut findings = Vec::new();
+    if recording.accel_unit == RawUnit::Si {
+        let shown = Shown { name: "accelerometer", unit: "mg/sqrt(Hz)", si: 1e-3 * STANDARD_GRAVITY_MPS2 };
+        findings.extend(densities(recording, 0, &accel, ACCEL_DENSITY, &shown, accel_way_out));
+    }
+    if recording.gyro_unit == RawUnit::Si {
+        let shown = Shown { name: "gyroscope", unit: "deg/s/sqrt(Hz)", si: DEGREE_RAD };
+        let way_out = |density: f64| gyro_way_out(recording, density);
+        findings.extend(densities(recording, 3, &gyro, GYRO_DENSITY, &shown, way_out));
+        findings.extend(biases(recording, &gyro));
+    }
+    findings
+}
+
+/// How densities of a triad are shown: name of the sensor, unit, and SI units in one of this unit.
+struct Shown {
+    name: &'static str,
+    unit: &'static str,
+    si: f64,
+}
+
+fn densities(
+    recording: &Recording,
+    first: usize,
+    triad: &[RestNoise; 3],
+    [low, high]: [f64; 2],
+    shown: &Shown,
+    way_out: impl Fn(f64) -> String,
+) -> Option<Finding> {
+    // A density of zero is that of a constant column, which other findings report.
+    let is_wrong = |density: f64| density > 0.0 && !(low..=high).contains(&density);
+    let wrong: Vec<(usize, f64)> =
+        triad.iter().enumerate().filter_map(|(k, axis)| Some((k, axis.density.filter(|d| is_wrong(*d))?))).collect();
+    let (_, worst) = *wrong.iter().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+    let (limit, beyond) = if worst > high { (high, "above") } else { (low, "below") };
+    Some(Finding {
+        columns: names(wrong.iter().map(|(k, _)| CHANNELS[first + k])),
+        count: wrong.len(),
+        value: worst / shown.si,
+        unit: shown.unit,
+        message: format!(
+            "the noise density at rest is {} {}, {beyond} {} {}: no {} has that",
+            general(worst / shown.si, 3),
+            shown.unit,
+            general(limit / shown.si, 3),
+            shown.unit,
+            shown.name
+        ),
+        way_out: way_out(worst),
+        ..Finding::warning("noise_implausible", recording.name)
+    })
+}
+
+/// The unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be that of a usual sensor.
+fn gyro_way_out(recording: &Recording, density: f64) -> String {
+    let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
+    let count = (0..3).find_map(|axis| known_count(smallest_step(recording.angular_rate, axis)));
+    let is_in_dps = count.is_some() || usual(density);
+    if is_in_dps {
+        let counts = count.map_or_else(String::new, |text| {
+            format!(", and the values are multiples of {text}, a usual size of a count in deg/s")
+        });
+        return format!(
+            "in deg/s the density would be {} deg/s/sqrt(Hz){counts}: name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps",
+            general(density, 3)
+        );
+    }
+    if usual(density / 1000.0) {
+        return format!(
+            "in mdeg/s the density would be {} deg/s/sqrt(Hz): name the columns gyro_x_mdps, gyro_y_mdps, gyro_z_mdps",
+            general(density / 1000.0, 3)
+        );
+    }
+    if density > GYRO_DENSITY[1] {
+        return "give the columns in the unit of their names (gyro_x_dps, gyro_x_mdps or gyro_x_lsb), or record the unit \
+                on something rigid, away from motors"
+            .into();
+    }
+    "the rates are too small by a factor of 57.3 or more: give the columns in the unit of their names, gyro_x_radps, _dps \
+     or _lsb; a filtered or averaged output also has a smaller density"
+        .into()
+}
+
+/// The unit in which this density of an accelerometer, m/s^2/sqrt(Hz), would be that of a usual sensor.
+fn accel_way_out(density: f64) -> String {
+    let usual = |density_mg: f64| (0.03..=3.0).contains(&density_mg);
+    if usual(density) {
+        return format!(
+            "in mg the density would be {} mg/sqrt(Hz): name the columns accel_x_mg, accel_y_mg, accel_z_mg",
+            general(density, 3)
+        );
+    }
+    if density > ACCEL_DENSITY[1] {
+        return "give the columns in the unit of their names (accel_x_mps2, accel_x_g, accel_x_mg or accel_x_lsb), or \
+                record the unit on something rigid, away from motors"
+            .into();
+    }
+    "give the columns in the unit of their names: accel_x_mps2, _g, _mg or _lsb; a filtered or averaged output also has a \
+     smaller density"
+        .into()
+}
+
+/// Text of the size of a count of a usual gyroscope in deg/s, if the step of a column has this value.
+fn known_count(step: f64) -> Option<&'static str> {
+    let same = |(size, _): &&(f64, &str)| (step / size - 1.0).abs() < SAME_COUNT;
+    // The nearest, because 1/131 and 250/32768 differ by 0.05 % only.
+    let nearest = |a: &&(f64, &str), b: &&(f64, &str)| (step / a.0 - 1.0).abs().total_cmp(&(step / b.0 - 1.0).abs());
+    GYRO_COUNTS_DPS.iter().filter(same).min_by(nearest).map(|(_, text)| *text)
+}
+
+/// Smallest difference between consecutive values of a column above rounding; infinite for a constant column.
+fn smallest_step(rows: Samples<'_>, axis: usize) -> f64 {
+    let rounding = 1e-9 * range(rows, axis);
+    let mut smallest = f64::INFINITY;
+    rows.neighbours(axis, |before, after| {
+        let step = (after - before).abs();
+        if step > rounding && step < smallest {
+            smallest = step;
+        }
+    });
+    smallest
+}
+
+fn biases(recording: &Recording, triad: &[RestNoise; 3]) -> Option<Finding> {
+    let wrong: Vec<(usize, f64)> = triad
+        .iter()
+        .enumerate()
+        .filter_map(|(k, axis)| Some((k, axis.mean.filter(|mean| mean.abs() > GYRO_BIAS_RADPS)?)))
+        .collect();
+    let (_, worst) = *wrong.iter().max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs()))?;
+    let way_out = if worst.abs() < GYRO_BIAS_RADPS / DEGREE_RAD {
+        format!(
+            "in deg/s it would be {} deg/s: name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps; raw counts are gyro_x_lsb",
+            general(worst, 3)
+        )
+    } else {
+        "give the columns in the unit of their names: gyro_x_dps, gyro_x_mdps or, for raw counts, gyro_x_lsb".into()
+    };
+    Some(Finding {
+        columns: names(wrong.iter().map(|(k, _)| CHANNELS[3 + k])),
+        count: wrong.len(),
+        value: worst / DEGREE_RAD,
+        unit: "deg/s",
+        message: format!(
+            "the mean rate at rest is {} deg/s, above {:.0} deg/s: no gyroscope has such a bias",
+            general(worst / DEGREE_RAD, 3),
+            GYRO_BIAS_RADPS / DEGREE_RAD
+        ),
+        way_out,
+        ..Finding::warning("bias_implausible", recording.name)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example::Columns;
+    use super::*;
+    use crate::finding::Severity;
+
+    fn found(accel: f64, gyro: f64, mean: f64, count: f64) -> Vec<Finding> {
+        let mut columns = Columns::tumbling();
+        if count > 0.0 {
+            columns = columns.quantised(0.01, count);
+        }
+        let of = |density| RestNoise { density: Some(density), mean: Some(mean) };
+        check_noise(&columns.recording(), &[of(accel), of(accel), of(accel), of(gyro), of(gyro), of(gyro)])
+    }
+
+    #[test]
+    fn sensors_on_the_market_are_plausible() {
+        // One-sided densities of datasheets, ug/sqrt(Hz) and deg/s/sqrt(Hz), from consumer to navigation grade.
+        for (accel_ug, gyro_dps) in [(400.0, 0.005), (70.0, 0.0028), (126.0, 0.025), (4300.0, 0.1), (0.1, 2e-5)] {
+            let share = 0.5_f64.sqrt();
+            let accel = accel_ug * 1e-6 * STANDARD_GRAVITY_MPS2 * share;
+            assert!(found(accel, gyro_dps * DEGREE_RAD * share, 40.0 * DEGREE_RAD, 0.0).is_empty(), "{accel_ug}");
+        }
+    }
+
+    #[test]
+    fn degrees_read_as_radians_are_named_with_their_counts() {
+        let findings = found(1e-3, 6e-3, 0.07, 0.007_633_6);
+        assert_eq!((findings.len(), findings[0].code), (1, "noise_implausible"));
+        assert_eq!((findings[0].severity, findings[0].count), (Severity::Warning, 3));
+        assert!(findings[0].way_out.contains("gyro_x_dps") && findings[0].way_out.contains("1/131"), "{findings:?}");
+        assert!(found(1e-3, 6.0, 0.07, 0.0)[0].way_out.contains("gyro_x_mdps"));
+    }
+
+    #[test]
+    fn what_is_quieter_than_any_sensor_is_named_too() {
+        let findings = found(1e-9, 1e-9, 0.0, 0.0);
+        assert_eq!(findings.iter().map(|f| f.code).collect::<Vec<_>>(), ["noise_implausible"; 2]);
+        assert!(found(0.0, 0.0, 0.0, 0.0).is_empty());
+    }
+
+    #[test]
+    fn a_bias_of_more_than_50_degrees_per_second_is_none() {
+        let findings = found(1e-3, 1e-4, 1.2, 0.0);
+        assert_eq!((findings[0].code, findings[0].columns.len()), ("bias_implausible", 3));
+        assert!(findings[0].way_out.contains("gyro_x_dps"));
+    }
+}
