@@ -186,6 +186,7 @@ accuracy: $(VENV)/.installed
 	$(call say,Accuracy)
 	PYTHONPATH=benches $(PY) -m accuracy
 	$(PY) benches/noise_accuracy.py
+	$(PY) benches/noise_steps.py
 
 SHARE ?= 1
 gap-benchmark: $(VENV)/.installed

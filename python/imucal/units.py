@@ -61,8 +61,8 @@ COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
     "gyro": {"radps": 1.0, "dps": _DEG, "mdps": _DEG / 1000.0, "lsb": 1.0},
     "stand": {"rad": 1.0, "deg": _DEG},
 }
-# Endings of columns of temperature, such as temp_k: (degC in one, degC at zero). Raw counts, temp_lsb, have the slope
-# and the offset of their sensor (`temp_scale`).
+# Endings of columns of temperature, such as temp_k: (degC in one, degC at zero). Raw counts, temp_lsb, have
+# the slope and the offset of their sensor (`temp_scale`).
 TEMPERATURE_UNITS: Final[dict[str, tuple[float, float]]] = {
     "degc": (1.0, 0.0),
     "k": (1.0, -273.15),
@@ -101,6 +101,6 @@ def units_of(si_unit: str) -> dict[str, float]:
 
 
 def to_degc(values: NDArray[Any], scale: tuple[float, float]) -> NDArray[Any]:
-    """Temperatures in degC from values with this slope and offset; values in degC are unchanged bit for bit."""
+    """Temperatures in degC from values with this slope and offset; degC are unchanged bit for bit."""
     slope, offset = scale
     return values if scale == (1.0, 0.0) else slope * values + offset

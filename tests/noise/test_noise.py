@@ -322,14 +322,14 @@ def test_noise_and_warming_up_are_no_steps(quiet, recording):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "most_wrong"),
-    [("white", 1), ("flicker", 1), ("walk", 1), ("strong walk", 1), ("step", 2), ("heating", 2)],
+    [("white", 0), ("flicker", 0), ("walk", 0), ("strong walk", 0), ("step", 0), ("heating", 1)],
 )
 def test_confusion_of_noise_steps_and_heating(kind, most_wrong):
-    """Fifty runs of each kind, seeds 100 to 149."""
+    """Six runs of each kind; `make accuracy` counts many more (docs/results/noise.md)."""
     noise = {"flicker": (3e-4, 0.0), "walk": (0.0, 1e-4), "strong walk": (0.0, 1e-3), "step": (0.0, 2e-5)}
     instability, walk = noise.get(kind, (0.0, 0.0))
     wrong = 0
-    for seed in range(100, 150):
+    for seed in range(100, 106):
         run = still(duration_s=300.0, seed=seed, instability=instability, walk=walk)
         at_s = 30.0 + 240.0 * np.random.default_rng(seed).random()
         shape = {

@@ -66,9 +66,7 @@ def test_figures_are_those_of_the_datasheets():
     assert bmi088.accelerometer.lsb == pytest.approx(G / 10920)
     # 2 deg/h is the floor of the Allan deviation, 0.664 B.
     assert bmi088.gyroscope.bias_instability * 0.6643 == pytest.approx(2 * DEG / 3600, rel=1e-3)
-    assert imucal.Unit.named("mpu6050").accelerometer.noise_density == pytest.approx(
-        400e-6 * G / np.sqrt(2)
-    )
+    assert imucal.Unit.named("mpu6050").accelerometer.noise_density == pytest.approx(400e-6 * G / np.sqrt(2))
     paper = imucal.Unit.named("paper")
     assert paper.gyroscope.sensitivity[0].tolist() == [0.9771, 0.0094 * 1.0309, -0.0060 * 1.0030]
     assert paper.accelerometer.bias == pytest.approx(np.array([-0.0427, 0.0241, 0.0402]) * G)
@@ -85,10 +83,10 @@ def test_figures_are_those_of_the_datasheets():
     ],
 )
 def test_simulated_noise_in_a_bandwidth_is_that_of_the_datasheet(name, sensor, rms, bandwidth_hz):
-    """The root mean square noise behind a filter, which a datasheet gives together with its one-sided density.
+    """The root mean square noise behind a filter, which a datasheet gives with its one-sided density.
 
-    The simulated filter is a Butterworth filter of second order: it passes the noise of 1.11 times its bandwidth.
-    A two-sided density would give 1.41 times as much.
+    The simulated filter is a Butterworth filter of second order: it passes the noise of 1.11 times its
+    bandwidth. A two-sided density would give 1.41 times as much.
     """
     unit = imucal.Unit.named(name)
     filtered = dataclasses.replace(
@@ -210,7 +208,10 @@ def test_a_profile_may_spread_any_effect(effect, tmp_path):
             lambda d: d["gyroscope"]["noise_density_one_sided"].update(unit="furlong"),
             "unit is 'furlong': give one of rad/s",
         ),
-        (lambda d: d["gyroscope"]["noise_density_one_sided"].update(unit="ug/sqrt(Hz)"), "give one of rad/s/sqrt"),
+        (
+            lambda d: d["gyroscope"]["noise_density_one_sided"].update(unit="ug/sqrt(Hz)"),
+            "give one of rad/s/sqrt",
+        ),
         (
             lambda d: d["gyroscope"].update(bias={"value": [1, 2], "unit": "rad/s"}),
             "a list of 3 items, not 2",

@@ -21,9 +21,9 @@ calibration is valid only after that correction.
 
 FOOT = """## Temperature
 
-A temperature is in degC (`temp_degc`), kelvin (`temp_k`) or degrees Fahrenheit (`temp_degf`). Raw counts (`temp_lsb`)
-need the slope and the offset of the datasheet, `--temp-scale SLOPE,OFFSET` in degC per count and degC; the slope may be
-a fraction. Without them the counts become an auxiliary input.
+A temperature is in degC (`temp_degc`), kelvin (`temp_k`) or degrees Fahrenheit (`temp_degf`). Raw counts
+(`temp_lsb`) need the slope and the offset of the datasheet, `--temp-scale SLOPE,OFFSET` in degC per count and
+degC; the slope may be a fraction. Without them the counts become an auxiliary input.
 
 | sensor | `--temp-scale` |
 |---|---|

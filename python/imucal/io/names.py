@@ -59,6 +59,6 @@ def time_unit(name: str) -> str | None:
 
 
 def temperature_unit(name: str) -> str | None:
-    """The unit of a column of temperature, such as k of temp_k; None for any other column and for raw counts."""
+    """The unit of a column of temperature, such as k of temp_k; None for other columns and raw counts."""
     unit = name.removeprefix("temp_")
     return unit if unit != name and unit in TEMPERATURE_UNITS else None

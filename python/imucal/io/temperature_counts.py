@@ -1,6 +1,6 @@
 """Temperatures in raw counts, the column temp_lsb, and the slope and the offset that convert them to degC.
 
-    degC = slope * counts + offset        MPU-6050: 1/340, 36.53;  ICM-42688-P: 1/132.48, 25;  LSM6DSO: 1/256, 25
+degC = slope * counts + offset        MPU-6050: 1/340, 36.53;  ICM-42688-P: 1/132.48, 25;  LSM6DSO: 1/256, 25
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from imucal.units import to_degc
 
 __all__ = ["TempScale", "scale_of", "with_temperature"]
 
-# Slope, degC per count, and offset, degC; as text "SLOPE,OFFSET", in which the slope may be a fraction, 1/340.
+# Slope, degC per count, and offset, degC; as text "SLOPE,OFFSET", where the slope may be a fraction, 1/340.
 TempScale = str | Sequence[float]
 
 
@@ -29,8 +29,8 @@ def scale_of(given: TempScale) -> tuple[float, float]:
         slope, offset = math.nan, math.nan
     if not (math.isfinite(slope) and math.isfinite(offset) and slope != 0.0):
         raise InputError(
-            f"temp_scale is {given!r}: give SLOPE,OFFSET in degC per count and degC, for example 1/340,36.53 for "
-            "an MPU-6050 (--temp-scale)"
+            f"temp_scale is {given!r}: give SLOPE,OFFSET in degC per count and degC, for example 1/340,36.53 "
+            "for an MPU-6050 (--temp-scale)"
         )
     return slope, offset
 
@@ -38,8 +38,8 @@ def scale_of(given: TempScale) -> tuple[float, float]:
 def with_temperature(recording: Recording, scale: tuple[float, float] | None) -> Recording:
     """The recording with the temperature from its column temp_lsb, an auxiliary input, if there is one.
 
-    Without a scale, the counts remain an auxiliary input, with a finding if there is no other temperature. Raises
-    InputError if a scale is given and there is no such column, or another column has the temperature, too.
+    Without a scale, the counts remain an auxiliary input, with a finding if there is no other temperature.
+    Raises InputError if a scale is given and there is no such column, or another column has the temperature.
     """
     counts = recording.auxiliary.get(RAW_TEMPERATURE)
     if scale is None:
@@ -56,8 +56,8 @@ def with_temperature(recording: Recording, scale: tuple[float, float] | None) ->
         raise InputError(f"{recording.name}: a temp_scale is given but there is no column {RAW_TEMPERATURE}")
     if recording.temperature_degc is not None:
         raise InputError(
-            f"{recording.name}: the temperature is given twice, as {RAW_TEMPERATURE} with a temp_scale and in "
-            "another unit: remove one"
+            f"{recording.name}: the temperature is given twice, as {RAW_TEMPERATURE} with a temp_scale and "
+            "in another unit: remove one"
         )
     rest = {name: values for name, values in recording.auxiliary.items() if name != RAW_TEMPERATURE}
     return replace(recording, temperature_degc=to_degc(counts, scale), auxiliary=rest)

@@ -28,7 +28,8 @@ ABSOLUTE_ZERO_DEGC: Final = -273.15
 KNOTS_PER_CONSTANT: Final = 50
 CONSTANTS: Final = 12
 FORMS: Final = (
-    "DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file time_s,temp_degc (temp_k, temp_degf)"
+    "DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file with time_s and "
+    "temp_degc, temp_k or temp_degf"
 )
 
 

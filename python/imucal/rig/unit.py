@@ -2,10 +2,10 @@
 
     measured = convert(sensitivity (true + effects) + bias + noise)
 
-A unit file (schema imucal.unit/1) has the figures of a datasheet, each with its unit and source. The noise density
-of a datasheet is one-sided and is given as `noise_density_one_sided`; `noise_density` is that of the Allan
-deviation, which is smaller by sqrt(2). A figure that the source does not give is `null` and is simulated as
-perfect. The package contains the units `unit_names()`.
+A unit file (schema imucal.unit/1) has the figures of a datasheet, each with its unit and source. The noise
+density of a datasheet is one-sided and is given as `noise_density_one_sided`; `noise_density` is that of the
+Allan deviation, which is smaller by sqrt(2). A figure that the source does not give is `null` and is
+simulated as perfect. The package contains the units `unit_names()`.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ class Sensor:
 
     sensitivity       (3, 3), 1 is perfect
     bias              (3,) v
-    noise_density     white noise N, continuous, two-sided, v/sqrt(Hz): a point sample has N * sqrt(rate_hz), the
-                      Allan deviation is N / sqrt(tau). The density of a datasheet is one-sided: sqrt(2) N
+    noise_density     white noise N, continuous, two-sided, v/sqrt(Hz): a point sample has N * sqrt(rate_hz),
+                      the Allan deviation is N / sqrt(tau). The density of a datasheet is one-sided: sqrt(2) N
     bias_instability  flicker coefficient B, v: the Allan deviation is flat at 0.664 B
     random_walk       (3,) rate random walk K per axis, v/s/sqrt(Hz): the Allan deviation is K sqrt(tau / 3)
     noise_in_motion   factor on the white noise during moves

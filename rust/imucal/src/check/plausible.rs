@@ -8,10 +8,12 @@
 //! gyroscope, bias            50 deg/s                -                          (5)
 //!
 //! (1) Consumer MEMS: 0.0028 (ICM-42688-P) to 0.03 deg/s/sqrt(Hz) (L3GD20, ITG-3200), one-sided; automotive and
-//!     industrial MEMS: up to 0.1 (ADXRS300). Only sensors for fast rotation are noisier (ADXRS649, +-20000 deg/s: 0.25).
-//! (2) Space-grade fibre-optic and hemispherical resonator gyroscopes: an angle random walk of 1e-4 deg/sqrt(h), which is
-//!     1.7e-6 deg/s/sqrt(Hz).
-//! (3) Consumer MEMS: 0.06 to 0.4 mg/sqrt(Hz) (MPU-6050); high-g MEMS: up to 5 mg/sqrt(Hz) (ADXL377, +-200 g: 2.7 to 4.3).
+//!     industrial MEMS: up to 0.1 (ADXRS300). Only sensors for fast rotation are noisier (ADXRS649, +-20000 deg/s:
+//!     0.25).
+//! (2) Space-grade fibre-optic and hemispherical resonator gyroscopes: an angle random walk of 1e-4 deg/sqrt(h), which
+//!     is 1.7e-6 deg/s/sqrt(Hz).
+//! (3) Consumer MEMS: 0.06 to 0.4 mg/sqrt(Hz) (MPU-6050); high-g MEMS: up to 5 mg/sqrt(Hz) (ADXL377, +-200 g: 2.7
+//!     to 4.3).
 //! (4) Seismic MEMS and servo accelerometers: 15 to 300 ng/sqrt(Hz).
 //! (5) Consumer MEMS: +-20 (MPU-6050) to +-40 deg/s (ITG-3200) of zero-rate output.
 //! ```
@@ -59,8 +61,8 @@ const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (0.0625, "0.0625"),
     (1.0 / 14.375, "1/14.375"),
 ];
-/// Relative tolerance within which the step of a column is a known size of a count. Columns of text are rounded to three
-/// digits or more.
+/// Relative tolerance within which the step of a column is a known size of a count. Columns of text are rounded to
+/// three digits or more.
 const SAME_COUNT: f64 = 3e-3;
 
 /// The noise of one column at rest, in the unit of the recording.
@@ -79,8 +81,8 @@ pub struct RestNoise {
 /// warnings: `noise_implausible`, `bias_implausible`.
 ///
 /// # Example
-/// A gyroscope in deg/s whose columns are read as rad/s has a density of 0.3 deg/s/sqrt(Hz): no gyroscope is that noisy,
-/// and the recommended action is to name the columns `gyro_x_dps`, `gyro_y_dps`, `gyro_z_dps`.
+/// A gyroscope in deg/s whose columns are read as rad/s has a density of 0.3 deg/s/sqrt(Hz): no gyroscope is that
+/// noisy, and the recommended action is to name the columns `gyro_x_dps`, `gyro_y_dps`, `gyro_z_dps`.
 pub fn check_noise(recording: &Recording, columns: &[RestNoise; 6]) -> Vec<Finding> {
     let [ax, ay, az, gx, gy, gz] = *columns;
     let (accel, gyro) = ([ax, ay, az], [gx, gy, gz]);

@@ -8,8 +8,8 @@ use crate::recording::Recording;
 /// Difference between consecutive temperatures above which a jump is reported, K. A sensor does not warm up this fast
 /// at any usual sampling rate.
 const TEMPERATURE_STEP_K: f64 = 5.0;
-/// Plausible temperatures of an inertial sensor, degC. Datasheets give operating ranges up to -55 to 125 degC and storage
-/// ranges of -40 to 125 degC or -65 to 150 degC. Values outside are in another unit, or are reading errors.
+/// Plausible temperatures of an inertial sensor, degC. Datasheets give operating ranges up to -55 to 125 degC and
+/// storage ranges of -40 to 125 degC or -65 to 150 degC. Values outside are in another unit, or are reading errors.
 pub const TEMPERATURE_DEGC: [f64; 2] = [-60.0, 150.0];
 /// Usual temperatures of a sensor in a calibration, degC: the operating range of consumer and industrial sensors. If a
 /// value in another unit is in this range, that unit is the likely one.

@@ -181,9 +181,9 @@ impl Model {
             (kinds, best) = ([true; KINDS], with);
         }
         let likelihood = Likelihood { powers: &used, rounding, kinds };
-        let lowest = used.iter().map(octave).max().unwrap_or(0);
+        let lowest = used.iter().map(Power::octave).max().unwrap_or(0);
         let misfit = (filtered..=lowest)
-            .map(|wanted| likelihood.excess(&best.theta, |power| octave(power) == wanted))
+            .map(|wanted| likelihood.excess(&best.theta, |power| power.octave() == wanted))
             .fold(0.0, |worst: f64, excess| if excess.abs() > worst.abs() { excess } else { worst });
         Self { best, kinds, rounding, filtered, misfit }
     }
@@ -209,13 +209,8 @@ impl Model {
     }
 }
 
-/// Octave of a frequency below half the sampling rate; 0 is the highest octave.
-pub(super) fn octave(power: &Power) -> u32 {
-    (-(2.0 * power.frequency).log2()).floor().max(0.0) as u32
-}
-
 fn fitted(powers: &[Power], filtered: u32) -> Vec<Power> {
-    powers.iter().filter(|power| octave(power) >= filtered).copied().collect()
+    powers.iter().filter(|power| power.octave() >= filtered).copied().collect()
 }
 
 /// Smallest difference between consecutive values above rounding; zero for a constant.

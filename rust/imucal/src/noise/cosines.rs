@@ -34,6 +34,13 @@ pub(super) struct Power {
     pub(super) frequency: f64,
 }
 
+impl Power {
+    /// Octave of the frequency below half the sampling rate; 0 is the highest octave.
+    pub(super) fn octave(&self) -> u32 {
+        (-(2.0 * self.frequency).log2()).floor().max(0.0) as u32
+    }
+}
+
 /// Stages of the transform for a record of a given length, with their expected powers.
 pub(super) struct Layout {
     stages: Vec<Stage>,

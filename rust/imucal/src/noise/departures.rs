@@ -4,8 +4,8 @@
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
 //! ```
 //!
-//! z are the cosines of W block means, in which white noise and a random walk are uncorrelated. A component is a step at
-//! a time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power
+//! z are the cosines of W block means, in which white noise and a random walk are uncorrelated. A component is a step
+//! at a time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power
 //! spectrum of a random walk. Its cosines, however, have the phases of one time, and those of a random walk are random.
 //! Components are added one by one: the one with the largest gain of twice the log-likelihood minus its penalty, with
 //! amplitudes and noise parameters estimated anew. If no gain exceeds the penalty, noise explains the record.
@@ -33,8 +33,8 @@ const MAX_COMPONENTS: usize = 12;
 const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LINEAR];
 /// Ratio of the time constant to the duration of the record from which the rate of a change is constant.
 const LINEAR: f64 = 1e3;
-/// A change within this time counts as a step, s. A unit that is bumped settles within this time, and no unit warms up so
-/// fast.
+/// A change within this time counts as a step, s. A unit that is bumped settles within this time, and no unit warms up
+/// so fast.
 pub(super) const ABRUPT_S: f64 = 10.0;
 /// A change within this number of blocks counts as a step, because the blocks do not show how abrupt it is.
 const ABRUPT_BLOCKS: usize = 2;
@@ -182,7 +182,8 @@ impl Blocks {
         }
     }
 
-    /// All changes of the search: steps at every block, and ramps whose positions are spaced by a quarter of their length.
+    /// All changes of the search: steps at every block, and ramps whose positions are spaced by a quarter of their
+    /// length.
     fn shapes(&self, rate_hz: f64) -> Vec<Shape> {
         let mut shapes: Vec<Shape> = (1..self.count).map(|first| Shape::Step { first, fraction: 0.0 }).collect();
         let mut blocks = self.abrupt_blocks(rate_hz) * 2;
@@ -258,8 +259,9 @@ impl Search<'_> {
         2.0 * (self.shapes.iter().filter(is_same).count() as f64).ln() + length
     }
 
-    /// The explanation with the best further component. Candidates are scored with the noise of the present explanation,
-    /// and with noise without a random walk: a large step is mistaken for a random walk, in which it is not significant.
+    /// The explanation with the best further component. Candidates are scored with the noise of the present
+    /// explanation, and with noise without a random walk: a large step is mistaken for a random walk, in which it is
+    /// not significant.
     fn next(&self, present: &Explained) -> Option<Explained> {
         let mut without_walk = self.noise.kinds;
         without_walk[WALK] = false;
@@ -370,7 +372,7 @@ impl Search<'_> {
     /// Amplitudes and noise parameters of these components, estimated in turn.
     fn explained(&self, shapes: Vec<Shape>, columns: Vec<Vec<f64>>, kinds: [bool; KINDS]) -> Explained {
         // The start is noise with the given kinds. The final noise has all kinds of the model.
-        let (mut theta, _) = self.fit(&self.z.to_vec(), kinds);
+        let (mut theta, _) = self.fit(self.z, kinds);
         let mut sizes = Vec::new();
         let mut cost = f64::INFINITY;
         for round in 0..ROUNDS {
@@ -415,10 +417,10 @@ impl Search<'_> {
     }
 
     /// Noise parameters of cosines, and minus twice their log-likelihood.
-    fn fit(&self, residual: &Vec<f64>, kinds: [bool; KINDS]) -> (PerKind, f64) {
+    fn fit(&self, residual: &[f64], kinds: [bool; KINDS]) -> (PerKind, f64) {
         let squares: Vec<f64> = residual.iter().map(|z| z * z).collect();
         let mut powers = pooled(&squares, &self.blocks.expected, self.blocks.samples as f64);
-        powers.retain(|power| super::axis::octave(power) >= self.noise.filtered);
+        powers.retain(|power| power.octave() >= self.noise.filtered);
         let likelihood = Likelihood { powers: &powers, rounding: self.noise.rounding, kinds };
         let theta = likelihood.fit().theta;
         let cost = |power: &Power| {
