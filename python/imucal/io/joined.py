@@ -1,0 +1,124 @@
+"""One recording of two sensors from separate text files, on one clock if their time stamps differ."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucal.document.source import Source
+from imucal.errors import FormatError
+from imucal.finding import Finding
+from imucal.io.arrow_values import numpy_of
+from imucal.io.names import SKIP
+from imucal.io.remarks import remark
+from imucal.io.sensor import Sensor, Units, require_gravity, time_of_sensor, unit_of_sensor
+from imucal.io.streams import Stream, recording_from_streams
+from imucal.io.table import Table
+from imucal.io.text import read_rows
+from imucal.io.vocabulary import float64, recording_from_table
+from imucal.recording.recording import Recording
+from imucal.units import COLUMN_UNITS, TICKS_PER_S
+
+__all__ = ["joined"]
+
+
+def joined(accel: Sensor, gyro: Sensor, units: Units, sources: Sequence[Source]) -> Recording:
+    """One recording of both sensors, on one clock if their time stamps differ."""
+    accel_unit, gyro_unit = unit_of_sensor(accel, "accel", units), unit_of_sensor(gyro, "gyro", units)
+    require_gravity(accel, accel_unit)
+    tables = []
+    for sensor, what, unit in ((accel, "accel", accel_unit), (gyro, "gyro", gyro_unit)):
+        time, ticks = time_of_sensor(sensor, units.time)
+        names = [SKIP[0]] * max(sensor.text.layout.width, len(sensor.text.layout.first))
+        known = sensor.text.layout.names or [str(index) for index in range(len(names))]
+        names[known.index(time[0])] = time[1]
+        for axis, column in zip("xyz", sensor.triad.columns, strict=True):
+            names[known.index(column)] = f"{what}_{axis}_{unit}"
+        table = read_rows(sensor.text, names)
+        tables.append(Table(table.file, table.names, table.columns, table.place, table.findings, ticks))
+    file = f"{accel.text.name} + {gyro.text.name}"
+    findings = [finding for table in tables for finding in table.findings]
+    is_headed = accel.text.layout.names is not None
+    if is_headed:
+        findings.append(_as_read(file, accel, gyro, tables))
+    stamps = [_nanoseconds(table) for table in tables]
+    if len(stamps[0]) == len(stamps[1]) and np.array_equal(stamps[0], stamps[1]):
+        accel_table, gyro_table = tables
+        rest = [(n, c) for n, c in zip(gyro_table.names, gyro_table.columns, strict=True) if n[:4] != "time"]
+        both = Table(
+            file,
+            accel_table.names + [name for name, _ in rest],
+            accel_table.columns + [column for _, column in rest],
+            accel_table.place,
+            tuple(findings),
+            accel_table.ticks_per_s,
+        )
+        return recording_from_table(both, sources)
+    streams = [
+        _stream(table, ns, what) for table, ns, what in zip(tables, stamps, ("accel", "gyro"), strict=True)
+    ]
+    return recording_from_streams(
+        file,
+        streams[0],
+        streams[1],
+        sources,
+        findings,
+        accel_unit="lsb" if accel_unit == "lsb" else "m/s^2",
+        gyro_unit="lsb" if gyro_unit == "lsb" else "rad/s",
+    )
+
+
+def _nanoseconds(table: Table) -> NDArray[np.int64]:
+    """The time stamps of a table, ns; exact for integers."""
+    import pyarrow as pa
+
+    name = next(name for name in table.names if name.startswith("time_"))
+    column = table.column(name)
+    if isinstance(column, pa.ChunkedArray):
+        column = column.combine_chunks()
+    if pa.types.is_timestamp(column.type):
+        factor = 1e9 / TICKS_PER_S[column.type.unit]
+        return np.asarray(numpy_of(column.view(pa.int64()).fill_null(0))) * int(factor)
+    ticks = table.ticks_per_s or TICKS_PER_S[name.removeprefix("time_")]
+    if pa.types.is_integer(column.type) and not column.null_count:
+        return np.asarray(numpy_of(column), dtype=np.int64) * int(1e9 / ticks)
+    values = float64(column)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise FormatError(
+            f"{table.file}: {table.place(int(bad[0]))}: the time stamp is not a number: remove the line"
+        )
+    if ticks == 1.0 and np.abs(values).max(initial=0.0) > 9e9:
+        raise FormatError(f"{table.file}: time stamps of {values[-1]:.6g} s are no times: check their unit")
+    return np.asarray(np.round(values * (1e9 / ticks)), dtype=np.int64)
+
+
+def _stream(table: Table, time_ns: NDArray[np.int64], what: str) -> Stream:
+    names = [name for name in table.names if name.startswith(what)]
+    factor = COLUMN_UNITS[what][names[0].rpartition("_")[2]]
+    by_axis = sorted(names)
+    values: Any = np.column_stack([float64(_whole(table.column(name))) for name in by_axis]) * factor
+    return Stream(table.file, time_ns, values)
+
+
+def _whole(column: Any) -> Any:
+    import pyarrow as pa
+
+    return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+
+
+def _as_read(file: str, accel: Sensor, gyro: Sensor, tables: Sequence[Table]) -> Finding:
+    shown = []
+    for sensor, table, what in ((accel, tables[0], "accel"), (gyro, tables[1], "gyro")):
+        names = [name for name in table.names if name.startswith(what)]
+        time = next(name for name in table.names if name.startswith("time_"))
+        shown.append(f"{', '.join(sorted(names))} from {', '.join(sensor.triad.columns)} by {time}")
+    return remark(
+        file,
+        "read_by_header",
+        f"columns and units were read from the headers: {'; '.join(shown)}",
+        "if this is wrong, correct the headers, or give the files in the order accelerometer, gyroscope",
+    )

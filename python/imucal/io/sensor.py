@@ -1,0 +1,201 @@
+"""One text file with the samples of one sensor: which sensor, in which unit, and by which time column."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from imucal.errors import FormatError, InputError
+from imucal.io.headed import Head, layout_header, time_of
+from imucal.io.header import Header, Triad
+from imucal.io.scale import NO_GRAVITY_G, accel_reading, gravity_g, gyro_reading, time_reading
+from imucal.io.text import Text
+from imucal.units import TICKS_PER_S
+
+__all__ = [
+    "Sensor",
+    "Units",
+    "has_gravity",
+    "require_gravity",
+    "sensor_of",
+    "time_of_sensor",
+    "unit_of_sensor",
+    "units_given",
+]
+
+# Units as options give them, and the endings of canonical names.
+ACCEL_UNITS: Final = {"m/s^2": "mps2", "g": "g", "mg": "mg", "lsb": "lsb"}
+GYRO_UNITS: Final = {"rad/s": "radps", "deg/s": "dps", "mdeg/s": "mdps", "lsb": "lsb"}
+# File names of sensors whose columns are only called x, y, z.
+GYRO_FILE: Final = re.compile(r"gyr|angular|rotation.?rate|omega", re.IGNORECASE)
+ACCEL_FILE: Final = re.compile(r"acc|g-?force|specific", re.IGNORECASE)
+OTHER_FILE: Final = re.compile(r"linear|gravity(?!.*acc)|user|mag|orient|baro|without", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A text file with the samples of one sensor: "accel", "gyro", or "" if it does not say which."""
+
+    text: Text
+    header: Header
+    triad: Triad
+    what: str
+
+    @property
+    def head(self) -> Head:
+        """The first cells of the file."""
+        return Head(self.text)
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units that the caller gives, as endings of canonical names, or None."""
+
+    time: str | None
+    accel: str | None
+    gyro: str | None
+
+
+def units_given(time_unit: str | None, accel_unit: str | None, gyro_unit: str | None) -> Units:
+    """The units of these options. Raises InputError for an unknown one."""
+    for what, unit, known in (
+        ("time_unit", time_unit, list(TICKS_PER_S)),
+        ("accel_unit", accel_unit, list(ACCEL_UNITS)),
+        ("gyro_unit", gyro_unit, list(GYRO_UNITS)),
+    ):
+        if unit is not None and unit not in known:
+            raise InputError(f"{what} is {unit!r}: give one of {', '.join(known)}")
+    return Units(time_unit, ACCEL_UNITS.get(accel_unit or ""), GYRO_UNITS.get(gyro_unit or ""))
+
+
+def sensor_of(text: Text) -> Sensor:
+    """The sensor in a text file. Raises FormatError if it has no three columns of one."""
+    layout, header = text.layout, layout_header(text.layout)
+    if layout.names is None:
+        if len(layout.first) != 4:
+            raise FormatError(
+                f"{text.name}: {len(layout.first)} columns without a header, four are needed: time, x, y, z"
+            )
+        names = ("1", "2", "3")
+        return Sensor(text, Header(times=[("0", None)]), Triad(names, None), "")
+    for what, triads in (("accel", header.accel), ("gyro", header.gyro)):
+        if triads and not (header.accel and header.gyro):
+            return Sensor(text, header, triads[0], what)
+    if header.plain:
+        triad, what = header.plain[0]
+        if OTHER_FILE.search(text.name):
+            what = "linear"
+        elif not what:
+            is_gyro, is_accel = GYRO_FILE.search(text.name), ACCEL_FILE.search(text.name)
+            what = "gyro" if is_gyro else "accel" if is_accel else ""
+        return Sensor(text, header, triad, what)
+    linear = " (its acceleration is without gravity)" if header.linear else ""
+    raise FormatError(
+        f"{text.name}: no three columns x, y, z of an accelerometer or a gyroscope{linear}; found: "
+        f"{', '.join(layout.names)}: give the files of these sensors"
+    )
+
+
+def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
+    """The unit of a sensor: of the header, of the caller, or for an accelerometer that of gravity's size."""
+    given = units.accel if what == "accel" else units.gyro
+    of_header = sensor.triad.unit
+    program = sensor.header.program
+    if of_header is None and program == "Sensor Logger" and what == "gyro":
+        of_header = "radps"
+    if given is not None and of_header is not None and given != of_header:
+        raise InputError(
+            f"{sensor.text.name}: the header contradicts the given unit: it says {of_header}, --{what}-unit "
+            f"is {given}: leave the option out, or correct it"
+        )
+    if of_header is not None or given is not None:
+        return of_header or given or ""
+    if sensor.text.layout.names is None:
+        return "lsb"
+    values = sensor.head.triad(sensor.triad)
+    reading = accel_reading(values) if what == "accel" else gyro_reading(values)
+    if what == "accel" and reading.likely in ("mps2", "g"):
+        return reading.likely
+    if what == "accel" and gravity_g(values, "g") < NO_GRAVITY_G:
+        raise _without_gravity(sensor, gravity_g(values, "g"))
+    options = " | ".join(ACCEL_UNITS if what == "accel" else GYRO_UNITS)
+    likely = {v: k for k, v in (ACCEL_UNITS if what == "accel" else GYRO_UNITS).items()}.get(
+        reading.likely or ""
+    )
+    shown = f", probably --{what}-unit {likely}" if likely else ""
+    raise FormatError(
+        f"{sensor.text.name}: the header gives no unit ({reading.text}): give --{what}-unit {options}{shown}"
+    )
+
+
+def has_gravity(sensor: Sensor) -> bool:
+    """Whether the first samples of an accelerometer include gravity, in its unit or the likely one."""
+    values = sensor.head.triad(sensor.triad)
+    unit = sensor.triad.unit or accel_reading(values).likely
+    return unit is not None and (unit == "lsb" or gravity_g(values, unit) > NO_GRAVITY_G)
+
+
+def require_gravity(sensor: Sensor, unit: str) -> None:
+    """Raises FormatError for acceleration without gravity, or far from 1 g in this unit."""
+    gravity = gravity_g(sensor.head.triad(sensor.triad), unit)
+    if not np.isfinite(gravity) or sensor.text.layout.names is None:
+        return
+    if gravity < NO_GRAVITY_G:
+        raise _without_gravity(sensor, gravity)
+    if gravity > 1 / NO_GRAVITY_G:
+        raise FormatError(
+            f"{sensor.text.name}: the median acceleration is {gravity:.3g} g in the unit {unit}: correct "
+            "the unit (--accel-unit), or the header"
+        )
+
+
+def _without_gravity(sensor: Sensor, gravity: float) -> FormatError:
+    hint = (
+        "Sensor Logger writes acceleration with gravity to TotalAcceleration.csv"
+        if sensor.header.program == "Sensor Logger"
+        else "choose the accelerometer with gravity in the app"
+    )
+    return FormatError(
+        f"{sensor.text.name}: the acceleration is without gravity (median {gravity:.2g} g), which a "
+        f"calibration needs: {hint}"
+    )
+
+
+def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], float | None]:
+    """(name, canonical name) of the time column, and its ticks per second if the name cannot say them."""
+    if not sensor.header.times:
+        raise FormatError(
+            f"{sensor.text.name}: there is no time column: two files need their own time stamps"
+        )
+    head = sensor.head
+    if sensor.text.layout.names is None:
+        return ("0", f"time_{given or 's'}"), None
+    found = None if given is not None and _plain_stamps(sensor) else time_of(sensor.header, head)
+    if found is not None:
+        unit = found[0][1].removeprefix("time_")
+        of_date = head.is_date(found[0][0])
+        if given is not None and given != unit and not of_date:
+            raise InputError(
+                f"{sensor.text.name}: the header contradicts the given unit: {found[0][0]} is in {unit}, "
+                f"--time-unit is {given}: leave the option out, or correct it"
+            )
+        return found
+    name = (_plain_stamps(sensor) or [sensor.header.times[0][0]])[0]
+    reading = time_reading(head.numbers(name))
+    unit_known = given or reading.likely
+    if unit_known is None:
+        raise FormatError(
+            f"{sensor.text.name}: the header gives no unit of {name} ({reading.text}): give --time-unit s, "
+            "ms, us or ns"
+        )
+    return (name, f"time_{unit_known}"), None
+
+
+def _plain_stamps(sensor: Sensor) -> list[str]:
+    """Time columns of numbers without a unit; that of the sensor node before that of the host."""
+    head = sensor.head
+    plain = [name for name, unit in sensor.header.times if unit is None and not head.is_date(name)]
+    return sorted(plain, key=lambda name: "node" not in name.lower())
