@@ -102,6 +102,28 @@ def test_the_terminal_shows_names_escaped(name, tmp_path, monkeypatch, capsys):
     assert (shown.out + shown.err).replace("\n", "").isprintable()
 
 
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_columns_are_named_on_one_line(ending, tmp_path):
+    path = tmp_path / f"run.{ending}"
+    given = {f"supply{name}": np.arange(3.0) for name in HOSTILE if "\x00" not in name}
+    recording = imucal.Recording(np.arange(3.0), np.zeros((3, 3)), np.zeros((3, 3)), auxiliary=given)
+    assert all(name.isprintable() for name in recording.auxiliary)
+    imucal.write(recording, path)
+    assert list(imucal.read(path).auxiliary) == list(recording.auxiliary)
+    assert r"supply\u2028evil: 1" in recording.auxiliary
+
+
+@pytest.mark.parametrize(("size", "code"), [(255, 0), (256, 1)])
+def test_an_output_has_any_name_that_a_file_can_have(size, code, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    imucal.write(imucal.simulate("static", seed=1).recording, "still.csv")
+    assert main(["convert", "still.csv", "-o", "n" * (size - 4) + ".csv"]) == code
+    shown = capsys.readouterr().err
+    assert ("its name has 256 bytes, and a file name has at most 255: give a shorter one" in shown) is bool(
+        code
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("redirected", ["| head -c 0", ">&-", ">&- 2>&-", "| true"])
 @pytest.mark.parametrize("words", ["", "--json -"])

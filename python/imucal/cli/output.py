@@ -29,6 +29,8 @@ __all__ = [
 # Exit codes: no result (also for bad input), and a verdict that is poor or worse than required.
 NO_RESULT = 1
 POOR_VERDICT = 2
+# Bytes of a file name that Linux, macOS and Windows allow.
+LONGEST_FILE_NAME = 255
 # Width for output to a file or a pipe, characters: enough for every table, while rich assumes 80.
 PIPE_WIDTH = 160
 
@@ -59,7 +61,13 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
 
 
 def _require_place(option: str, path: Path) -> None:
-    """Raises InputError if `path` is a folder or its folder does not exist."""
+    """Raises InputError if `path` is a folder, its folder does not exist, or its name is too long."""
+    size = len(os.fsencode(path.name))
+    if size > LONGEST_FILE_NAME:
+        raise InputError(
+            f"{option} {path} cannot be written: its name has {size} bytes, and a file name has at most "
+            f"{LONGEST_FILE_NAME}: give a shorter one"
+        )
     if path.is_dir():
         raise InputError(f"{option} {path} cannot be written: it is a folder; give the name of a file")
     if not path.parent.is_dir():

@@ -43,7 +43,8 @@ class Recording:
     angular_rate      (N, 3)  in `gyro_unit`, along the gyroscope's axes
     temperature_degc  (N,)    degC, or None
     stand_rad         (N, 3)  angles of the stand's motors from their encoders, rad, or None
-    auxiliary         name -> (N,)  other columns of the file
+    auxiliary         name -> (N,)  other columns of the file; characters of a name that cannot be printed
+                      become escapes
     findings          repairs and remarks of the reader of the file
 
     All are float64, except that force and rate may also be float32 or int16. A C-contiguous array of such a
@@ -104,7 +105,7 @@ class Recording:
             else column(temperature_degc, "temperature_degc", None, rows),
             "stand_rad": None if stand_rad is None else column(stand_rad, "stand_rad", 3, rows),
             "auxiliary": {
-                key: column(values, f"auxiliary[{key!r}]", None, rows)
+                shown(key): column(values, f"auxiliary[{key!r}]", None, rows)
                 for key, values in (auxiliary or {}).items()
             },
             "accel_unit": accel_unit,
