@@ -327,6 +327,29 @@ def witmotion(folder):
     return Made([write(folder, "data.txt", "\t".join(names), [row + "\t" for row in rows], end="\r\n")], {})
 
 
+def packets(scale=1.0):
+    made = b""
+    for at, accel in enumerate(FORCE):
+        second, ms = divmod(at * 10, 1000)
+        words = (
+            (0x50, np.frombuffer(bytes([26, 1, 31, 23, 59, 57 + second]) + ms.to_bytes(2, "little"), "<i2")),
+            (0x51, [*np.round(accel / G / 16 * 32768 * scale), 2550]),
+            (0x52, [*np.round(RATE[at] / DEG / 2000 * 32768), 0]),
+            (0x53, [1, 2, 3, 4]),
+        )
+        for kind, values in words:
+            body = bytes([0x55, kind]) + np.asarray(values, "<i2").tobytes()
+            made += body + bytes([sum(body) & 0xFF])
+    return made
+
+
+@sample("WitMotion, binary packets")
+def witmotion_packets(folder):
+    path = folder / "wt901.bin"
+    path.write_bytes(packets())
+    return Made([path], {"rate_hz": RATE_HZ}, tolerance=3e-3)
+
+
 @sample("x-io x-IMU3, CSV folder")
 def ximu3(folder):
     us = 5_000_000 + np.round(TIME_S * 1e6).astype(int)
@@ -656,6 +679,23 @@ def test_export_is_read_by_the_command_of_the_page(tmp_path, name, monkeypatch):
     for option in made.options:
         assert f"--{option.replace('_', '-')}" in command
     assert command.count("--") == len(made.options)
+
+
+def test_packets_have_their_own_time_and_are_checked(tmp_path):
+    content, path = packets(), tmp_path / "wt901.bin"
+    path.write_bytes(content)
+    recording = imucal.read(path)
+    np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
+    np.testing.assert_array_equal(recording.temperature_degc, 25.5)
+    spoilt = bytearray(content)
+    spoilt[44 * 50 + 11 + 4] ^= 1
+    path.write_bytes(bytes(spoilt[:-7]))
+    again = imucal.read(path)
+    assert len(again) == ROWS - 1
+    np.testing.assert_allclose(np.delete(TIME_S, 50), again.time_s, atol=1e-9)
+    path.write_bytes(packets(scale=4.0))
+    with pytest.raises(imucal.FormatError, match="set the ranges to 16 g"):
+        imucal.read(path)
 
 
 @pytest.mark.parametrize("kind", ["gzip", "utf-16", "utf-16-le", "zip"])

@@ -138,6 +138,7 @@ FORMS = {
     "31.01.2026 23:59:58.010": lambda at: at.strftime("%d.%m.%Y %H:%M:%S.%f"),
     "01/31/2026 11:59:58.010 PM": lambda at: at.strftime("%m/%d/%Y %I:%M:%S.%f %p"),
     "23:59:58.010": lambda at: at.strftime("%H:%M:%S.%f"),
+    "0 days 00:00:00.010": lambda at: f"0 days {(at - datetime.timedelta(hours=23)).strftime('%H:%M:%S.%f')}",
     "59:58.01": lambda at: at.strftime("%M:%S.%f")[:-4],
     "2026-01-31 23:59:58.010+01:00": lambda at: at.isoformat(timespec="milliseconds") + "+01:00",
 }

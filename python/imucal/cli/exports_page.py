@@ -101,9 +101,15 @@ EXPORTS: Final = (
     ),
     Export(
         "WitMotion, text record",
-        "record as text (.txt or .csv); binary records and raw packets are not read",
+        "record as text (.txt or .csv)",
         "imucal convert data.txt -o rec.csv",
         "the angles and the magnetic field; the chip time is read if the record has no other",
+    ),
+    Export(
+        "WitMotion, binary packets",
+        "acceleration (0x51) and angular rate (0x52), at best with time (0x50), of a serial terminal",
+        "imucal convert wt901.bin --rate-hz 100 -o rec.csv",
+        "the angles and the magnetic field; the ranges have to be 16 g and 2000 deg/s",
     ),
     Export(
         "x-io x-IMU3, CSV folder",
@@ -224,8 +230,7 @@ Lines of text, incomplete lines, rows without values and exact copies of rows ar
 that counts them; a file that is mostly text, or has more than 1 % of garbled lines, is refused.
 
 Not read, with the way out: spreadsheets (.xlsx, .xls, .ods, .numbers: save the sheet as CSV), timetables
-and tables in .mat files (`writetimetable`, `writetable`), binary records of WitMotion (record as text),
-Betaflight logs (`blackbox_decode`).
+and tables in .mat files (`writetimetable`, `writetable`), Betaflight logs (`blackbox_decode`).
 """
 
 

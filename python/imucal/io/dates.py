@@ -2,6 +2,7 @@
 
     2026-01-31 12:00:00.123   2026/01/31T12:00:00,123Z   20260131T120000.123   31.01.2026 12:00:00:123
     31-Jan-2026 12:00:00.123  Jan 31, 2026 12:00:00 PM   12:00:00.123  12:00:00:123  00:12.3 (minutes)
+    0 days 00:00:12.3
 
 A time of day continues on the next day after midnight. Of 01/02/2026, day and month are exchanged as the rest
 of the column needs it.
@@ -33,6 +34,7 @@ PATTERNS: Final = (
     r"^(?P<first>\d{1,2})[-/.](?P<other>\d{1,2})[-/.](?P<year>\d{4})" + _GAP + _CLOCK,
     r"^(?P<year>\d{4})(?P<month>\d{2})(?P<day>\d{2})[T_ \-](?P<hour>\d{2})(?P<minute>\d{2})(?P<second>\d{2})"
     r"[.,_]?(?P<fraction>\d{1,9})?(?P<zone>[Zz])?$",
+    r"^(?P<days>\d{1,5}) days?,?\s+" + _CLOCK,
     r"^" + _CLOCK,
     r"^(?P<minute>\d{1,2}):(?P<second>\d{2})[.,](?P<fraction>\d{1,9})$",
 )
@@ -101,7 +103,9 @@ def nanoseconds(column: Any) -> NDArray[np.int64] | None:
         digits = compute.fill_null(compute.utf8_rpad(parts.field("fraction"), 9, "0"), "0")
         ns = ns + numpy_of(compute.cast(digits, pa.int64()))
     ns = ns - _zone_ns(parts.field("zone")) if "zone" in found else ns
-    if "year" in found:
+    if "days" in found:
+        ns = ns + number("days") * DAY_NS
+    elif "year" in found:
         ns = _with_days(ns, number, found, parts)
     else:
         ns = _past_midnight(ns, empty, DAY_NS if "hour" in found else DAY_NS // 24)

@@ -19,6 +19,7 @@ from imucal.io.ros import read_mcap, read_rosbag
 from imucal.io.sensor_files import read_folder, read_pair
 from imucal.io.sentences import read_labels, read_vectornav
 from imucal.io.ulog import read_ulog
+from imucal.io.witmotion import read_witmotion
 from imucal.recording.recording import Recording
 
 __all__ = ["FORMATS", "Format"]
@@ -179,6 +180,18 @@ FORMATS: Final[dict[str, Format]] = {
         "none in the sentences of VectorNav: --rate-hz",
         ("columns", "rate_hz"),
         "imu.txt --rate-hz 100",
+    ),
+    "witmotion": Format(
+        read_witmotion,
+        "WitMotion binary packets",
+        1,
+        None,
+        "packets 0x51 and 0x52 with valid check sums",
+        "acceleration, angular rate and temperature; packets with a wrong check sum are left out",
+        "counts of 16 g and 2000 deg/s, the ranges of the WT901 series, converted to m/s^2 and rad/s",
+        "packets of time (0x50), counted from the first sample; or --rate-hz",
+        ("rate_hz",),
+        "wt901.bin --rate-hz 100",
     ),
     "euroc": Format(
         read_euroc,

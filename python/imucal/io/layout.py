@@ -31,7 +31,9 @@ NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 # Something that starts like a date or a time of day; `imucal.io.dates` reads it.
 DATE: Final = re.compile(
-    r"(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|\w{3,9}\.? \d{1,2}, \d{4})", re.ASCII
+    r"(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|\w{3,9}\.? \d{1,2}, \d{4}|"
+    r"\d+ days? )",
+    re.ASCII,
 )
 COMMENT: Final = re.compile(r"^\s*(#|%|//)+\s*")
 # The time stamp that the Arduino serial monitor writes before each line.

@@ -28,6 +28,7 @@ from imucal.io.ros import ROS1_MAGIC
 from imucal.io.sentences import are_labels, are_sentences
 from imucal.io.text import head_of
 from imucal.io.ulog import ULOG_MAGIC
+from imucal.io.witmotion import are_packets
 
 __all__ = ["recognise"]
 
@@ -84,6 +85,8 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     for magic, name in STARTS:
         if start.startswith(magic):
             return name
+    if start[:1] == b"\x55" and are_packets(first_bytes(path, HEAD)):
+        return "witmotion"
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
     head = unpacked_start(path.name, path, HEAD)

@@ -1,0 +1,126 @@
+"""Binary packets of WitMotion sensors, as a serial terminal records them.
+
+A packet has 11 bytes: 0x55, its kind, four int16 (little-endian), and the low byte of the sum of the others.
+
+    0x50  time: year - 2000, month, day, hour, minute, second, ms (uint16)
+    0x51  acceleration, counts of 16 g / 32768; temperature, counts of 0.01 degC
+    0x52  angular rate, counts of 2000 deg/s / 32768
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucal.document.source import open_file
+from imucal.errors import FormatError, InputError
+from imucal.finding import Finding
+from imucal.io.remarks import damaged
+from imucal.recording.recording import Recording
+from imucal.units import DEGREE_RAD, STANDARD_GRAVITY_MPS2
+
+__all__ = ["are_packets", "read_witmotion"]
+
+SIZE: Final = 11
+START: Final = 0x55
+KINDS: Final = (0x50, 0x5F)
+TIME, ACCEL, GYRO = 0x50, 0x51, 0x52
+# SI units in one count, by the communication protocol of the WT901 series.
+FORCE_MPS2: Final = 16 * STANDARD_GRAVITY_MPS2 / 32768
+RATE_RADPS: Final = 2000 * DEGREE_RAD / 32768
+# Range of the median magnitude of the acceleration, g; another range of the accelerometer changes the scale.
+GRAVITY_G: Final = (0.7, 1.4)
+
+
+def are_packets(start: bytes) -> bool:
+    """Whether the start of a file consists of such packets."""
+    return len(_offsets(start)) * SIZE > 0.8 * len(start) > 2 * SIZE
+
+
+def read_witmotion(path: str | os.PathLike[str], *, rate_hz: float | None = None) -> Recording:
+    """Read packets of acceleration and angular rate; those with a wrong check sum are left out.
+
+    rate_hz  sampling rate, Hz, if there are no packets of time; the first sample is then at 0 s
+
+    Raises FormatError without both kinds of packets, and for accelerations far from the size of gravity.
+    """
+    file = open_file(path)
+    packets = _packets(file.content)
+    kinds = packets[:, 1]
+    # A sample is an acceleration and the rate that follows it.
+    first = np.flatnonzero((kinds[:-1] == ACCEL) & (kinds[1:] == GYRO))
+    if not len(first):
+        raise FormatError(
+            f"{file.name}: there is no packet of acceleration (0x51) followed by one of angular rate (0x52): "
+            "switch both on in the WitMotion software, and record again"
+        )
+    counts = np.ascontiguousarray(packets[:, 2:10]).view("<i2")
+    force = counts[first, :3] * FORCE_MPS2
+    gravity = float(np.median(np.linalg.norm(force, axis=1))) / STANDARD_GRAVITY_MPS2
+    if not GRAVITY_G[0] < gravity < GRAVITY_G[1]:
+        raise FormatError(
+            f"{file.name}: the median acceleration is {gravity:.3g} g at a range of 16 g: set the ranges to "
+            "16 g and 2000 deg/s in the WitMotion software, or record as text"
+        )
+    findings: list[Finding] = []
+    if len(packets) * SIZE < len(file.content) - 2 * SIZE:
+        findings.append(damaged(file.name))
+    temperature = counts[first, 3] / 100.0
+    return Recording(
+        _time_s(Path(path).name, packets, first, rate_hz),
+        force,
+        counts[first + 1, :3] * RATE_RADPS,
+        temperature_degc=temperature if (temperature > -40).all() and temperature.any() else None,
+        name=file.name,
+        sources=[file.source],
+        findings=findings,
+    )
+
+
+def _offsets(content: bytes) -> NDArray[np.int64]:
+    """The offsets of the packets with a valid check sum."""
+    data = np.frombuffer(content, np.uint8)
+    if len(data) < SIZE:
+        return np.empty(0, np.int64)
+    at = np.flatnonzero((data[:-1] == START) & (data[1:] >= KINDS[0]) & (data[1:] <= KINDS[1]))
+    at = at[at + SIZE <= len(data)]
+    sums = np.zeros(len(at), np.uint8)
+    for index in range(SIZE - 1):
+        sums += data[at + index]
+    return np.asarray(at[sums == data[at + SIZE - 1]])
+
+
+def _packets(content: bytes) -> NDArray[np.uint8]:
+    """The packets, (N, 11); one that begins inside of another is no packet."""
+    at = _offsets(content)
+    if len(at) > 1 and (np.diff(at) < SIZE).any():
+        kept = [int(at[0])]
+        for offset in at[1:].tolist():
+            if offset - kept[-1] >= SIZE:
+                kept.append(offset)
+        at = np.array(kept)
+    data = np.frombuffer(content, np.uint8)
+    return np.asarray(data[at[:, None] + np.arange(SIZE)])
+
+
+def _time_s(file: str, packets: NDArray[np.uint8], first: NDArray[Any], rate_hz: float | None) -> Any:
+    if rate_hz is not None:
+        if not (np.isfinite(rate_hz) and rate_hz > 0):
+            raise InputError(f"{file}: rate_hz is {rate_hz}: give a positive number")
+        return np.arange(len(first)) / rate_hz
+    before = first - 1
+    if before.min() < 0 or not (packets[before, 1] == TIME).all():
+        raise FormatError(
+            f"{file}: there is no packet of time (0x50) before each sample: switch it on in the WitMotion "
+            "software, or give the sample rate (rate_hz, --rate-hz)"
+        )
+    stamps = packets[before]
+    years = stamps[:, 2].astype(np.int64) + 30
+    months = (years * 12 + stamps[:, 3] - 1).astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
+    seconds = ((months + stamps[:, 4] - 1) * 24 + stamps[:, 5]) * 60 + stamps[:, 6]
+    ms = (seconds * 60 + stamps[:, 7]) * 1000 + np.ascontiguousarray(stamps[:, 8:10]).view("<u2")[:, 0]
+    return (ms - ms[0]) / 1000.0
