@@ -18,7 +18,7 @@ class Ended:
     def __init__(self, outcome, termination, reasons):
         self._outcome = outcome
         self.joint_fit = {**outcome.joint_fit, "termination": termination}
-        self.reasons = reasons
+        self.verdict, self.reasons = "poor", reasons
 
     def __getattr__(self, name):
         return getattr(self._outcome, name)
