@@ -10,8 +10,6 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from imucal.errors import InputError
-
 __all__ = ["is_frame", "recording_of", "register", "table_of"]
 
 _converters: list[str] = []
@@ -41,5 +39,8 @@ def table_of(recording: Any) -> Any:
 
 def _converter() -> Any:
     if not _converters:
+        # Imported here, because `import imucal` loads this module and nothing else.
+        from imucal.errors import InputError
+
         raise InputError("data frames need the whole package: import imucal, not only a part of it")
     return importlib.import_module(_converters[0])

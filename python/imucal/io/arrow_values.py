@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["arrow_of", "numpy_of", "truth_of"]
+__all__ = ["arrow_of", "numpy_of", "present_of", "ticks_of", "truth_of"]
 
 # Arrow types by name, and NumPy's; times are given as their ticks.
 _TYPES: Final[dict[str, np.dtype[Any]]] = {
@@ -41,8 +41,25 @@ def numpy_of(array: Any) -> NDArray[Any]:
     if not array.null_count:
         return values
     filled: NDArray[Any] = values.astype(dtype if dtype.kind == "f" else np.float64)
-    filled[~truth_of(array.is_valid())] = np.nan
+    filled[~present_of(array)] = np.nan
     return filled
+
+
+def ticks_of(array: Any) -> NDArray[Any]:
+    """The integers of an Arrow array as they are stored, with any number in empty cells."""
+    dtype = _TYPES[str(array.type)]
+    if not len(array):
+        return np.empty(0, dtype)
+    return np.frombuffer(array.buffers()[1], dtype, len(array), array.offset * dtype.itemsize)
+
+
+def present_of(array: Any) -> NDArray[np.bool_]:
+    """Which cells of an Arrow array are not empty."""
+    # Arrow's own function loads its library of functions.
+    if not array.null_count:
+        return np.ones(len(array), bool)
+    bits = np.unpackbits(np.frombuffer(array.buffers()[0], np.uint8), bitorder="little")
+    return bits[array.offset : array.offset + len(array)].astype(bool)
 
 
 def arrow_of(values: NDArray[Any]) -> Any:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
-from imucal.io.arrow_values import numpy_of, truth_of
+from imucal.io.arrow_values import numpy_of, present_of, ticks_of
 from imucal.io.copies import without_copies
 from imucal.io.names import (
     AXES,
@@ -163,10 +163,8 @@ class _Wanted:
             present = np.ones(len(part), dtype=bool)
             if is_whole:
                 # Subtract as integers: 1.4e18 ns has more digits than a float64 can represent.
-                if part.null_count:
-                    present = truth_of(part.is_valid())
-                    part = part.fill_null(0)
-                values: NDArray[Any] = numpy_of(part).astype(np.int64)
+                present = present_of(part)
+                values: NDArray[Any] = ticks_of(part).astype(np.int64)
             else:
                 values = float64(part)
                 present = np.isfinite(values)

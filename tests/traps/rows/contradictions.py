@@ -175,9 +175,7 @@ CALIBRATIONS = (
         put("noise", "gyro_noise_density_x_radps_per_sqrt_hz", value=3.0),
         refused("noise"),
     ),
-    evaluating(
-        "chi2 of another p-value", put("fit", "noise_alone", "chi2", value=9e3), refused("p_value")
-    ),
+    evaluating("chi2 of another p-value", put("fit", "noise_alone", "chi2", value=9e3), refused("p_value")),
     evaluating("a field with another name", lambda d: d.update(effect=d.pop("effects")), refused("effects")),
     evaluating(
         "a serial number of two lines",
