@@ -9,6 +9,7 @@
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
+#   make fuzz      damaged files of every format for MINUTES=30, then arbitrary recordings with cargo-fuzz
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
@@ -37,7 +38,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # features compiles the dependencies again.
 CARGO_TEST := cargo test --release --locked --workspace
 
-MANIFESTS := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-APACHE
+MANIFESTS := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-APACHE THIRD_PARTY_LICENSES
 RUST_SOURCES := $(shell find rust -type f)
 PYTHON_SOURCES := $(shell find python -type f -not -path '*/__pycache__/*' -not -name '*.so')
 SOURCES := $(MANIFESTS) $(RUST_SOURCES) $(PYTHON_SOURCES)
@@ -95,6 +96,10 @@ lint-rust: rust-components $(VENV)/.tools
 	cargo fmt --all --check
 	$(call say,Rust: clippy)
 	cargo clippy --workspace --all-targets --locked -- -D warnings
+	$(call say,Rust: licences)
+	$(PY) tests/package/licences.py
+	@if cargo deny --version >/dev/null 2>&1; then cargo deny check; \
+	  else echo "vulnerabilities are not looked up: cargo install cargo-deny"; fi
 
 lint-documentation: rust-components $(VENV)/.tools
 	$(call say,Rust: documentation)
@@ -217,6 +222,21 @@ docs-figures: $(VENV)/.installed
 docs-pictures: $(VENV)/.installed
 	$(call say,Screenshots of a report)
 	$(PY) benches/report_pictures.py
+
+# Damaged files and arbitrary recordings, from new random numbers on each call with another SEED. cargo-fuzz needs a
+# nightly toolchain; without it, `make test` runs the same targets with seeded numbers.
+MINUTES ?= 30
+SEED ?= 1000000
+FUZZ_TARGETS := check inspect calibrate
+.PHONY: fuzz
+fuzz: $(VENV)/.installed
+	$(call say,Damaged files)
+	PYTHONPATH=tests/fuzz:tests/fixtures $(PY) tests/fuzz/run.py --minutes $(MINUTES) --first-seed $(SEED)
+	$(call say,Arbitrary recordings)
+	@if ! cargo +nightly fuzz --version >/dev/null 2>&1; then echo "left out: cargo install cargo-fuzz, rustup toolchain install nightly"; else \
+	  for target in $(FUZZ_TARGETS); do \
+	    cargo +nightly fuzz run $$target -- -max_total_time=$$(( 60 * $(MINUTES) )) -timeout=10 -rss_limit_mb=2048; \
+	  done; fi
 
 .PHONY: clean
 clean:

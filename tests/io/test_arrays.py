@@ -10,6 +10,7 @@ import scipy.io
 from pyarrow import parquet
 
 import imucal
+from array_files import ARRAY_WRITERS, canonical, hdf5
 
 
 def assert_is(recording, known, *, is_counted=True):
@@ -19,42 +20,9 @@ def assert_is(recording, known, *, is_counted=True):
     np.testing.assert_array_equal(recording.angular_rate, known.gyro)
 
 
-def canonical(known):
-    return {
-        "time_ns": known.time_ns,
-        "accel_mps2": known.accel,
-        "gyro_radps": known.gyro,
-        "temp_degc": known.temperature,
-    }
-
-
-def hdf5(path, known, group="/"):
-    with h5py.File(path, "a") as file:
-        for name, array in canonical(known).items():
-            file.require_group(group)[name] = array
-
-
-def matlab_7_3(path, known):
-    """As MATLAB writes it: HDF5 behind a block of 512 bytes with its name, arrays with their axes swapped."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, array in canonical(known).items():
-            file[f"run/{name}"] = np.atleast_2d(array).T if array.ndim == 2 else array[np.newaxis, :]
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-
-
-WRITERS = {
-    "run.npz": lambda path, known: np.savez(path, **canonical(known)),
-    "run.h5": hdf5,
-    "v5.mat": lambda path, known: scipy.io.savemat(path, canonical(known)),
-    "struct.mat": lambda path, known: scipy.io.savemat(path, {"run": canonical(known)}, do_compression=True),
-    "v73.mat": matlab_7_3,
-}
-
-
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", ARRAY_WRITERS)
 def test_arrays_with_canonical_names_are_found(tmp_path, known, name):
-    WRITERS[name](tmp_path / name, known)
+    ARRAY_WRITERS[name](tmp_path / name, known)
     recording = imucal.read(tmp_path / name)
     assert_is(recording, known)
     np.testing.assert_array_equal(recording.temperature_degc, known.temperature)
@@ -189,11 +157,11 @@ def test_nan_is_kept_for_the_checks(tmp_path, known):
     np.testing.assert_array_equal(imucal.read(tmp_path / "run.npz").angular_rate, gyro)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", ARRAY_WRITERS)
 @pytest.mark.parametrize("kept", [0, 12, 600, 0.7])
 def test_truncated_files_are_named(tmp_path, known, name, kept):
     path = tmp_path / name
-    WRITERS[name](path, known)
+    ARRAY_WRITERS[name](path, known)
     content = path.read_bytes()
     path.write_bytes(content[: kept if isinstance(kept, int) else int(kept * len(content))])
     with pytest.raises(imucal.FormatError, match=name) as caught:

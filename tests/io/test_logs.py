@@ -1,75 +1,14 @@
 """Logs of PX4 and ArduPilot, each encoded by its own library: pyulog and pymavlink."""
 
-import io
 import json
 import struct
 
 import numpy as np
 import pytest
-from pymavlink.DFReader import DFFormat, DFMessage
 from pyulog import ULog
 
 import imucal
-
-# PX4 ULog. pyulog writes what it has read, so a log starts as the bytes of the file format's description.
-
-FORMATS = {
-    "sensor_accel": "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;"
-    "float temperature;uint32_t error_count;uint8_t[3] clip_counter;uint8_t samples;",
-    "sensor_gyro": "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;"
-    "float temperature;uint32_t error_count;uint8_t[3] clip_counter;uint8_t samples;",
-    "sensor_combined": "uint64_t timestamp;float[3] gyro_rad;uint32_t gyro_integral_dt;"
-    "int32_t accelerometer_timestamp_relative;float[3] accelerometer_m_s2;uint32_t accelerometer_integral_dt;"
-    "uint8_t accelerometer_clipping;",
-    "vehicle_status": "uint64_t timestamp;uint8_t arming_state;",
-}
-PUBLISHED_LATER_US = 250
-
-
-def ulog(path, *messages):
-    """Write (name, instance, rows of bytes) with pyulog."""
-    parts = [ULog.HEADER_BYTES + struct.pack("<BQ", 1, 1_000_000)]
-
-    def part(kind, content):
-        parts.append(struct.pack("<HB", len(content), ord(kind)) + content)
-
-    part("B", bytes(40))
-    for name in {name for name, _, _ in messages}:
-        part("F", f"{name}:{FORMATS[name]}".encode())
-    for number, (name, instance, _) in enumerate(messages):
-        part("A", struct.pack("<BH", instance, number) + name.encode())
-    for number, (_, _, rows) in enumerate(messages):
-        for row in rows:
-            part("D", struct.pack("<H", number) + row)
-    ULog(io.BytesIO(b"".join(parts))).write_ulog(str(path))
-
-
-def sensor(name, time_us, values, temperature, instance=0):
-    rows = [
-        struct.pack("<QQI4fI3BB", t + PUBLISHED_LATER_US, t, 7, *row, degc, 0, 0, 0, 0, 1)
-        for t, row, degc in zip(time_us.tolist(), values, temperature, strict=True)
-    ]
-    return name, instance, rows
-
-
-def combined(time_us, accel, gyro, relative_us):
-    rows = [
-        struct.pack("<Q3fIi3fIB", t, *rate, 10_000, after, *force, 10_000, 0)
-        for t, force, rate, after in zip(time_us.tolist(), accel, gyro, relative_us, strict=True)
-    ]
-    return "sensor_combined", 0, rows
-
-
-def microseconds(known):
-    return (known.time_ns - known.time_ns[0]) // 1000 + 5_000_000
-
-
-def pair(known, instance=0):
-    time_us = microseconds(known)
-    return (
-        sensor("sensor_accel", time_us, known.accel, known.temperature, instance),
-        sensor("sensor_gyro", time_us, known.gyro, known.temperature + 1, instance),
-    )
+from log_files import UNITS, combined, dataflash, encoded, imu, microseconds, pair, raw, ulog
 
 
 def assert_is(recording, known):
@@ -180,69 +119,6 @@ def test_damaged_ulog_says_so(tmp_path, known, capfd):
     assert "file_damaged" in codes(recording)
     assert capfd.readouterr() == ("", "")
     assert_is(recording, known)
-
-
-# ArduPilot dataflash
-
-DATAFLASH = {
-    "FMT": DFFormat(0x80, "FMT", 89, "BBnNZ", "Type,Length,Name,Format,Columns"),
-    "UNIT": DFFormat(1, "UNIT", 76, "QbZ", "TimeUS,Id,Label"),
-    "FMTU": DFFormat(2, "FMTU", 44, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"),
-    "IMU": DFFormat(
-        3,
-        "IMU",
-        0,
-        "QBffffffIIfBBHH",
-        "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz",
-    ),
-    "ACC": DFFormat(4, "ACC", 0, "QBQfff", "TimeUS,I,SampleUS,AccX,AccY,AccZ"),
-    "GYR": DFFormat(5, "GYR", 0, "QBQfff", "TimeUS,I,SampleUS,GyrX,GyrY,GyrZ"),
-    "IMU2": DFFormat(
-        6, "IMU2", 0, "QffffffIIfBBHH", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,Temp,GH,AH,GHz,AHz"
-    ),
-    "ATT": DFFormat(7, "ATT", 0, "Qf", "TimeUS,Roll"),
-}
-UNITS = {"IMU": "s#EEEooo--O----", "ACC": "s#sooo", "GYR": "s#sEEE"}
-
-
-def encoded(name, *values):
-    """A message as pymavlink encodes it."""
-    values = [value.encode() if isinstance(value, str) else value for value in values]
-    body = DFMessage(DATAFLASH[name], values, False, None).get_msgbuf()
-    return bytes(body)
-
-
-def dataflash(path, names, messages, units=UNITS):
-    parts = []
-    for name in ("FMT", "UNIT", "FMTU", *names):
-        form = DATAFLASH[name]
-        length = 3 + struct.calcsize(form.msg_struct)
-        parts.append(encoded("FMT", form.type, length, name, form.format, ",".join(form.columns)))
-    parts += [encoded("UNIT", 0, ord(letter), label) for letter, label in UNIT_LABELS.items()]
-    parts += [
-        encoded("FMTU", 0, DATAFLASH[name].type, units[name], "F" + "-" * (len(units[name]) - 1))
-        for name in names
-        if name in units
-    ]
-    path.write_bytes(b"".join([*parts, *messages]))
-
-
-UNIT_LABELS = {"s": "s", "#": "instance", "E": "rad/s", "o": "m/s/s", "O": "degC", "k": "deg/s", "-": ""}
-
-
-def imu(known, instance=0):
-    rows = zip(microseconds(known).tolist(), known.gyro, known.accel, known.temperature, strict=True)
-    return [
-        encoded("IMU", t, instance, *rate, *force, 0, 0, degc, 1, 1, 400, 400)
-        for t, rate, force, degc in rows
-    ]
-
-
-def raw(kind, time_us, values, instance=0):
-    return [
-        encoded(kind, t + PUBLISHED_LATER_US, instance, t, *row)
-        for t, row in zip(time_us.tolist(), values, strict=True)
-    ]
 
 
 def test_dataflash_imu(tmp_path, known):

@@ -5,7 +5,6 @@ clocks.
 """
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +81,11 @@ def test_text_under_the_name_of_another_format(tmp_path, name, format, message):
     ],
 )
 def test_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, format, module, extra):
-    monkeypatch.setitem(sys.modules, module, None)
+    # The child process that reads these formats gets the search path.
+    shadow = tmp_path / "shadow" / f"{module.split('.')[0]}.py"
+    shadow.parent.mkdir()
+    shadow.write_text("raise ImportError('it is not installed')")
+    monkeypatch.syspath_prepend(shadow.parent)
     path = tmp_path / "run"
     path.write_bytes(b"\xa3\x95" + bytes(100))
     with pytest.raises(imucal.ImucalError, match=re.escape(f'pip install "imucal-rs[{extra}]"')) as caught:

@@ -4,95 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mcap.writer import Writer as McapWriter
-from mcap_ros2.writer import Writer as McapRos2Writer
-from rosbags.rosbag1 import Writer as Ros1Writer
-from rosbags.rosbag2 import StoragePlugin, Writer as Ros2Writer
-from rosbags.typesys import Stores, get_typestore
 
 import imucal
-
-IMU = "sensor_msgs/msg/Imu"
-ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
-RECEIVED_LATER_NS = 3_000_000
-
-
-def messages(known, store, *, absent=(), stamped=True):
-    """Stamp and Imu message of each sample; `absent` sensors are marked as not measured."""
-    make = store.types
-    for i, (stamp_ns, force, rate) in enumerate(
-        zip(known.time_ns.tolist(), known.accel, known.gyro, strict=True)
-    ):
-        second, nanosecond = divmod(stamp_ns if stamped else 0, 1_000_000_000)
-        header = {"seq": i} if store is ROS1 else {}
-        covariance = {sensor: np.full(9, -1.0 if sensor in absent else 0.0) for sensor in ("accel", "gyro")}
-        yield (
-            stamp_ns,
-            make[IMU](
-                make["std_msgs/msg/Header"](
-                    stamp=make["builtin_interfaces/msg/Time"](second, nanosecond), frame_id="imu", **header
-                ),
-                make["geometry_msgs/msg/Quaternion"](0, 0, 0, 1),
-                np.full(9, -1.0),
-                make["geometry_msgs/msg/Vector3"](*rate),
-                covariance["gyro"],
-                make["geometry_msgs/msg/Vector3"](*force),
-                covariance["accel"],
-            ),
-        )
-
-
-def bag1(path, topics):
-    with Ros1Writer(path) as bag:
-        for topic, recorded in topics.items():
-            if isinstance(recorded, str):
-                connection = bag.add_connection(topic, recorded, typestore=ROS1)
-                text = ROS1.types[recorded]("x")
-                bag.write(connection, 1, ROS1.serialize_ros1(text, recorded))
-                continue
-            connection = bag.add_connection(topic, IMU, typestore=ROS1)
-            for stamp_ns, message in recorded:
-                bag.write(connection, stamp_ns + RECEIVED_LATER_NS, ROS1.serialize_ros1(message, IMU))
-
-
-def bag2(path, topics, *, storage=StoragePlugin.SQLITE3):
-    with Ros2Writer(path, version=9, storage_plugin=storage) as bag:
-        for topic, recorded in topics.items():
-            connection = bag.add_connection(topic, IMU, typestore=ROS2)
-            for stamp_ns, message in recorded:
-                bag.write(connection, stamp_ns + RECEIVED_LATER_NS, ROS2.serialize_cdr(message, IMU))
-
-
-def plain(message):
-    """A message of rosbags as the nested attributes that mcap-ros2-support takes."""
-    if not hasattr(message, "__dataclass_fields__"):
-        return message.tolist() if isinstance(message, np.ndarray) else message
-    return SimpleNamespace(**{name: plain(getattr(message, name)) for name in message.__dataclass_fields__})
-
-
-def mcap2(path, topics):
-    definition = ROS2.generate_msgdef(IMU, ros_version=2)[0]
-    with path.open("wb") as file:
-        writer = McapRos2Writer(file)
-        schema = writer.register_msgdef(IMU, definition)
-        for topic, recorded in topics.items():
-            for stamp_ns, message in recorded:
-                writer.write_message(topic, schema, plain(message), log_time=stamp_ns + RECEIVED_LATER_NS)
-        writer.finish()
-
-
-def mcap1(path, topics, *, encoding="ros1"):
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="ros1")
-        definition = ROS1.generate_msgdef(IMU, ros_version=1)[0]
-        schema = writer.register_schema("sensor_msgs/Imu", "ros1msg", definition.encode())
-        for topic, recorded in topics.items():
-            channel = writer.register_channel(topic, encoding, schema)
-            for stamp_ns, message in recorded:
-                raw = bytes(ROS1.serialize_ros1(message, IMU))
-                writer.add_message(channel, stamp_ns + RECEIVED_LATER_NS, raw, stamp_ns)
-        writer.finish()
+from ros_files import ROS1, ROS2, ROS_WRITERS, StoragePlugin, bag1, bag2, mcap1, mcap2, messages
 
 
 def assert_is(recording, known):
@@ -102,18 +16,9 @@ def assert_is(recording, known):
     assert (recording.accel_unit, recording.gyro_unit, recording.findings) == ("m/s^2", "rad/s", ())
 
 
-WRITERS = {
-    "drive.bag": (bag1, ROS1),
-    "bag_sqlite3": (bag2, ROS2),
-    "bag_mcap": (lambda path, topics: bag2(path, topics, storage=StoragePlugin.MCAP), ROS2),
-    "drive.mcap": (mcap2, ROS2),
-    "ros1.mcap": (mcap1, ROS1),
-}
-
-
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", ROS_WRITERS)
 def test_imu_messages_are_the_recording(tmp_path, known, name):
-    write, store = WRITERS[name]
+    write, store = ROS_WRITERS[name]
     write(tmp_path / name, {"/imu/data": messages(known, store)})
     recording = imucal.read(tmp_path / name)
     assert_is(recording, known)
@@ -139,9 +44,9 @@ def test_names_that_mislead(tmp_path, known):
     assert_is(imucal.read((tmp_path / "drive.bag").rename(tmp_path / "drive.bag.kept")), known)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", ROS_WRITERS)
 def test_two_topics_are_listed_and_chosen(tmp_path, known, name):
-    write, store = WRITERS[name]
+    write, store = ROS_WRITERS[name]
     other = SimpleNamespace(**{**vars(known), "accel": -known.accel})
     write(tmp_path / name, {"/imu/data": messages(known, store), "/imu/raw": messages(other, store)})
     with pytest.raises(
@@ -205,7 +110,7 @@ def test_no_messages_and_another_serialisation(tmp_path, known):
 )
 @pytest.mark.parametrize("kept", [0, 10, 0.5, 0.95])
 def test_truncated_files_are_named(tmp_path, known, name, kept):
-    write, store = WRITERS[name.split("/")[0]]
+    write, store = ROS_WRITERS[name.split("/")[0]]
     write(tmp_path / name.split("/")[0], {"/imu": messages(known, store)})
     path = tmp_path / name
     content = path.read_bytes()

@@ -35,6 +35,14 @@ degC; the slope may be a fraction. Without them the counts become an auxiliary i
 Recordings are written with `temp_degc`. Temperatures outside -60 to 150 degC are refused
 (`temperature_implausible`), with the unit in which they would be plausible.
 
+## Damaged files
+
+Files of the formats rosbag, mcap, ulog, dataflash, matlab and hdf5 are read by a child process, because the
+libraries of these formats trust the lengths in a file. The child may allocate 100 MB plus 10 times the size
+of the file, and use 6 s of processor time plus 4 s per megabyte. A file that needs more is refused; if it is
+a valid compressed file, save it uncompressed, or as Parquet. Values that an HDF5 file keeps in other files
+are not read.
+
 ## Arrays with names
 
 MATLAB, HDF5 and NumPy files contain named arrays. An array is found by its canonical name: the name of a

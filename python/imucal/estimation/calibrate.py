@@ -75,6 +75,10 @@ def calibrate(
     folds              number of additional fits that each exclude one part of the moves or of the rests, and
                        predict it
 
+    The arrays of the recordings must not be changed by another thread meanwhile; the result would describe
+    neither the old nor the new values. The signal handlers of Python run during the calculation, and an
+    exception of a handler, such as KeyboardInterrupt, ends it.
+
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
     NotEnoughMotionError if poses are missing, and FitError if a fit does not end acceptably.
     """

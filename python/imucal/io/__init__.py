@@ -10,7 +10,9 @@ from imucal.data_frame import is_frame
 from imucal.document.source import require_file
 from imucal.errors import InputError
 from imucal.io.canonical import write_columns, write_parts
-from imucal.io.formats import FORMATS, Format
+from imucal.io.faults import faults_named
+from imucal.io.formats import FORMATS
+from imucal.io.isolated import read_in_child
 from imucal.io.names import NAMES
 from imucal.io.recognition import recognise
 from imucal.io.sensor_files import are_pair
@@ -89,8 +91,14 @@ def read(
     scale = None if temp_scale is None else scale_of(temp_scale)
     if len(paths) == 1 and is_frame(paths[0]):
         return with_temperature(_of_frame(paths[0], format, given), scale)
-    known, options = _chosen(paths, format, given)
-    return with_temperature(known.read(*paths, **options), scale)
+    chosen, options = _chosen(paths, format, given)
+    known = FORMATS[chosen]
+    if known.isolated:
+        (recording,) = _pieces(chosen, paths, options)
+    else:
+        with faults_named(paths, known.title):
+            recording = known.read(*paths, **options)
+    return with_temperature(recording, scale)
 
 
 def _of_frame(frame: Any, format: str | None, given: Mapping[str, Any]) -> Recording:
@@ -118,16 +126,28 @@ def read_pieces(
     file.
     """
     scale = None if temp_scale is None else scale_of(temp_scale)
-    known, options = _chosen(paths, format, given)
-    if known.pieces is None:
-        return iter([with_temperature(known.read(*paths, **options), scale)])
-    return (with_temperature(piece, scale) for piece in known.pieces(*paths, **options))
+    chosen, options = _chosen(paths, format, given)
+    return (with_temperature(piece, scale) for piece in _pieces(chosen, paths, options))
+
+
+def _pieces(
+    format: str, paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any]
+) -> Iterator[Recording]:
+    """The recording in pieces, or in one piece."""
+    known = FORMATS[format]
+    with faults_named(paths, known.title):
+        if known.isolated and (pieces := read_in_child(paths, format, known.title, options)) is not None:
+            yield from pieces
+        elif known.pieces is not None:
+            yield from known.pieces(*paths, **options)
+        else:
+            yield known.read(*paths, **options)
 
 
 def _chosen(
     paths: Sequence[str | os.PathLike[str]], format: str | None, given: Mapping[str, Any]
-) -> tuple[Format, dict[str, Any]]:
-    """The format of the files, and the given options, checked against that format."""
+) -> tuple[str, dict[str, Any]]:
+    """The name of the files' format, and the given options, checked against that format."""
     options = {name: value for name, value in given.items() if value is not None and value is not False}
     if not paths:
         raise InputError("no file is given: give the path of a recording")
@@ -155,7 +175,7 @@ def _chosen(
         )
     if chosen == "columns" and "columns" not in options:
         raise InputError(f"the format columns needs column names (columns=..., --columns): {NAMES}")
-    return known, options
+    return chosen, options
 
 
 def write(recording: Recording, path: str | os.PathLike[str]) -> None:

@@ -12,11 +12,12 @@ from typing import Any, BinaryIO, TypeAlias
 from imucal.arrays import FloatArray
 from imucal.document.atomic import write_atomically
 from imucal.document.source import first_bytes, open_file, open_large
-from imucal.errors import FormatError, InputError
+from imucal.errors import FormatError, ImucalError, InputError
 from imucal.io.arrow_values import arrow_of
 from imucal.io.headed import recording_of_text
 from imucal.io.mapping import mapping_of
 from imucal.io.names import is_canonical
+from imucal.io.parquet_pages import require_plausible_pages, require_plausible_rows
 from imucal.io.table import ROWS_AT_ONCE, Stored, Table
 from imucal.io.text import open_text
 from imucal.io.vocabulary import recording_from_table
@@ -181,7 +182,7 @@ def parquet_table(path: str | os.PathLike[str]) -> Table:
     import pyarrow as pa
     from pyarrow import parquet
 
-    name = Path(path).name
+    name, size = Path(path).name, Path(path).stat().st_size
     if first_bytes(path, len(PARQUET_MAGIC)) != PARQUET_MAGIC:
         raise FormatError(f"{name} is not a Parquet file (it does not start with PAR1): check its format")
 
@@ -192,15 +193,22 @@ def parquet_table(path: str | os.PathLike[str]) -> Table:
         try:
             with Path(path).open("rb") as file:
                 yield parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)
-        except (pa.ArrowException, OSError) as error:
+        except (pa.ArrowException, OSError, ValueError) as error:
+            if isinstance(error, ImucalError):
+                raise
             reason = str(error).splitlines()[0]
-            raise FormatError(f"{name} is a damaged or truncated Parquet file: {reason}") from None
+            raise FormatError(
+                f"{name} is a damaged or truncated Parquet file: {reason}: write it again"
+            ) from None
 
     def batches(names: list[str]) -> Iterator[Any]:
         with opened() as file:
+            with Path(path).open("rb") as pages:
+                require_plausible_pages(pages, file.metadata, size, names)
             yield from file.iter_batches(ROWS_AT_ONCE, columns=names)
 
     with opened() as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
+        require_plausible_rows(file.metadata, size)
     columns = [Stored(field.name, field.type, rows, batches) for field in schema]
     return Table(name, schema.names, columns, lambda row: f"row {row + 1}")

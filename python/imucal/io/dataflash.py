@@ -11,6 +11,7 @@ import contextlib
 import io
 import os
 import re
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,12 +42,15 @@ UNITS = {**dict.fromkeys(ACCEL, "m/s/s"), **dict.fromkeys(GYRO, "rad/s")}
 
 @dataclass
 class Rows:
-    """Fields of all messages of one name and instance, in the order of the log."""
+    """Fields of all messages of one name and instance, in the order of the log, three numbers for a triad.
 
-    time_us: list[int] = field(default_factory=list)
-    accel: list[tuple[float, ...]] = field(default_factory=list)
-    gyro: list[tuple[float, ...]] = field(default_factory=list)
-    temperature: list[float] = field(default_factory=list)
+    Arrays, because lists of Python numbers would need several times the memory of the file.
+    """
+
+    time_us: array[int] = field(default_factory=lambda: array("q"))
+    accel: array[float] = field(default_factory=lambda: array("d"))
+    gyro: array[float] = field(default_factory=lambda: array("d"))
+    temperature: array[float] = field(default_factory=lambda: array("d"))
 
     def time_ns(self) -> Any:
         return np.array(self.time_us, dtype=np.int64) * 1000
@@ -120,9 +124,9 @@ def _rows(name: str, log: Any) -> dict[tuple[str, int], Rows]:
         # ACC and GYR contain the sampling time in addition to the time of logging.
         into.time_us.append(message.SampleUS if "SampleUS" in columns else message.TimeUS)
         if "AccX" in columns:
-            into.accel.append(tuple(getattr(message, axis) for axis in ACCEL))
+            into.accel.extend(getattr(message, axis) for axis in ACCEL)
         if "GyrX" in columns:
-            into.gyro.append(tuple(getattr(message, axis) for axis in GYRO))
+            into.gyro.extend(getattr(message, axis) for axis in GYRO)
         for column in TEMPERATURE:
             if column in columns:
                 into.temperature.append(getattr(message, column))
@@ -166,9 +170,7 @@ def _choose(
     return fitting[0]
 
 
-def _stream(
-    what: str, rows: Rows, values: Sequence[tuple[float, ...]], temperature_degc: Any = None
-) -> Stream:
+def _stream(what: str, rows: Rows, values: Sequence[float], temperature_degc: Any = None) -> Stream:
     temperature = None if temperature_degc is None else np.asarray(temperature_degc, dtype=np.float64)
     return Stream(what, rows.time_ns(), np.array(values, dtype=np.float64).reshape(-1, 3), temperature)
 

@@ -40,6 +40,8 @@ class Format:
     options   keyword arguments of `read`
     example   files and options of an `imucal convert` command
     pieces    reads a recording in pieces, with the same options; None if it is read as a whole
+    isolated  whether a child process with limited memory and time reads it, because its library does not
+              verify the lengths and offsets in a file
     """
 
     read: Callable[..., Recording]
@@ -53,6 +55,7 @@ class Format:
     options: tuple[str, ...]
     example: str
     pieces: Callable[..., Iterator[Recording]] | None = None
+    isolated: bool = False
 
 
 NAMED_UNITS = (
@@ -216,6 +219,7 @@ FORMATS: Final[dict[str, Format]] = {
         f"{ROS_TIME}; {OWN_CLOCKS}",
         ("topic", "receive_time"),
         "drive.bag --topic /imu/data",
+        isolated=True,
     ),
     "mcap": Format(
         read_mcap,
@@ -228,6 +232,7 @@ FORMATS: Final[dict[str, Format]] = {
         f"{ROS_TIME}; {OWN_CLOCKS}",
         ("topic", "receive_time"),
         "drive.mcap --topic /imu/data",
+        isolated=True,
     ),
     "ulog": Format(
         read_ulog,
@@ -241,6 +246,7 @@ FORMATS: Final[dict[str, Format]] = {
         f"timestamp_sample, else timestamp, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
         "flight.ulg --topic sensor_accel --instance 0",
+        isolated=True,
     ),
     "dataflash": Format(
         read_dataflash,
@@ -255,6 +261,7 @@ FORMATS: Final[dict[str, Format]] = {
         f"TimeUS of IMU, SampleUS of ACC and GYR, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
         "flight.bin --topic IMU --instance 0",
+        isolated=True,
     ),
     "matlab": Format(
         read_matlab,
@@ -267,6 +274,7 @@ FORMATS: Final[dict[str, Format]] = {
         NAMED_TIME,
         ("columns", "group", "rate_hz"),
         "run.mat --columns time_s=imu.t,accel_mps2=imu.acc,gyro_dps=imu.gyr",
+        isolated=True,
     ),
     "hdf5": Format(
         read_hdf5,
@@ -279,6 +287,7 @@ FORMATS: Final[dict[str, Format]] = {
         NAMED_TIME,
         ("columns", "group", "rate_hz"),
         "run.h5 --group unit_1",
+        isolated=True,
     ),
     "numpy": Format(
         read_numpy,

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from imucal.document.source import open_large, parsing
+from imucal.errors import FormatError
 from imucal.io.extra import library
-from imucal.io.named_arrays import Array, NamedArrays, recording_from_arrays, spread
+from imucal.io.named_arrays import Array, NamedArrays, StoredArray, recording_from_arrays, spread
 from imucal.recording.recording import Recording
 
 __all__ = ["hdf5_arrays", "read_hdf5"]
@@ -25,19 +27,40 @@ def read_hdf5(
     """Read the data sets of an HDF5 file; see `named_arrays` for names, groups and columns."""
     source = open_large(path)
     h5py = library("h5py", "hdf5", "HDF5 files")
-    by_path = hdf5_arrays(h5py, path, "/", "HDF5")
-    arrays = NamedArrays(Path(path).name, by_path, "/")
-    return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
+    with hdf5_arrays(h5py, path, "/", "HDF5") as by_path:
+        arrays = NamedArrays(Path(path).name, by_path, "/")
+        return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
 
 
-def hdf5_arrays(h5py: Any, path: str | os.PathLike[str], separator: str, kind: str) -> dict[str, Array]:
-    """All one- and two-dimensional numeric data sets by path; compound ones as one array per field."""
-    found: dict[str, Array] = {}
+@contextmanager
+def hdf5_arrays(
+    h5py: Any, path: str | os.PathLike[str], separator: str, kind: str
+) -> Iterator[dict[str, StoredArray]]:
+    """All one- and two-dimensional numeric data sets by path; compound ones as one array per field.
+
+    The values can be read inside the block. Links to other files are not followed, and data sets whose values
+    are in other files are refused when they are read.
+    """
+    file_name = Path(path).name
+    found: dict[str, StoredArray] = {}
 
     def take(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiubV" and item.ndim in (1, 2):
-            found.update(spread(name.replace("/", separator), item[()], separator))
+        if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiubV" or item.ndim not in (1, 2):
+            return
 
-    with parsing(Path(path).name, kind, "write it again"), h5py.File(os.fspath(path), "r") as file:
+        def load() -> Array:
+            if item.external or item.is_virtual:
+                raise FormatError(
+                    f"{file_name}: the values of {name} are in another file: copy them into this one "
+                    "(h5repack)"
+                )
+            values: Array = item[()]
+            return values
+
+        found.update(
+            spread(name.replace("/", separator), StoredArray(item.shape, item.dtype, load), separator)
+        )
+
+    with parsing(file_name, kind, "write it again"), h5py.File(os.fspath(path), "r") as file:
         file.visititems(take)
-    return found
+        yield found

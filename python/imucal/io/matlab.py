@@ -12,13 +12,20 @@ import numpy as np
 from imucal.document.source import first_bytes, open_large, parsing
 from imucal.io.extra import library
 from imucal.io.hdf5 import hdf5_arrays
-from imucal.io.named_arrays import Array, NamedArrays, recording_from_arrays
+from imucal.io.named_arrays import Array, NamedArrays, StoredArray, recording_from_arrays
 from imucal.recording.recording import Recording
 
 __all__ = ["MATLAB_MAGIC", "read_matlab"]
 
 # First bytes of MAT-files of level 5 (MATLAB 5 to 7.2) and 7.3. Level 4 has none and needs format="matlab".
 MATLAB_MAGIC: Final = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
+# Classes of the variables that contain numbers.
+NUMERIC: Final = (
+    "double",
+    "single",
+    "logical",
+    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+)
 SAVE_PLAIN = "save the arrays as plain variables (tables and objects cannot be read), with -v7"
 
 
@@ -36,16 +43,25 @@ def read_matlab(
     source, name = open_large(path), Path(path).name
     if first_bytes(path, 19) == MATLAB_MAGIC[1]:
         h5py = library("h5py", "matlab", "MATLAB files of version 7.3")
-        by_path = hdf5_arrays(h5py, path, ".", "MATLAB")
-        # MATLAB stores columns as HDF5 rows. `#refs#` holds the contents of cell arrays.
-        by_path = {p: a.T for p, a in by_path.items() if not p.startswith("#")}
-    else:
-        scipy_io = library("scipy.io", "matlab", "MATLAB files")
-        with parsing(name, "MATLAB", SAVE_PLAIN):
-            variables = scipy_io.loadmat(os.fspath(path), simplify_cells=True)
-        by_path = dict(_flat("", {k: v for k, v in variables.items() if not k.startswith("__")}))
-    arrays = NamedArrays(name, by_path, ".")
+        with hdf5_arrays(h5py, path, ".", "MATLAB") as stored:
+            # `#refs#` holds the contents of cell arrays.
+            by_path = {p: _transposed(array) for p, array in stored.items() if not p.startswith("#")}
+            arrays = NamedArrays(name, by_path, ".")
+            return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
+    scipy_io = library("scipy.io", "matlab", "MATLAB files")
+    with parsing(name, "MATLAB", SAVE_PLAIN):
+        listed = scipy_io.whosmat(os.fspath(path))
+        # Other variables, such as cell arrays of a large log, are not loaded.
+        names = [variable for variable, _, kind in listed if kind in NUMERIC or kind == "struct"]
+        variables = scipy_io.loadmat(os.fspath(path), simplify_cells=True, variable_names=names)
+    flat = _flat("", {k: v for k, v in variables.items() if not k.startswith("__")})
+    arrays = NamedArrays(name, {p: StoredArray.of(array) for p, array in flat}, ".")
     return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
+
+
+def _transposed(array: StoredArray) -> StoredArray:
+    """The array as MATLAB shows it; its columns are rows in HDF5."""
+    return StoredArray(array.shape[::-1], array.dtype, lambda: array.load().T)
 
 
 def _flat(prefix: str, members: Mapping[str, Any]) -> list[tuple[str, Array]]:

@@ -10,11 +10,13 @@ shape (N, 3) (`accel_mps2`, `gyro_radps`, `stand_rad`). If the file has other na
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import numpy as np
 from numpy.typing import NDArray
 
 from imucal.document.source import Source
@@ -26,7 +28,7 @@ from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 from imucal.units import COLUMN_UNITS
 
-__all__ = ["Array", "NamedArrays", "recording_from_arrays", "spread"]
+__all__ = ["Array", "NamedArrays", "StoredArray", "recording_from_arrays", "spread"]
 
 # An array with any element type, including structured types.
 Array: TypeAlias = NDArray[Any]
@@ -36,11 +38,30 @@ MOST_SHOWN = 30
 
 
 @dataclass(frozen=True)
+class StoredArray:
+    """An array in a file, whose values `load` reads."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    load: Callable[[], Array]
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return math.prod(self.shape)
+
+    @classmethod
+    def of(cls, array: Array) -> StoredArray:
+        """An array that is in memory."""
+        return cls(array.shape, array.dtype, lambda: array)
+
+
+@dataclass(frozen=True)
 class NamedArrays:
     """The arrays of a file by path; `separator` separates the groups in a path."""
 
     file: str
-    by_path: dict[str, Array]
+    by_path: dict[str, StoredArray]
     separator: str
 
     def listed(self) -> str:
@@ -49,21 +70,27 @@ class NamedArrays:
         more = f" and {len(shown) - MOST_SHOWN} more" if len(shown) > MOST_SHOWN else ""
         return (", ".join(shown[:MOST_SHOWN]) + more) if shown else "no arrays of numbers"
 
-    def groups(self) -> dict[str, dict[str, Array]]:
+    def groups(self) -> dict[str, dict[str, StoredArray]]:
         """The arrays by group and name; the top level is ''."""
-        groups: dict[str, dict[str, Array]] = {}
+        groups: dict[str, dict[str, StoredArray]] = {}
         for path, array in self.by_path.items():
             group, _, name = path.rpartition(self.separator)
             groups.setdefault(group, {})[name] = array
         return groups
 
 
-def spread(path: str, array: Array, separator: str) -> dict[str, Array]:
+def spread(path: str, array: StoredArray, separator: str) -> dict[str, StoredArray]:
     """The array by its path; a structured array is split into one array per field."""
-    if array.dtype.names is None:
+    fields = array.dtype.names
+    if fields is None:
         return {path: array}
     prefix = f"{path}{separator}" if path else ""
-    return {f"{prefix}{name}": array[name] for name in array.dtype.names}
+
+    def field(name: str) -> StoredArray:
+        inner = array.dtype[name]
+        return StoredArray((*array.shape, *inner.shape), inner.base, lambda: array.load()[name])
+
+    return {f"{prefix}{name}": field(name) for name in fields}
 
 
 def recording_from_arrays(
@@ -115,14 +142,14 @@ def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> list[tuple[str, Arr
         path = theirs.strip(arrays.separator)
         if path not in arrays.by_path:
             raise InputError(f"{arrays.file}: there is no array {theirs!r}; found: {arrays.listed()}")
-        chosen.append((ours, arrays.by_path[path]))
+        chosen.append((ours, arrays.by_path[path].load()))
     return chosen
 
 
 def _split(arrays: NamedArrays, names: list[str]) -> list[tuple[str, Array]]:
     """The columns of the only array that has as many columns as there are names."""
     fitting = [
-        path for path, array in arrays.by_path.items() if array.ndim == 2 and len(names) in array.shape
+        path for path, array in arrays.by_path.items() if len(array.shape) == 2 and len(names) in array.shape
     ]
     if len(fitting) != 1:
         what = "no array has" if not fitting else f"{len(fitting)} arrays ({', '.join(fitting)}) have"
@@ -131,7 +158,7 @@ def _split(arrays: NamedArrays, names: list[str]) -> list[tuple[str, Array]]:
             f"{arrays.listed()}. Name every column ('-' for a column to ignore), or give the array "
             "(group=..., --group)"
         )
-    array = arrays.by_path[fitting[0]]
+    array = arrays.by_path[fitting[0]].load()
     rows = array if array.shape[1] == len(names) else array.T
     return [(name, rows[:, i]) for i, name in enumerate(names) if name not in SKIP]
 
@@ -163,7 +190,7 @@ def _canonical(arrays: NamedArrays) -> list[tuple[str, Array]]:
         for name, array in members.items()
         if name not in known and array.size in lengths and array.size == max(array.shape, default=0)
     ]
-    return [*known.items(), *along]
+    return [(name, array.load()) for name, array in (*known.items(), *along)]
 
 
 def _triad_of(name: str) -> str | None:
@@ -204,7 +231,11 @@ def _table(file: str, columns: list[tuple[str, Array]]) -> Table:
             f"{file}: {shortest[0]} has {len(shortest[1])} samples but {longest[0]} has {len(longest[1])}: "
             "all columns need one row per sample; resample them to common time stamps"
         )
-    # Arrow only accepts numbers in native byte order.
-    native = [column.astype(column.dtype.newbyteorder("=")) for _, column in columns]
+    # Arrow only accepts numbers in native byte order, of at most 64 bits.
+    native = [column.astype(_native(column.dtype), copy=False) for _, column in columns]
     values = [pa.chunked_array([pa.array(column)]) for column in native]
     return Table(file, [name for name, _ in columns], values, lambda row: f"row {row + 1}")
+
+
+def _native(kind: np.dtype[Any]) -> np.dtype[Any]:
+    return np.dtype(np.float64) if kind.itemsize > np.dtype(np.float64).itemsize else kind.newbyteorder("=")

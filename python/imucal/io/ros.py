@@ -8,6 +8,7 @@ the bag received the message is used only on request, because it contains transp
 from __future__ import annotations
 
 import os
+from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,11 +38,11 @@ FIELDS = {"accel": "linear_acceleration", "gyro": "angular_velocity"}
 
 @dataclass
 class Samples:
-    """The samples of one topic, in the order of its messages."""
+    """The samples of one topic, in the order of its messages, three numbers for each triad."""
 
-    stamp_ns: list[int] = field(default_factory=list)
-    accel: list[tuple[float, float, float]] = field(default_factory=list)
-    gyro: list[tuple[float, float, float]] = field(default_factory=list)
+    stamp_ns: array[int] = field(default_factory=lambda: array("q"))
+    accel: array[float] = field(default_factory=lambda: array("d"))
+    gyro: array[float] = field(default_factory=lambda: array("d"))
     # Sensors whose covariance marks them as not measured.
     absent: set[str] = field(default_factory=set)
 
@@ -144,7 +145,7 @@ def _samples(
         into.stamp_ns.append(received_ns if receive_time else stamp.sec * 1_000_000_000 + stamp.nanosec)
         for sensor, which in FIELDS.items():
             vector = getattr(message, which)
-            getattr(into, sensor).append((vector.x, vector.y, vector.z))
+            getattr(into, sensor).extend((vector.x, vector.y, vector.z))
             if getattr(message, f"{which}_covariance")[0] == NOT_MEASURED:
                 into.absent.add(sensor)
     return samples

@@ -49,7 +49,7 @@ class Recording:
 
     All are float64, except that force and rate may also be float32 or int16. A C-contiguous array of such a
     type is not copied; anything else (lists, other integers, Fortran order, strides) is converted once.
-    Masked values become NaN.
+    Masked values become NaN. Do not change an array that was not copied while a calculation uses it.
 
     Raises InputError if a column has the wrong shape, another length than `time_s`, or no real numbers.
     """

@@ -1,0 +1,162 @@
+"""Verification of the sizes in a Parquet file before Arrow allocates memory for them.
+
+Each column chunk is a sequence of pages. A page starts with a header in the compact protocol of Thrift, whose
+fields 2 and 3 are the uncompressed and the compressed size of the page (parquet.thrift, PageHeader). Arrow
+allocates the sizes without a comparison with the size of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Any, BinaryIO, Final
+
+__all__ = ["require_plausible_pages", "require_plausible_rows"]
+
+# Memory for the values of a file, bytes: a constant, and a multiple of the size of the file. Constant columns
+# are compressed by any factor, so the constant is large enough for hours of them.
+MEMORY_BYTES: Final = 100_000_000
+MEMORY_PER_BYTE: Final = 1000
+# Largest page, bytes. Programs write pages of about 1 MB.
+LARGEST_PAGE: Final = 64_000_000
+# Longest page header that is parsed, bytes; statistics in a header contain values of the column.
+LONGEST_HEADER: Final = 1 << 16
+# Deepest nesting of structures in a header.
+DEEPEST: Final = 8
+# Bytes of a value in memory.
+VALUE_BYTES: Final = 8
+# Types of the compact protocol.
+TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
+
+
+def require_plausible_rows(metadata: Any, size: int) -> None:
+    """Raises ValueError if the number of rows in pyarrow's metadata does not fit a file of `size` bytes."""
+    rows = sum(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
+    if rows != metadata.num_rows or rows < 0:
+        raise ValueError(f"it claims {metadata.num_rows} rows, but its row groups have {rows}")
+    if rows * VALUE_BYTES > MEMORY_BYTES + MEMORY_PER_BYTE * size:
+        raise ValueError(f"it claims {rows} rows in {size} bytes")
+
+
+def require_plausible_pages(file: BinaryIO, metadata: Any, size: int, names: Collection[str]) -> None:
+    """Raises ValueError if a page of the named columns claims a size that cannot be right.
+
+    file      the file, whose position changes
+    metadata  pyarrow's metadata of the file
+    size      of the file, bytes
+    """
+    for group in range(metadata.num_row_groups):
+        for index in range(metadata.num_columns):
+            chunk = metadata.row_group(group).column(index)
+            # A nested column has several chunks, whose paths start with its name.
+            if any(
+                chunk.path_in_schema == name or chunk.path_in_schema.startswith(f"{name}.") for name in names
+            ):
+                _require_chunk(file, chunk, size)
+
+
+def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
+    name, first = chunk.path_in_schema, chunk.data_page_offset
+    if chunk.dictionary_page_offset is not None and 0 < chunk.dictionary_page_offset < first:
+        first = chunk.dictionary_page_offset
+    end = first + chunk.total_compressed_size
+    if not 0 < first <= end <= size:
+        raise ValueError(f"the column {name} is at the bytes {first} to {end} of {size}")
+    position = first
+    # Arrow ends at the last value, which can be before the end of the chunk.
+    values = 0
+    while position < end and values < chunk.num_values:
+        file.seek(position)
+        header = _Header(file.read(min(LONGEST_HEADER, end - position)))
+        if not 0 <= header.compressed <= end - position - header.length:
+            raise ValueError(f"a page of the column {name} claims {header.compressed} bytes")
+        if not 0 <= header.uncompressed <= LARGEST_PAGE:
+            raise ValueError(f"a page of the column {name} claims {header.uncompressed} uncompressed bytes")
+        values += header.values
+        position += header.length + header.compressed
+
+
+class _Header:
+    """Length of a page header, sizes of its page, bytes, and number of its values (0 for a dictionary)."""
+
+    def __init__(self, content: bytes) -> None:
+        self._content, self.length = content, 0
+        self.uncompressed = self.compressed = -1
+        self.values = 0
+        for field, kind in self._fields():
+            if field in (2, 3) and kind == I32:
+                number = self._signed()
+                if field == 2:
+                    self.uncompressed = number
+                else:
+                    self.compressed = number
+            elif field in (5, 8) and kind == STRUCT:
+                # The header of a data page, version 1 or 2; its field 1 is the number of values.
+                for inner, inner_kind in self._fields():
+                    if inner == 1 and inner_kind == I32:
+                        self.values = max(self._signed(), 0)
+                    else:
+                        self._skip(inner_kind, 1)
+            else:
+                self._skip(kind, 0)
+
+    def _fields(self) -> Iterator[tuple[int, int]]:
+        field = 0
+        while (head := self._byte()) != 0:
+            field = field + (head >> 4) if head >> 4 else self._signed()
+            yield field, head & 15
+
+    def _skip(self, kind: int, depth: int) -> None:
+        if depth > DEEPEST:
+            raise ValueError("a page header is nested too deeply")
+        if kind in (TRUE, FALSE):
+            return
+        if kind == BYTE:
+            self._byte()
+        elif kind in (I16, I32, I64):
+            self._unsigned()
+        elif kind == DOUBLE:
+            self._advance(8)
+        elif kind == BINARY:
+            self._advance(self._unsigned())
+        elif kind in (LIST, SET):
+            head = self._byte()
+            count = head >> 4 if head >> 4 < 15 else self._unsigned()
+            for _ in range(count):
+                self._skip_item(head & 15, depth)
+        elif kind == MAP:
+            count = self._unsigned()
+            kinds = self._byte() if count else 0
+            for _ in range(count):
+                self._skip_item(kinds >> 4, depth)
+                self._skip_item(kinds & 15, depth)
+        elif kind == STRUCT:
+            for _, inner in self._fields():
+                self._skip(inner, depth + 1)
+        else:
+            raise ValueError(f"a page header has a field of the unknown type {kind}")
+
+    def _skip_item(self, kind: int, depth: int) -> None:
+        # A truth value takes a byte in a list, and none as a field.
+        self._skip(BYTE if kind in (TRUE, FALSE) else kind, depth + 1)
+
+    def _signed(self) -> int:
+        number = self._unsigned()
+        return (number >> 1) ^ -(number & 1)
+
+    def _unsigned(self) -> int:
+        number = 0
+        for shift in range(0, 70, 7):
+            byte = self._byte()
+            number |= (byte & 0x7F) << shift
+            if not byte & 0x80:
+                return number
+        raise ValueError("a number in a page header is too long")
+
+    def _byte(self) -> int:
+        self._advance(1)
+        return self._content[self.length - 1]
+
+    def _advance(self, count: int) -> None:
+        self.length += count
+        if self.length > len(self._content):
+            raise ValueError("a page header is cut")

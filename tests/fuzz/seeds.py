@@ -1,0 +1,158 @@
+"""Valid small files of every format that imucal reads, and of every JSON document: what is damaged."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+import imucal
+from array_files import ARRAY_WRITERS
+from log_files import dataflash, imu, pair, ulog
+from ros_files import ROS_WRITERS, messages
+
+CORPUS = Path(__file__).with_name("corpus")
+LIMITS = {
+    "schema": "imucal.limits/1",
+    "parameters": {"gyro_bias_*": {"unit": "rad/s", "min": -0.1, "max": 0.1, "max_std": 0.01}},
+    "control_set": {"chi2_per_dof": {"max": 2}},
+    "effects": [],
+}
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A valid file; `kind` is a format of `imucal.io.FORMATS`, or json.
+
+    damaged  the file that is damaged; it differs from `path` in a folder
+    """
+
+    name: str
+    kind: str
+    path: Path
+    options: dict = field(default_factory=dict)
+    damaged: Path | None = None
+
+    @property
+    def is_text(self):
+        return self.kind in (
+            "csv",
+            "columns",
+            "euroc",
+            "imu_tk",
+            "pair",
+            "folder",
+            "labels",
+            "vectornav",
+            "json",
+        )
+
+
+def short_run(rows=60):
+    """A unit at rest for a second."""
+    chance = np.random.default_rng(5)
+    accel = np.array([0.5, -0.25, 9.75]) + chance.normal(scale=0.02, size=(rows, 3))
+    gyro = np.array([0.01, -0.02, 0.03]) + chance.normal(scale=0.002, size=(rows, 3))
+    return SimpleNamespace(
+        time_ns=1_700_000_000_000_000_000 + np.arange(rows) * 20_000_000,
+        accel=accel.astype(np.float32).astype(np.float64),
+        gyro=gyro.astype(np.float32).astype(np.float64),
+        temperature=25 + 0.001 * np.arange(rows),
+    )
+
+
+def seeds(folder):
+    """Write all seeds to a folder."""
+    return [*_text(folder), *_tables(folder), *_bags_and_logs(folder), *_documents(folder), *_found_before()]
+
+
+def _text(folder):
+    known = short_run()
+    time_s = (known.time_ns - known.time_ns[0]) / 1e9
+    table = np.column_stack([time_s, known.accel, known.gyro, known.temperature])
+    names = [
+        "time_s",
+        *(f"accel_{axis}_mps2" for axis in "xyz"),
+        *(f"gyro_{axis}_radps" for axis in "xyz"),
+        "temp_degc",
+    ]
+    csv = folder / "run.csv"
+    np.savetxt(csv, table, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    yield Seed("csv", "csv", csv)
+    np.savetxt(folder / "run.txt", table, fmt="%.9g")
+    yield Seed("columns", "columns", folder / "run.txt", {"columns": ",".join(names)})
+    euroc = ["#timestamp [ns]", *(f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz")]
+    euroc += [f"a_RS_S_{axis} [m s^-2]" for axis in "xyz"]
+    rows = [
+        ",".join(map(str, [stamp, *gyro, *accel]))
+        for stamp, gyro, accel in zip(known.time_ns, known.gyro, known.accel, strict=True)
+    ]
+    (folder / "data.csv").write_text("\n".join([",".join(euroc), *rows]))
+    yield Seed("euroc", "euroc", folder / "data.csv")
+    for name, values in (("acc.mat", known.accel), ("gyr.mat", known.gyro)):
+        np.savetxt(folder / name, np.column_stack([time_s, 1000 * values]), fmt="%.9g")
+    yield Seed("imu_tk", "imu_tk", folder / "acc.mat", {"second": folder / "gyr.mat"})
+
+
+def _tables(folder):
+    known = short_run()
+    for name, write in ARRAY_WRITERS.items():
+        write(folder / name, known)
+        kind = {".npz": "numpy", ".h5": "hdf5", ".mat": "matlab"}[Path(name).suffix]
+        yield Seed(name, kind, folder / name)
+    names = ["time_s", *(f"accel_{axis}_mps2" for axis in "xyz"), *(f"gyro_{axis}_radps" for axis in "xyz")]
+    columns = [(known.time_ns - known.time_ns[0]) / 1e9, *known.accel.T, *known.gyro.T]
+    table = pa.table(columns, names=names)
+    for name, settings in {
+        "snappy.parquet": {},
+        "plain.parquet": {"compression": "none", "use_dictionary": False, "data_page_version": "2.0"},
+    }.items():
+        parquet.write_table(table, folder / name, **settings)
+        yield Seed(name, "parquet", folder / name)
+    kinds = [("time_s", "f8"), ("accel_mps2", "f4", 3), ("gyro_radps", "f4", 3)]
+    rows = np.empty(60, dtype=kinds)
+    rows["time_s"], rows["accel_mps2"], rows["gyro_radps"] = columns[0], known.accel, known.gyro
+    np.save(folder / "run.npy", rows)
+    yield Seed("run.npy", "numpy", folder / "run.npy")
+
+
+def _bags_and_logs(folder):
+    known = short_run()
+    for name, (write, store) in ROS_WRITERS.items():
+        path = folder / name
+        write(path, {"/imu/data": messages(known, store)})
+        if not path.is_dir():
+            yield Seed(name, "mcap" if path.suffix == ".mcap" else "rosbag", path)
+            continue
+        for file in sorted(path.iterdir()):
+            yield Seed(f"{name}/{file.suffix}", "rosbag", path, damaged=file)
+    ulog(folder / "flight.ulg", *pair(known))
+    yield Seed("ulog", "ulog", folder / "flight.ulg")
+    dataflash(folder / "flight.bin", ["IMU"], imu(known))
+    yield Seed("dataflash", "dataflash", folder / "flight.bin")
+
+
+def _documents(folder):
+    triad = imucal.Triad(np.eye(3), np.zeros(3))
+    documents = {
+        "calibration": lambda path: imucal.Calibration(triad, triad).save(path),
+        "program": lambda path: imucal.Program.random(seed=1, moves=5).write(path),
+        "stand": lambda path: imucal.Stand.cheap(1).write(path),
+        "stand_limits": lambda path: imucal.StandLimits().write(path),
+        "unit": lambda path: imucal.Unit.named("bmi088").write(path),
+        "limits": lambda path: path.write_text(json.dumps(LIMITS)),
+    }
+    for name, save in documents.items():
+        path = folder / f"{name}.json"
+        save(path)
+        yield Seed(name, "json", path, {"load": name})
+
+
+def _found_before():
+    """Files on which an earlier version crashed, hung or took gigabytes."""
+    kinds = {".bin": "dataflash", ".h5": "hdf5", ".mat": "matlab", ".mcap": "mcap", ".ulg": "ulog"}
+    for path in sorted(CORPUS.iterdir()):
+        yield Seed(path.name, kinds.get(path.suffix, path.suffix[1:]), path)
