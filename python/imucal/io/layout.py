@@ -83,7 +83,6 @@ class Layout:
 @dataclass(frozen=True)
 class _Line:
     number: int
-    offset: int
     text: str
 
 
@@ -142,7 +141,15 @@ def layout_of(
     head = _header([line for line in lines if skip_rows < line.number < row.number], separator, first)
     names, units, preamble = head
     return Layout(
-        names, units, preamble, separator, decimal, row.offset, row.number, len(names or first), first
+        names,
+        units,
+        preamble,
+        separator,
+        decimal,
+        _offset(text, row.number),
+        row.number,
+        len(names or first),
+        first,
     )
 
 
@@ -152,28 +159,32 @@ def _without_rows(lines: list[_Line], text: bytes) -> Layout:
     names = _fields(header.text)
     separator = next((mark for mark in SEPARATORS if mark in header.text), ",")
     after = next((line for line in lines if line.number > header.number), None)
-    start, number = (len(text), header.number + 1) if after is None else (after.offset, after.number)
+    start, number = (
+        (len(text), header.number + 1) if after is None else (_offset(text, after.number), after.number)
+    )
     return Layout(names, None, [], separator, ".", start, number, len(names), [])
 
 
 def _lines(text: bytes) -> Iterator[_Line]:
     """The lines of the head that are not blank, without a last one that the head cuts."""
-    head, offset = text[:HEAD], 0
-    if head.startswith(b"\xef\xbb\xbf"):
-        offset = 3
-    is_cut = len(text) > len(head) or len(head) == HEAD
-    pieces = head[offset:].split(b"\n")
-    for number, piece in enumerate(pieces, start=1):
-        if piece.strip() and not (is_cut and number == len(pieces) and number > 1):
-            yield _Line(number, offset, _decoded(piece).strip("\r\n"))
-        offset += len(piece) + 1
-
-
-def _decoded(piece: bytes) -> str:
+    head = text[:HEAD].removeprefix(b"\xef\xbb\xbf")
+    if len(text) >= HEAD and b"\n" in head:
+        head = head[: head.rfind(b"\n")]
     try:
-        return piece.decode()
+        decoded = head.decode()
     except UnicodeDecodeError:
-        return piece.decode("cp1252", "replace")
+        decoded = head.decode("cp1252", "replace")
+    for number, line in enumerate(decoded.split("\n"), start=1):
+        if line and not line.isspace():
+            yield _Line(number, line)
+
+
+def _offset(text: bytes, number: int) -> int:
+    """Where a line begins, bytes."""
+    at = 3 if number == 1 and text.startswith(b"\xef\xbb\xbf") else 0
+    for _ in range(number - 1):
+        at = text.index(b"\n", at) + 1
+    return at
 
 
 def split_line(text: str, separator: str) -> list[str]:
