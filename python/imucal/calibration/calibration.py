@@ -46,6 +46,7 @@ class Calibration(SensorModel):
     gravity_mps2              local gravity in the calibration, m/s^2
     effects                   effects from the catalogue and user-defined effects, with their values
     user_effects              definitions of the user-defined effects
+    axes                      the `axes` with which the recordings were read
     covariance                (P, P) of the parameters in `covariance_names`, or None
     noise                     noise figures; each name ends with the unit
     temperature_range_degc    lowest and highest temperature of the recordings, or None

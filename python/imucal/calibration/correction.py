@@ -25,6 +25,7 @@ from imucal.effects.definition import UserEffect
 from imucal.effects.effect import EffectValues
 from imucal.effects.state import State
 from imucal.errors import InputError
+from imucal.recording.axes import UNCHANGED
 from imucal.recording.recording import Recording
 
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
@@ -57,7 +58,15 @@ def correct_recording(model: SensorModel, recording: Recording, *, start_s: floa
     _require_columns(model, recording)
     without = _remove_user_effects(model, recording)
     rate, force = _core.correct_recording(model.without_user_effects(), without, start_s)
-    return replace(recording, angular_rate=rate, specific_force=force, accel_unit="m/s^2", gyro_unit="rad/s")
+    return replace(
+        recording,
+        angular_rate=rate,
+        specific_force=force,
+        accel_unit="m/s^2",
+        gyro_unit="rad/s",
+        axes=UNCHANGED,
+        column_units=(None, None),
+    )
 
 
 def empty_samples(

@@ -39,6 +39,7 @@ from imucal.effects.definition import UserEffect
 from imucal.effects.effect import Effect, EffectParameter, EffectValues
 from imucal.effects.table import catalogue
 from imucal.errors import FormatError, InputError
+from imucal.recording.axes import UNCHANGED
 from imucal.recording.recording import AccelUnit, GyroUnit
 
 __all__ = ["document_of", "fields_of", "require_consistent"]
@@ -81,6 +82,7 @@ def document_of(
             "model": MODEL,
             "body_frame": BODY_FRAME[model.frame],
             "raw_units": {"accelerometer": model.accel_unit, "gyroscope": model.gyro_unit},
+            "axes": model.axes,
             "gravity_mps2": model.gravity_mps2,
             "accelerometer": {
                 "T": model.accelerometer.sensitivity,
@@ -165,6 +167,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
         "frame": frame,
         "accel_unit": accel_unit,
         "gyro_unit": gyro_unit,
+        "axes": node.get("axes").text() if "axes" in node.mapping() else UNCHANGED,
         "gravity_mps2": require_gravity(node.get("gravity_mps2")),
         "effects": tuple(values for values, _ in effects),
         "user_effects": tuple(effect for _, effect in effects if isinstance(effect, UserEffect)),

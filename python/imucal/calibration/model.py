@@ -19,6 +19,7 @@ from imucal.effects.definition import UserEffect, check_values, definitions, nam
 from imucal.effects.effect import Effect, EffectValues
 from imucal.effects.table import find
 from imucal.errors import InputError
+from imucal.recording.axes import UNCHANGED, Axes
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 from imucal.units import STANDARD_GRAVITY_MPS2
 
@@ -37,6 +38,7 @@ class SensorModel:
     gravity_mps2              local gravity in the calibration, m/s^2
     effects                   effects from the catalogue and user-defined effects, with their values
     user_effects              definitions of the user-defined effects
+    axes                      the `axes` with which the recordings were read
     """
 
     accelerometer: Triad
@@ -47,11 +49,13 @@ class SensorModel:
     gravity_mps2: float = STANDARD_GRAVITY_MPS2
     effects: tuple[EffectValues, ...] = ()
     user_effects: tuple[UserEffect, ...] = ()
+    axes: str = UNCHANGED
 
     def __post_init__(self) -> None:
         as_frame(self.frame)
         if not (np.isfinite(self.gravity_mps2) and self.gravity_mps2 > 0):
             raise InputError(f"gravity_mps2 is {self.gravity_mps2}: a positive number is needed")
+        object.__setattr__(self, "axes", str(Axes.parse(self.axes)))
         object.__setattr__(self, "effects", tuple(self.effects))
         names = {values.name for values in self.effects}
         if len(names) < len(self.effects):
@@ -121,7 +125,7 @@ class SensorModel:
         )
 
     def require_raw_units(self, recording: Recording) -> None:
-        """Raise InputError for a recording whose raw units differ from those of this model."""
+        """Raise InputError for a recording whose raw units or axes differ from those of this model."""
         for sensor, expected, found in (
             ("accelerometer", self.accel_unit, recording.accel_unit),
             ("gyroscope", self.gyro_unit, recording.gyro_unit),
@@ -131,3 +135,8 @@ class SensorModel:
                     f"{recording.name}: the {sensor} is in {found} but the calibration expects {expected}: "
                     "give the recording in the units that the unit was calibrated in"
                 )
+        if recording.axes != self.axes:
+            raise InputError(
+                f"{recording.name} was read with axes={recording.axes!r}, but the recordings of the "
+                f"calibration with axes={self.axes!r}: read it with axes={self.axes!r}"
+            )

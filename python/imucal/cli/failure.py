@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import typer
 
+from imucal.cli.as_typed import as_typed
 from imucal.cli.output import Output
 from imucal.errors import ImucalError
 
@@ -38,7 +39,7 @@ def is_fault(error: BaseException) -> bool:
 
 def _foreseen(error: BaseException) -> str | None:
     if isinstance(error, ImucalError):
-        return str(error)
+        return as_typed(str(error))
     if isinstance(error, (KeyboardInterrupt, typer.Abort)):
         return "interrupted"
     if isinstance(error, MemoryError):

@@ -109,8 +109,10 @@ class Output:
 
     def document(self, document: Mapping[str, Any]) -> None:
         """Write the JSON document if it was requested."""
+        from imucal.cli.as_typed import document_as_typed
         from imucal.document.json_document import to_json, write_json
 
+        document = document_as_typed(document)
         if self._json_path == "-":
             print(to_json(document))
         elif self._json_path is not None:
@@ -118,8 +120,10 @@ class Output:
         Output.documents += 1
 
     def line(self, text: str) -> None:
-        """Print a line of text without wrapping it."""
-        self._console.print(printable(text), soft_wrap=True)
+        """Print a line of text without wrapping it, with options as they are typed."""
+        from imucal.cli.as_typed import as_typed
+
+        self._console.print(printable(as_typed(text)), soft_wrap=True)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """Print a table, with the first column aligned left and the others right."""

@@ -77,6 +77,14 @@ class Reading:
             "SLOPE,OFFSET of a column temp_lsb, degC per count and degC; 1/340,36.53 for an MPU-6050.",
         ),
     ] = None
+    axes: Annotated[
+        str | None,
+        _option(
+            "--axes",
+            "Change of axes, the same for both sensors: frd or ned (z down), flu (none), or the columns that "
+            "give x, y and z: x,-y,-z; accel=... or gyro=... for one sensor.",
+        ),
+    ] = None
 
     def one(self, paths: Sequence[Path]) -> Recording:
         """The recording in these files."""

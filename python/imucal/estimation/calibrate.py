@@ -144,6 +144,7 @@ def result_of(
         frame=options.frame,
         accel_unit=unit_data[0].accel_unit,
         gyro_unit=unit_data[0].gyro_unit,
+        axes=unit_data[0].axes,
         gravity_mps2=options.gravity_mps2,
         effects=tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects),
         user_effects=own,

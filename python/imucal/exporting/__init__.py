@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import imucal._core as _core
@@ -30,11 +30,13 @@ from imucal.exporting.fusion import FUSION
 from imucal.exporting.gazebo import GAZEBO
 from imucal.exporting.kalibr import KALIBR, KALIBR_IMU
 from imucal.exporting.matlab import MATLAB
+from imucal.exporting.model import along_columns, axes_note
 from imucal.exporting.px4 import PX4
 from imucal.exporting.realsense import REALSENSE
 from imucal.exporting.ros import ROS
 from imucal.exporting.rust import RUST
-from imucal.recording.recording import Recording
+from imucal.recording.axes import UNCHANGED, Axes
+from imucal.recording.recording import Recording, as_recordings
 
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
@@ -123,9 +125,11 @@ class Export:
         """
         if self.same_as is None:
             return None
+        back = str(Axes.parse(self.calibration.axes).inverse)
+        in_columns = [recording.with_axes(back) for recording in as_recordings(control)]
         return Residual(
             evaluate(self.calibration, control, min_rest_s=min_rest_s),
-            evaluate(self.same_as, control, min_rest_s=min_rest_s),
+            evaluate(self.same_as, in_columns, min_rest_s=min_rest_s),
         )
 
 
@@ -155,7 +159,9 @@ def export(
             f"{form.name} needs noise figures, which a calibration does not contain: give a recording of the "
             "unit at rest (--noise REC)"
         )
-    written = form.write(calibration, noise)
+    written = form.write(along_columns(calibration), noise)
+    if calibration.axes != UNCHANGED:
+        written = replace(written, notes=(*written.notes, axes_note(calibration)))
     return Export(
         form,
         form.layout(header(calibration, form, written), written.body),

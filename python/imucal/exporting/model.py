@@ -15,9 +15,12 @@ from imucal.calibration.triad import Frame, Triad
 from imucal.effects.definition import UserEffect
 from imucal.effects.effect import EffectValues
 from imucal.errors import InputError
+from imucal.recording.axes import UNCHANGED, Axes
 
 __all__ = [
     "FRAMES",
+    "along_columns",
+    "axes_note",
     "inverse",
     "linear",
     "lost_effects",
@@ -42,6 +45,37 @@ def inverse(triad: Triad) -> FloatArray:
     columns, _ = _core.correct(Calibration(unit, unit), np.eye(3), np.zeros((3, 3)))
     found: FloatArray = columns.T.copy()
     return found
+
+
+def along_columns(calibration: Calibration) -> Calibration:
+    """The calibration for raw samples along the axes of the recorded columns, before any change of `axes`.
+
+    Firmware and other programs get these samples. The body frame of the corrected samples stays the same. The
+    result has no covariance, because that is of the parameters along the changed axes.
+    """
+    if calibration.axes == UNCHANGED:
+        return calibration
+    axes = Axes.parse(calibration.axes)
+
+    def before(triad: Triad, matrix: FloatArray) -> Triad:
+        return Triad(matrix.T @ triad.sensitivity, matrix.T @ triad.bias)
+
+    return replace(
+        calibration,
+        accelerometer=before(calibration.accelerometer, axes.accel),
+        gyroscope=before(calibration.gyroscope, axes.gyro),
+        axes=UNCHANGED,
+        covariance=None,
+        covariance_names=(),
+    )
+
+
+def axes_note(calibration: Calibration) -> str:
+    """The line of a header about the axes with which the recordings were read."""
+    return (
+        f"The recordings were read with axes={calibration.axes!r}. Raw samples of this file are along the "
+        "axes of the columns, before this change."
+    )
 
 
 def linear(calibration: Calibration, effects: Iterable[EffectValues] = ()) -> Calibration:

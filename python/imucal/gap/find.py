@@ -95,7 +95,9 @@ def find_gap(
 def _nominal(recording: Recording) -> SensorModel:
     """Sensor model without errors, in the raw units of a recording."""
     triad = Triad(np.eye(3), np.zeros(3))
-    return SensorModel(triad, triad, accel_unit=recording.accel_unit, gyro_unit=recording.gyro_unit)
+    return SensorModel(
+        triad, triad, accel_unit=recording.accel_unit, gyro_unit=recording.gyro_unit, axes=recording.axes
+    )
 
 
 def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> list[str] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 from imucal.data_frame import is_frame
@@ -19,6 +19,7 @@ from imucal.io.sensor_files import are_pair
 from imucal.io.temperature_counts import TempScale, scale_of, with_temperature
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import column_names
+from imucal.recording.axes import Axes
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording, as_recording
 
 __all__ = [
@@ -46,6 +47,7 @@ def read(
     accel_unit: AccelUnit | Literal["g", "mg"] | None = None,
     gyro_unit: GyroUnit | Literal["deg/s", "mdeg/s"] | None = None,
     temp_scale: TempScale | None = None,
+    axes: str | None = None,
 ) -> Recording:
     """Read one recording.
 
@@ -68,6 +70,8 @@ def read(
                folder also "g", "mg", "deg/s" and "mdeg/s", if there is no header that gives it
     temp_scale  slope, degC per count, and offset, degC, of a column temp_lsb: (1/340, 36.53) or
                "1/340,36.53". Without it these counts become an auxiliary input
+    axes       change of axes after reading, for all formats: "frd" or "ned" for data with z down, "x,-y,-z",
+               or "accel=..." and "gyro=..." for one sensor; see `Recording.with_axes`
 
     Physical units are converted to SI, counts are unchanged. Time in ms, us or ns is counted from the first
     sample, time in s is unchanged. Empty cells become NaN. Repairs to the data are reported in the
@@ -88,9 +92,10 @@ def read(
         "accel_unit": accel_unit,
         "gyro_unit": gyro_unit,
     }
+    turn = _axes(axes)
     scale = None if temp_scale is None else scale_of(temp_scale)
     if len(paths) == 1 and is_frame(paths[0]):
-        return with_temperature(_of_frame(paths[0], format, given), scale)
+        return turn(with_temperature(_of_frame(paths[0], format, given), scale))
     chosen, options = _chosen(paths, format, given)
     known = FORMATS[chosen]
     if known.isolated:
@@ -98,7 +103,7 @@ def read(
     else:
         with faults_named(paths, known.title):
             recording = known.read(*paths, **options)
-    return with_temperature(recording, scale)
+    return turn(with_temperature(recording, scale))
 
 
 def _of_frame(frame: Any, format: str | None, given: Mapping[str, Any]) -> Recording:
@@ -117,6 +122,7 @@ def read_pieces(
     *paths: str | os.PathLike[str],
     format: str | None = None,
     temp_scale: TempScale | None = None,
+    axes: str | None = None,
     **given: Any,
 ) -> Iterator[Recording]:
     """Read a recording in pieces, with the arguments of `read`; only CSV and Parquet come in several pieces.
@@ -126,8 +132,9 @@ def read_pieces(
     file.
     """
     scale = None if temp_scale is None else scale_of(temp_scale)
+    turn = _axes(axes)
     chosen, options = _chosen(paths, format, given)
-    return (with_temperature(piece, scale) for piece in _pieces(chosen, paths, options))
+    return (turn(with_temperature(piece, scale)) for piece in _pieces(chosen, paths, options))
 
 
 def _pieces(
@@ -142,6 +149,14 @@ def _pieces(
             yield from known.pieces(*paths, **options)
         else:
             yield known.read(*paths, **options)
+
+
+def _axes(axes: str | None) -> Callable[[Recording], Recording]:
+    """The change of axes. Raises InputError, before any file is read, if `axes` is not a valid text."""
+    if axes is None:
+        return lambda recording: recording
+    Axes.parse(axes)
+    return lambda recording: recording.with_axes(axes)
 
 
 def _chosen(

@@ -112,6 +112,7 @@ def recording_from_table(
         name=table.file,
         sources=sources,
         findings=table.findings,
+        column_units=(accel_unit, gyro_unit),
     )
     return recording if rate_hz is not None or clock is not None else without_copies(recording)
 

@@ -19,7 +19,7 @@ BEGINNING: Final = 100
 
 
 def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    """The recordings as a list; InputError if their raw units differ."""
+    """The recordings as a list; InputError if their raw units or axes differ."""
     unit_data = as_recordings(recordings)
     if not unit_data:
         raise InputError("there is no recording: give at least one")
@@ -29,6 +29,11 @@ def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
             raise InputError(
                 f"{other.name} is in {other.accel_unit} and {other.gyro_unit} but {first.name} in "
                 f"{first.accel_unit} and {first.gyro_unit}: recordings of one unit need the same raw units"
+            )
+        if other.axes != first.axes:
+            raise InputError(
+                f"{other.name} was read with axes={other.axes!r} but {first.name} with axes={first.axes!r}: "
+                "read all recordings of one unit with the same axes"
             )
     return with_own_names(unit_data)
 

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from imucal.arrays import FloatArray, SampleArray, as_rows, as_samples
 from imucal.data_frame import is_frame, recording_of, table_of
 from imucal.document.name import shown
 from imucal.document.source import Source
 from imucal.errors import ImucalError, InputError
-from imucal.finding import Finding
+from imucal.finding import Finding, Place
+from imucal.recording.axes import UNCHANGED, Axes
 
 __all__ = [
     "AccelUnit",
@@ -32,6 +33,8 @@ __all__ = [
 
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
+# Longer time steps are pauses between runs, s: no sensor that can be calibrated samples more slowly.
+PAUSE_S: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -46,6 +49,9 @@ class Recording:
     auxiliary         name -> (N,)  other columns of the file; characters of a name that cannot be printed
                       become escapes
     findings          repairs and remarks of the reader of the file
+    axes              columns of the source that give x, y and z, as `with_axes` takes them
+    column_units      units of the accelerometer and gyroscope columns in the source, such as "g" and "dps";
+                      None if unknown; only messages use them
 
     All are float64, except that force and rate may also be float32 or int16. A C-contiguous array of such a
     type is not copied; anything else (lists, other integers, Fortran order, strides) is converted once.
@@ -65,6 +71,8 @@ class Recording:
     name: str
     sources: tuple[Source, ...]
     findings: tuple[Finding, ...]
+    axes: str
+    column_units: tuple[str | None, str | None]
 
     def __init__(
         self,
@@ -80,6 +88,8 @@ class Recording:
         name: str = "recording",
         sources: Sequence[Source] = (),
         findings: Sequence[Finding] = (),
+        axes: str = UNCHANGED,
+        column_units: tuple[str | None, str | None] = (None, None),
     ) -> None:
         for unit, known, what in (
             (accel_unit, get_args(AccelUnit), "accel_unit"),
@@ -113,6 +123,8 @@ class Recording:
             "name": printable,
             "sources": tuple(sources),
             "findings": tuple(findings),
+            "axes": str(Axes.parse(axes)),
+            "column_units": tuple(column_units),
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -138,11 +150,16 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """Median sample rate, Hz; NaN with fewer than two samples."""
-        if len(self) < 2:
-            return float("nan")
-        step_s = float(np.median(np.diff(self.time_s)))
-        return 1.0 / step_s if step_s > 0 else float("nan")
+        """Mean sampling rate without pauses, Hz; NaN with fewer than two samples.
+
+        The median time step is no substitute: it differs from the mean by ten per cent and more if samples
+        come in bursts.
+        """
+        steps_s = np.diff(self.time_s)
+        usual_s = steps_s[steps_s < PAUSE_S]
+        counted_s = usual_s if usual_s.size else steps_s
+        total_s = float(counted_s.sum())
+        return len(counted_s) / total_s if total_s > 0 else float("nan")
 
     @property
     def duration_s(self) -> float:
@@ -156,18 +173,76 @@ class Recording:
             keep &= self.time_s >= start_s
         if end_s is not None:
             keep &= self.time_s < end_s
-        return Recording(
-            self.time_s[keep],
-            self.specific_force[keep],
-            self.angular_rate[keep],
+        return self.rows(keep)
+
+    def rows(self, keep: NDArray[np.bool_]) -> Recording:
+        """The samples that the mask `keep`, (N,), selects."""
+        return replace(
+            self,
+            time_s=self.time_s[keep],
+            specific_force=self.specific_force[keep],
+            angular_rate=self.angular_rate[keep],
             temperature_degc=None if self.temperature_degc is None else self.temperature_degc[keep],
             stand_rad=None if self.stand_rad is None else self.stand_rad[keep],
             auxiliary={key: values[keep] for key, values in self.auxiliary.items()},
-            accel_unit=self.accel_unit,
-            gyro_unit=self.gyro_unit,
-            name=self.name,
-            sources=self.sources,
-            findings=self.findings,
+        )
+
+    def without_copies(self) -> Recording:
+        """The recording without exact copies: rows with the time stamp and all values of the row before.
+
+        A warning among the findings counts them. If other rows have equal time stamps with different values,
+        nothing is left out: the stamps are then too coarse for the samples, of which some are equal by chance.
+        """
+        is_copy = np.zeros(len(self), dtype=bool)
+        # Fast path: time nearly always increases.
+        is_copy[1:] = self.time_s[1:] == self.time_s[:-1]
+        if not is_copy.any():
+            return self
+        rows = np.flatnonzero(is_copy)
+        for values in (self.specific_force, self.angular_rate):
+            is_copy[rows] &= (values[rows] == values[rows - 1]).all(axis=1)
+        count, first = int(is_copy.sum()), int(is_copy.argmax())
+        if count < len(rows):
+            return self
+        time_s, share = float(self.time_s[first]), 100 * count / len(self)
+        finding = Finding(
+            code="rows_written_twice",
+            severity="warning",
+            recording=self.name,
+            columns=(),
+            place=Place(first, first, time_s, time_s),
+            count=count,
+            value=share,
+            unit="%",
+            message=(
+                f"{count} rows ({share:.2f} %) are exact copies of the row before, with its time stamp, the "
+                f"first at {time_s:.2f} s, and were left out"
+            ),
+            way_out="check the logger, which writes rows twice",
+        )
+        return replace(self.rows(~is_copy), findings=(*self.findings, finding))
+
+    def with_axes(self, axes: str) -> Recording:
+        """The recording along other axes: "frd", "ned", "flu", "x,-y,-z", "gyro=-x,-y,-z".
+
+        "x,-y,-z" means that x is the column x, and y and z are the negative columns y and z, for both sensors
+        and for a magnetometer among the auxiliary inputs (mag_x_*, mag_y_*, mag_z_*). "frd" and "ned" are
+        this change, from x forward, y right, z down to x forward, y left, z up. With `accel=` or `gyro=`,
+        only this sensor changes; "accel=... gyro=..." changes each by itself.
+
+        Raises InputError for any other text.
+        """
+        wanted = Axes.parse(axes)
+        magnetometer = dict(self.auxiliary)
+        for names in _magnetometers(self.auxiliary) if wanted.are_alike else ():
+            columns = np.column_stack([self.auxiliary[name] for name in names])
+            magnetometer.update(zip(names, _along(columns, wanted.accel).T, strict=True))
+        return replace(
+            self,
+            specific_force=_along(self.specific_force, wanted.accel),
+            angular_rate=_along(self.angular_rate, wanted.gyro),
+            auxiliary=magnetometer,
+            axes=str(wanted.after(Axes.parse(self.axes))),
         )
 
     def to_arrow(self) -> Any:
@@ -192,13 +267,34 @@ class Recording:
         return self.to_arrow().__arrow_c_stream__(requested_schema)
 
 
+def _along(samples: NDArray[Any], matrix: FloatArray) -> NDArray[Any]:
+    """The samples along other axes, in their own number type where it can hold the negative values."""
+    columns = np.abs(matrix).argmax(axis=1)
+    turned = samples[:, columns]
+    is_negative = matrix.sum(axis=1) < 0
+    if turned.dtype.kind == "i" and is_negative.any():
+        # The lowest integer has no positive counterpart.
+        turned = turned.astype(np.float64)
+    turned[:, is_negative] *= -1
+    return np.ascontiguousarray(turned)
+
+
+def _magnetometers(names: Iterable[str]) -> list[tuple[str, str, str]]:
+    """The names of the three columns of each magnetometer."""
+    known = set(names)
+    found = [
+        tuple(name.replace("mag_x", f"mag_{axis}", 1) for axis in "xyz") for name in known if "mag_x" in name
+    ]
+    return [(x, y, z) for x, y, z in found if {x, y, z} <= known]
+
+
 def as_recording(given: Any) -> Recording:
     """`given` if it is a Recording, the recording in a data frame; otherwise InputError with what to do."""
     if isinstance(given, Recording):
-        return given
+        return given.without_copies()
     if is_frame(given):
         recording: Recording = recording_of(given)
-        return recording
+        return recording.without_copies()
     if isinstance(given, (str, os.PathLike)):
         path = os.fspath(given)
         raise InputError(f"{path!r} is the path of a file: give a Recording, imucal.read({path!r})")

@@ -25,6 +25,7 @@ pub(crate) struct RecordingColumns<'py> {
     stand_rad: Option<PyReadonlyArray2<'py, f64>>,
     accel_unit: String,
     gyro_unit: String,
+    column_units: (Option<String>, Option<String>),
 }
 
 impl RecordingColumns<'_> {
@@ -48,6 +49,7 @@ impl RecordingColumns<'_> {
                     },
                     accel_unit: raw_unit(&r.accel_unit),
                     gyro_unit: raw_unit(&r.gyro_unit),
+                    column_units: [r.column_units.0.as_deref(), r.column_units.1.as_deref()],
                 })
             })
             .collect()

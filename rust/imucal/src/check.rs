@@ -7,12 +7,15 @@
 //! with their count and the location of the first. Samples that are not finite are reported once and ignored by all
 //! other checks.
 
+mod axes;
 mod bursts;
 mod clock;
 mod continuity;
 #[cfg(test)]
 mod example;
 mod gains;
+mod gaps;
+mod gravity_sign;
 mod kinematics;
 mod part;
 mod plateau;

@@ -12,6 +12,9 @@ use crate::error::Error;
 /// from it.
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
+/// Time step that counts as a pause between two runs, s: no inertial sensor that can be calibrated samples more slowly.
+const PAUSE_S: f64 = 1.0;
+
 /// Unit of a triad's samples. Other physical units (g, deg/s, ...) are converted to SI when a file is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RawUnit {
@@ -172,6 +175,9 @@ pub struct Recording<'a> {
     pub accel_unit: RawUnit,
     /// Unit of `angular_rate`.
     pub gyro_unit: RawUnit,
+    /// Units of the accelerometer and gyroscope columns in the source, by their names in column names (`g`, `dps`);
+    /// `None` if unknown. Only messages use them.
+    pub column_units: [Option<&'a str>; 2],
 }
 
 impl<'a> Recording<'a> {
@@ -194,6 +200,7 @@ impl<'a> Recording<'a> {
             stand_rad: None,
             accel_unit: RawUnit::Si,
             gyro_unit: RawUnit::Si,
+            column_units: [None; 2],
         };
         recording.check_lengths()?;
         Ok(recording)
@@ -202,6 +209,23 @@ impl<'a> Recording<'a> {
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.time_s.len()
+    }
+
+    /// Mean sampling rate, Hz: the number of time steps over their sum, without pauses (see [`PAUSE_S`]); NaN if the
+    /// time does not increase.
+    ///
+    /// The median time step is no substitute: if samples come in bursts, or are stamped by a coarse clock, it differs
+    /// from the mean by ten per cent and more.
+    pub fn mean_rate_hz(&self) -> f64 {
+        let of = |is_counted: &dyn Fn(f64) -> bool| {
+            let steps = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| is_counted(*step_s));
+            steps.fold((0.0, 0.0), |(count, sum_s), step_s| (count + 1.0, sum_s + step_s))
+        };
+        let (count, sum_s) = match of(&|step_s| step_s < PAUSE_S) {
+            (0.0, _) => of(&|step_s| step_s.is_finite()),
+            counted => counted,
+        };
+        if sum_s > 0.0 { count / sum_s } else { f64::NAN }
     }
 
     /// Time of the first and of the last sample, s.
@@ -247,6 +271,22 @@ impl<'a> Recording<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_rate_is_that_of_all_samples_without_pauses() {
+        let rows = vec![[0.0; 3]; 3000];
+        let rate_hz = |stamp_s: &dyn Fn(usize) -> f64| {
+            let time_s: Vec<f64> = (0..3000).map(stamp_s).collect();
+            Recording::try_new("r", &time_s, &rows, &rows).unwrap().mean_rate_hz()
+        };
+        // Nine steps of 11 ms and one of 1 ms: the median step is 11 ms.
+        let bursts = rate_hz(&|i| (i / 10) as f64 * 0.1 + (i % 10) as f64 * 0.011);
+        assert!((bursts - 100.0).abs() < 0.05, "{bursts}");
+        let paused = rate_hz(&|i| i as f64 * 0.01 + if i < 1000 { 0.0 } else { 600.0 });
+        assert!((paused - 100.0).abs() < 1e-6, "{paused}");
+        assert!((rate_hz(&|i| 2.0 * i as f64) - 0.5).abs() < 1e-9);
+        assert!(rate_hz(&|_| 7.0).is_nan());
+    }
 
     #[test]
     fn samples_are_the_same_numbers_in_every_type() {

@@ -149,6 +149,7 @@ impl Simulation {
             stand_rad: self.stand_rad.as_deref(),
             accel_unit: RawUnit::Si,
             gyro_unit: RawUnit::Si,
+            column_units: [None; 2],
         }
     }
 

@@ -1,6 +1,6 @@
 //! Check for packet time stamps: all samples of a packet get nearly the same stamp when the packet arrives or is read.
 
-use super::names;
+use super::{clock, names};
 use crate::finding::{Finding, Place};
 use crate::numerics::stats::median;
 use crate::recording::Recording;
@@ -45,8 +45,6 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
     if !is_bursts {
         return None;
     }
-    // From the first sample of the first packet to the first sample of the last packet.
-    let rate_hz = (last - first) as f64 / (time_s[last] - time_s[first]);
     let mut within: Vec<f64> = starts
         .windows(2)
         .filter(|pair| pair[1] - pair[0] > 1)
@@ -64,10 +62,7 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
             1e3 * median(&mut within),
             1e3 * between_s
         ),
-        way_out: format!(
-            "the stamps are those of packets, not of samples: if the sensor samples evenly, omit the time column (a '-' for \
-             it in --columns) and give the sensor's rate as --rate-hz, here about {rate_hz:.1} Hz"
-        ),
+        way_out: format!("the stamps are those of packets, not of samples: {}", clock::even(recording)),
         ..Finding::error("clock_irregular", recording.name)
     })
 }
@@ -94,7 +89,11 @@ mod tests {
             let bursts = &findings[0];
             assert_eq!((bursts.code, bursts.value), ("clock_irregular", 16.0));
             assert!(bursts.message.contains(&format!("{:.3} ms from one", 1e3 * within_s)), "{}", bursts.message);
-            assert!(bursts.way_out.contains("--rate-hz, here about 100"), "{}", bursts.way_out);
+            assert!(
+                bursts.way_out.contains("rate_hz=100") || bursts.way_out.contains("rate_hz=99.99"),
+                "{}",
+                bursts.way_out
+            );
         }
         // The number of samples in a buffer that a timer reads varies by one.
         let short = found(|i| ((i + i / 160) / 16) as f64 * 0.16 + ((i + i / 160) % 16) as f64 * 1e-4);

@@ -1,8 +1,8 @@
 //! Checks of the time column: length, order, gaps, regularity and unit.
 
-use super::part::Part;
-use super::{Tally, bursts, names};
-use crate::finding::{Finding, Place};
+use super::part::{ALL_EQUAL, Part};
+use super::{Tally, bursts, gaps, names};
+use crate::finding::{Finding, Place, general};
 use crate::numerics::stats::{quantile_of, steps_s};
 use crate::recording::Recording;
 
@@ -21,6 +21,8 @@ const SPREAD: [f64; 2] = [0.2, 0.5];
 /// Maximum relative deviation of a time step from the median at which the clock counts as regular; the slower checks of
 /// spread and gaps are then skipped.
 const REGULAR: f64 = 0.2;
+/// Longest time step as a share of the duration up to which the mean rate is accurate.
+const LONGEST_SHARE: f64 = 0.02;
 /// Share of samples with the time stamp of the previous sample above which the time column is an error, not a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
@@ -34,7 +36,10 @@ pub(super) struct Steps {
     longest_s: f64,
     backward: Tally,
     worst_backward_s: f64,
+    /// Samples with the time stamp of the previous sample and other values.
     equal: Tally,
+    /// Samples with the time stamp and all six values of the previous sample.
+    copied: Tally,
 }
 
 pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
@@ -47,6 +52,7 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
         findings.push(bursts);
         return findings;
     }
+    findings.extend(steps.copies(recording));
     findings.extend(steps.equal_stamps(recording));
     if steps.positive < 2 {
         return findings;
@@ -68,17 +74,54 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     // 80 % of a normal distribution lie within +-1.2816 standard deviations. These quantiles are wider than those of a
     // median absolute deviation, because with stamps in bursts most steps are equal.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
-    if spread > SPREAD[0] {
-        findings.push(irregular(recording, spread, [low_s, median_s, high_s]));
-    }
     // If the spread is larger, the clock is so irregular that long time steps are no evidence of lost samples.
-    if spread <= SPREAD[1] {
+    let gaps = if spread <= SPREAD[1] {
         // Stamps of coarse resolution (2 ms and 3 ms alternating) are not gaps. A gap exceeds the 90 % quantile by half
         // a step.
         let longest_usual_s = (1.5 * median_s).max(high_s + 0.5 * median_s);
-        findings.extend(missing(recording, median_s, longest_usual_s * (1.0 + 1e-6)));
+        gaps::find(recording, longest_usual_s * (1.0 + 1e-6))
+    } else {
+        gaps::Gaps::default()
+    };
+    if spread > SPREAD[0] {
+        findings.push(irregular(recording, spread, [low_s, median_s, high_s]));
+    } else {
+        findings.extend(gaps.late(recording));
     }
+    findings.extend(gaps.missing(recording));
     findings
+}
+
+/// Recommendation for time stamps that are not those of the samples.
+pub(super) fn from_sensor(recording: &Recording) -> String {
+    format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
+}
+
+/// Recommendation to replace the time stamps of an evenly sampled recording by its mean rate.
+pub(super) fn even(recording: &Recording) -> String {
+    let rate = even_rate_hz(recording)
+        .map_or("rate_hz=RATE with its rate".to_owned(), |rate_hz| format!("rate_hz={}", general(rate_hz, 6)));
+    format!(
+        "if the sensor samples evenly and no sample is lost, leave out the time column (columns='-,accel_x_mps2,...') and pass \
+         {rate}"
+    )
+}
+
+/// Mean sampling rate, Hz, by a straight line through the time stamps: the jitter of the first and the last stamp hardly
+/// affects it. `None` if single steps are so long that it would not be accurate.
+fn even_rate_hz(recording: &Recording) -> Option<f64> {
+    let time_s = recording.time_s;
+    let [start_s, end_s] = recording.span_s();
+    let longest_s = time_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    let centre = (time_s.len() - 1) as f64 / 2.0;
+    let (mut product, mut square) = (0.0, 0.0);
+    for (i, stamp_s) in time_s.iter().enumerate() {
+        let from_centre = i as f64 - centre;
+        product += from_centre * (stamp_s - start_s);
+        square += from_centre * from_centre;
+    }
+    let rate_hz = square / product;
+    (rate_hz.is_finite() && rate_hz > 0.0 && longest_s < LONGEST_SHARE * (end_s - start_s)).then_some(rate_hz)
 }
 
 impl Default for Steps {
@@ -90,6 +133,7 @@ impl Default for Steps {
             backward: Tally::default(),
             worst_backward_s: 0.0,
             equal: Tally::default(),
+            copied: Tally::default(),
         }
     }
 }
@@ -107,12 +151,14 @@ impl Steps {
             self.longest_s = self.longest_s.max(longest_s);
             return;
         }
-        for (i, pair) in (first..).zip(time_s.windows(2)) {
+        for ((i, equal), pair) in part.equal().zip(time_s.windows(2)) {
             let step_s = pair[1] - pair[0];
             if step_s > 0.0 && step_s.is_finite() {
                 self.positive += 1;
                 self.shortest_s = if step_s < self.shortest_s { step_s } else { self.shortest_s };
                 self.longest_s = if step_s > self.longest_s { step_s } else { self.longest_s };
+            } else if step_s == 0.0 && equal == ALL_EQUAL {
+                self.copied.add(i);
             } else if step_s == 0.0 {
                 self.equal.add(i);
             } else if step_s < 0.0 && step_s.is_finite() {
@@ -156,26 +202,53 @@ impl Steps {
         (self.equal.samples > 0 || self.longest_s > 2.0 * self.shortest_s).then(|| bursts::check(recording)).flatten()
     }
 
-    fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {
-        let (first, _) = self.equal.first?;
-        let share = self.equal.samples as f64 / recording.len() as f64;
-        let kind = if share > MAX_EQUAL_SHARE { Finding::error } else { Finding::warning };
+    /// Finding for rows that were written twice, with their time stamp.
+    fn copies(&self, recording: &Recording) -> Option<Finding> {
         Some(Finding {
-            columns: names(["time_s"]),
-            place: Some(Place::new(recording, first - 1, first)),
-            count: self.equal.samples,
-            value: 100.0 * share,
-            unit: "%",
             message: format!(
-                "{} samples ({:.2} %) have the time stamp of the one before, the first at {:.4} s (sample {first})",
-                self.equal.samples,
-                100.0 * share,
-                recording.time_s[first]
+                "{} rows ({:.2} %) have the time stamp and all values of the row before, the first {}",
+                self.copied.samples,
+                share(&self.copied, recording),
+                self.copied.first_place(recording)
             ),
-            way_out: "drop the rows that were written twice, or write time stamps of finer resolution".into(),
-            ..kind("samples_duplicated", recording.name)
+            way_out: "drop the rows that were written twice".into(),
+            ..duplicated(&self.copied, recording)?
         })
     }
+
+    /// Finding for different samples with one time stamp.
+    fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {
+        Some(Finding {
+            message: format!(
+                "{} samples ({:.2} %) have the time stamp of the sample before but other values, the first {}",
+                self.equal.samples,
+                share(&self.equal, recording),
+                self.equal.first_place(recording)
+            ),
+            way_out: format!("write time stamps of finer resolution; or, {}", even(recording)),
+            ..duplicated(&self.equal, recording)?
+        })
+    }
+}
+
+/// Share of the samples, %.
+fn share(tally: &Tally, recording: &Recording) -> f64 {
+    100.0 * tally.samples as f64 / recording.len() as f64
+}
+
+/// Finding for samples with the time stamp of the previous one; the caller sets the texts.
+fn duplicated(tally: &Tally, recording: &Recording) -> Option<Finding> {
+    let (first, _) = tally.first?;
+    let share = share(tally, recording);
+    let kind = if share > 100.0 * MAX_EQUAL_SHARE { Finding::error } else { Finding::warning };
+    Some(Finding {
+        columns: names(["time_s"]),
+        place: Some(Place::new(recording, first - 1, first)),
+        count: tally.samples,
+        value: share,
+        unit: "%",
+        ..kind("samples_duplicated", recording.name)
+    })
 }
 
 /// Shortest and longest time step, s, calculated for several steps at once; NaN if any time step is NaN.
@@ -276,39 +349,9 @@ fn irregular(recording: &Recording, spread: f64, [low_s, median_s, high_s]: [f64
             1e3 * low_s,
             1e3 * high_s
         ),
-        way_out: "take the time stamp from the sensor's own clock, not on arrival; or, if it samples evenly, replace the time by sample number / rate"
-            .into(),
+        way_out: from_sensor(recording),
         ..kind("clock_irregular", recording.name)
     }
-}
-
-fn missing(recording: &Recording, median_s: f64, longest_usual_s: f64) -> Option<Finding> {
-    let (mut gaps, mut lost, mut longest_s) = (Tally::default(), 0.0, 0.0f64);
-    for (i, pair) in recording.time_s.windows(2).enumerate() {
-        let step_s = pair[1] - pair[0];
-        if step_s > longest_usual_s && step_s.is_finite() {
-            gaps.add(i + 1);
-            lost += (step_s / median_s).round() - 1.0;
-            longest_s = longest_s.max(step_s);
-        }
-    }
-    let (first, _) = gaps.first?;
-    let share = lost / (lost + recording.len() as f64);
-    let place = Place::new(recording, first - 1, first);
-    Some(Finding {
-        columns: names(["time_s"]),
-        place: Some(place),
-        count: lost as usize,
-        value: 100.0 * share,
-        unit: "%",
-        message: format!(
-            "about {lost:.0} samples ({:.2} %) are missing in {} gaps, the first {place}, the longest {longest_s:.3} s",
-            100.0 * share,
-            gaps.samples
-        ),
-        way_out: "nothing to do for a few; else look for lost packets or a full buffer, and record again".into(),
-        ..Finding::warning("samples_missing", recording.name)
-    })
 }
 
 #[cfg(test)]
@@ -362,20 +405,30 @@ mod tests {
     }
 
     #[test]
-    fn many_equal_stamps_are_an_error() {
-        let time: Vec<f64> = (0..2000).map(|i| (i / 2) as f64 * 0.01).collect();
-        assert!(codes(&time).contains(&("samples_duplicated", Severity::Error)));
+    fn copies_and_two_samples_to_one_stamp_have_different_ways_out() {
+        let mut columns = Columns::tumbling();
+        columns.time_s = (0..4000).map(|i| (i / 2) as f64 * 0.01).collect();
+        let [stamps] = <[Finding; 1]>::try_from(found(&columns.recording())).unwrap();
+        assert_eq!((stamps.code, stamps.severity), ("samples_duplicated", Severity::Error));
+        assert!(stamps.way_out.contains("rate_hz=200"), "{}", stamps.way_out);
+        for i in (1..4000).step_by(2) {
+            (columns.force[i], columns.rate[i]) = (columns.force[i - 1], columns.rate[i - 1]);
+        }
+        let [copies] = <[Finding; 1]>::try_from(found(&columns.recording())).unwrap();
+        assert_eq!((copies.code, copies.count), ("samples_duplicated", 2000));
+        assert!(copies.way_out.contains("drop the rows") && !copies.way_out.contains("rate_hz"), "{}", copies.way_out);
     }
 
     #[test]
-    fn gaps_count_the_samples_lost() {
-        let time: Vec<f64> =
-            (0..2000).filter(|i| !(500..530).contains(i) && *i != 900).map(|i| i as f64 * 0.01).collect();
+    fn the_rate_in_the_recommendation_is_the_mean_rate() {
+        // Seven steps of 11.25 ms, one of 0.5 ms and one of 10.75 ms: the median step is 11.25 ms, the mean 10 ms.
+        let within_s = |k: usize| if k < 8 { 0.01125 * k as f64 } else { 0.07925 };
+        let time: Vec<f64> = (0..3000).map(|i| (i / 9) as f64 * 0.09 + within_s(i % 9)).collect();
         let rows = vec![[0.0; 3]; time.len()];
         let findings = found(&Recording::try_new("t", &time, &rows, &rows).unwrap());
-        assert_eq!(findings.len(), 1);
-        assert_eq!((findings[0].code, findings[0].count), ("samples_missing", 31));
-        assert_eq!(findings[0].place.unwrap().first_sample, 499);
+        let irregular = findings.iter().find(|f| f.code == "clock_irregular").unwrap();
+        let rate_hz = irregular.way_out.split("rate_hz=").nth(1).unwrap();
+        assert!((rate_hz.parse::<f64>().unwrap() - 100.0).abs() < 0.01, "{rate_hz}");
     }
 
     #[test]

@@ -5,12 +5,14 @@
 //! axes differ from the true ones. Then P = det(A) A G^-1, so det P has the sign of det G and shows the handedness of
 //! the gyroscope. A left-handed accelerometer gives P = -A, which is a proper rotation. One reversed accelerometer axis
 //! therefore looks like a half turn of the gyroscope about this axis. Two exchanged accelerometer axes look like a half
-//! turn of the gyroscope about a diagonal, which exchanges these axes and reverses all three.
+//! turn of the gyroscope about a diagonal, which exchanges these axes and reverses all three. Columns of both sensors
+//! that are mirrored alike give P = -I, like a gyroscope of reversed sign.
 
 use nalgebra::Matrix3;
 
+use super::axes::{SignedPermutation, recommendation};
 use super::{ACCEL, GYRO, names};
-use crate::finding::Finding;
+use crate::finding::{Finding, Severity};
 use crate::recording::{RawUnit, Recording};
 
 /// Limits of the scale of P for a gyroscope in the right unit (ideal: 1). Scale errors of sensors are far smaller than
@@ -43,17 +45,11 @@ pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>) -> 
     if recording.gyro_unit == RawUnit::Si {
         findings.extend(unit(recording, scale));
     }
-    let axes = SignedPermutation::closest(&(p / scale));
-    if p.determinant() < 0.0 {
-        findings.push(left_handed_gyroscope(recording, &axes));
-    } else if axes.correlation >= CLEAR && !axes.is_identity() {
-        findings.push(match axes.half_turn() {
-            Some(axis) => left_handed_accelerometer(recording, axis, &axes),
-            None => match axes.exchanged() {
-                Some(pair) => exchanged_accelerometer(recording, pair, &axes),
-                None => turned(recording, &axes),
-            },
-        });
+    let (axes, correlation) = SignedPermutation::closest(&(p / scale));
+    if correlation < CLEAR {
+        findings.extend((p.determinant() < 0.0).then(|| unlike_any(recording, correlation)));
+    } else if !axes.is_identity() {
+        findings.push(wrong_axes(recording, &axes, correlation));
     }
     findings
 }
@@ -95,155 +91,51 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
     })
 }
 
-fn left_handed_gyroscope(recording: &Recording, axes: &SignedPermutation) -> Finding {
-    let reversed: Vec<&str> =
-        (0..3).filter(|&k| axes.column_of[k] == k && axes.sign_of[k] < 0.0).map(|k| GYRO[k]).collect();
-    let (columns, way_out) = if axes.in_order() && reversed.len() == 1 {
-        (reversed.clone(), format!("negate {}", reversed[0]))
-    } else if axes.in_order() {
-        (GYRO.to_vec(), "negate all three gyro columns".to_string())
+/// Finding for a gyroscope that follows the accelerometer by a signed permutation.
+fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64) -> Finding {
+    let of = |triad: [&str; 3], which: &[usize]| names(which.iter().map(|&k| triad[k]));
+    let (kind, columns, what): (fn(_, &str) -> _, _, _) = if axes.determinant() < 0.0 {
+        let columns = axes.reversed_axis().map_or(names(GYRO), |axis| of(GYRO, &[axis]));
+        (Finding::error, columns, "one of the sensors has left-handed axes")
+    } else if let Some(axis) = axes.half_turn() {
+        (Finding::error, of(ACCEL, &[axis]), "one accelerometer axis is reversed, or two gyroscope axes are")
+    } else if let Some(pair) = axes.exchanged_and_reversed() {
+        (
+            Finding::error,
+            of(ACCEL, &pair),
+            "two accelerometer axes are exchanged, or the gyroscope is rotated by 180 deg",
+        )
     } else {
-        (GYRO.to_vec(), format!("reorder the gyro columns ({}) or correct the sign of one", axes.mapping()))
+        (Finding::warning, names(GYRO), "the gyroscope's axes are rotated relative to the accelerometer's")
     };
+    let is_error = kind("", "").severity == Severity::Error;
     Finding {
-        columns: names(columns),
+        columns,
         count: recording.len(),
-        value: axes.correlation,
+        value: correlation,
         unit: "correlation",
-        message: format!(
-            "the gyroscope's axes are left-handed: {} (correlation {:.2})",
-            axes.mapping(),
-            axes.correlation
-        ),
-        way_out,
-        ..Finding::error("left_handed_axes", recording.name)
+        message: format!("{what}: {} (correlation {correlation:.2})", axes.mapping()),
+        way_out: recommendation(axes),
+        ..kind(if is_error { "left_handed_axes" } else { "axes_turned" }, recording.name)
     }
 }
 
-fn left_handed_accelerometer(recording: &Recording, axis: usize, axes: &SignedPermutation) -> Finding {
-    let others = [GYRO[(axis + 1) % 3], GYRO[(axis + 2) % 3]];
-    Finding {
-        columns: names([ACCEL[axis]]),
-        count: recording.len(),
-        value: axes.correlation,
-        unit: "correlation",
-        message: format!(
-            "{} is reversed, which makes the accelerometer left-handed: {} (correlation {:.2})",
-            ACCEL[axis],
-            axes.mapping(),
-            axes.correlation
-        ),
-        way_out: format!(
-            "negate {}; or, if the gyroscope is mounted rotated by 180 deg about this axis, negate {} and {}",
-            ACCEL[axis], others[0], others[1]
-        ),
-        ..Finding::error("left_handed_axes", recording.name)
-    }
-}
-
-fn exchanged_accelerometer(recording: &Recording, [one, other]: [usize; 2], axes: &SignedPermutation) -> Finding {
-    Finding {
-        columns: names([ACCEL[one], ACCEL[other]]),
-        count: recording.len(),
-        value: axes.correlation,
-        unit: "correlation",
-        message: format!(
-            "{} and {} look exchanged, which makes the accelerometer left-handed: {} (correlation {:.2})",
-            ACCEL[one],
-            ACCEL[other],
-            axes.mapping(),
-            axes.correlation
-        ),
-        way_out: format!(
-            "exchange {} and {}; or, if this is how the gyroscope is mounted, exchange {} and {} and negate all three gyro columns",
-            ACCEL[one], ACCEL[other], GYRO[one], GYRO[other]
-        ),
-        ..Finding::error("left_handed_axes", recording.name)
-    }
-}
-
-fn turned(recording: &Recording, axes: &SignedPermutation) -> Finding {
+/// Finding for left-handed rates that no signed permutation explains.
+fn unlike_any(recording: &Recording, correlation: f64) -> Finding {
     Finding {
         columns: names(GYRO),
         count: recording.len(),
-        value: axes.correlation,
+        value: correlation,
         unit: "correlation",
         message: format!(
-            "the gyroscope's axes are rotated relative to the accelerometer's: {} (correlation {:.2})",
-            axes.mapping(),
-            axes.correlation
+            "the rates do not follow the rotation of gravity by any order and any signs of the axes (largest correlation \
+             {correlation:.2})"
         ),
-        way_out: "nothing to do if this is how the gyroscope is mounted; else correct the order and the signs of the accel or gyro columns"
-            .into(),
-        ..Finding::warning("axes_turned", recording.name)
-    }
-}
-
-/// Assignment of gyroscope columns to accelerometer axes: true rate k = sign_of\[k\] * raw rate column_of\[k\].
-struct SignedPermutation {
-    column_of: [usize; 3],
-    sign_of: [f64; 3],
-    /// Correlation with P: sum of the three selected entries of P over their norm; 1 if P is this permutation.
-    correlation: f64,
-}
-
-impl SignedPermutation {
-    /// The signed permutation with the handedness of P that has the largest correlation with P.
-    fn closest(p: &Matrix3<f64>) -> Self {
-        const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
-        let handedness = p.determinant().signum();
-        let norm = 3.0f64.sqrt() * p.norm();
-        let mut best = Self { column_of: ORDERS[0], sign_of: [1.0; 3], correlation: f64::NEG_INFINITY };
-        for (n, order) in ORDERS.iter().enumerate() {
-            let parity = if n < 3 { 1.0 } else { -1.0 };
-            for signs in 0..8 {
-                let sign_of = [0, 1, 2].map(|k| if (signs >> k) & 1 == 1 { -1.0 } else { 1.0 });
-                if parity * sign_of.iter().product::<f64>() != handedness {
-                    continue;
-                }
-                let correlation = (0..3).map(|k| sign_of[k] * p[(k, order[k])]).sum::<f64>() / norm;
-                if correlation > best.correlation {
-                    best = Self { column_of: *order, sign_of, correlation };
-                }
-            }
-        }
-        best
-    }
-
-    fn in_order(&self) -> bool {
-        self.column_of == [0, 1, 2]
-    }
-
-    fn is_identity(&self) -> bool {
-        self.in_order() && self.sign_of == [1.0; 3]
-    }
-
-    /// Axis of rotation if this is a half turn about a coordinate axis, else `None`.
-    fn half_turn(&self) -> Option<usize> {
-        let kept = (0..3).find(|&k| self.sign_of[k] > 0.0)?;
-        let turned = self.sign_of.iter().filter(|sign| **sign < 0.0).count() == 2;
-        (self.in_order() && turned).then_some(kept)
-    }
-
-    /// The two exchanged axes if this is a half turn about a diagonal (it exchanges two axes and reverses all three),
-    /// else `None`.
-    fn exchanged(&self) -> Option<[usize; 2]> {
-        let mut moved = (0..3).filter(|&k| self.column_of[k] != k);
-        let pair = [moved.next()?, moved.next()?];
-        (moved.next().is_none() && self.sign_of == [-1.0; 3]).then_some(pair)
-    }
-
-    /// Text "gyro x follows accelerometer -y" for each axis that does not correspond to itself.
-    fn mapping(&self) -> String {
-        const AXES: [&str; 3] = ["x", "y", "z"];
-        let parts: Vec<String> = (0..3)
-            .filter(|&k| self.column_of[k] != k || self.sign_of[k] < 0.0)
-            .map(|k| {
-                let sign = if self.sign_of[k] < 0.0 { "-" } else { "" };
-                format!("gyro {} follows accelerometer {sign}{}", AXES[self.column_of[k]], AXES[k])
-            })
-            .collect();
-        parts.join(", ")
+        way_out:
+            "check that both sensors were recorded by the same unit at the same time, and that all six columns are \
+                  what their names say"
+                .into(),
+        ..Finding::error("left_handed_axes", recording.name)
     }
 }
 
@@ -253,7 +145,6 @@ mod tests {
 
     use super::super::example::Columns;
     use super::*;
-    use crate::finding::Severity;
 
     /// P of a sensor with typical scale and misalignment errors.
     fn near(p: Matrix3<f64>) -> Matrix3<f64> {
@@ -311,7 +202,7 @@ mod tests {
             assert_eq!((findings[0].code, findings[0].severity), ("left_handed_axes", Severity::Error));
             assert_eq!(findings[0].columns, [GYRO[axis]]);
         }
-        assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("all three"));
+        assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("axes='gyro=-x,-y,-z'"));
     }
 
     /// Fits P of u' = u x P w, linear in its nine entries, to directions and rates as the triads report them. `accel`

@@ -120,8 +120,9 @@ fn finding(
         value,
         unit,
         message: parts.join("; "),
-        way_out: "use a larger range, move more slowly, or pass --exclude-saturated to leave out the moves concerned"
-            .into(),
+        way_out:
+            "use a larger range, move more slowly, or pass exclude_saturated=True to leave out the moves concerned"
+                .into(),
         ..Finding::error(code, recording.name)
     })
 }

@@ -1,4 +1,4 @@
-//! Checks of units and signs against gravity: at rest |f| = g, and the axis that points up reads +g.
+//! Checks of units against gravity: at rest |f| = g, and a gyroscope reads its bias.
 
 use std::ops::Range;
 
@@ -6,7 +6,7 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 
 use super::part::Part;
 use super::values::Extremes;
-use super::{ACCEL, GYRO, names};
+use super::{ACCEL, GYRO, gravity_sign, names};
 use crate::finding::{Finding, Place};
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
@@ -19,10 +19,29 @@ const WITH_MOVES: [f64; 2] = [0.5, 2.0];
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
-/// Maximum magnitude of the motor angles at the stand's zero position, rad.
-const STAND_ZERO_RAD: f64 = 0.02;
-/// Minimum component of the unit up-vector along an axis that points nearly up: the cosine of 20 deg.
-const NEARLY_UPRIGHT: f64 = 0.94;
+/// Maximum ratio of the standard deviation of the rate within a rest to its mean for the mean to count as a bias. A unit
+/// that is moved to and fro has a larger one.
+const STEADY: f64 = 0.3;
+/// Minimum and maximum ratio of the quartiles of a triad's norm to its median for a triad that measures gravity. The norm
+/// of angular rates varies by far more between rests and moves.
+const STEADY_NORM: [f64; 2] = [0.85, 1.15];
+/// Units of accelerometer columns, with the size of one unit in m/s^2, and the recommendation if a file that was read in
+/// another unit is in this one. Columns without a known unit were given in m/s^2.
+const ACCEL_UNITS: [(&str, f64, &str); 4] = [
+    ("mps2", 1.0, "m/s^2 (name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2)"),
+    ("g", STANDARD_GRAVITY_MPS2, "g (name the columns accel_x_g, accel_y_g, accel_z_g)"),
+    ("mg", STANDARD_GRAVITY_MPS2 / 1000.0, "mg (name the columns accel_x_mg, accel_y_mg, accel_z_mg)"),
+    ("cm/s^2", 0.01, "cm/s^2 (divide by 100 and name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2)"),
+];
+/// Units of gyroscope columns, with the size of one unit in rad/s, largest first.
+const GYRO_UNITS: [(&str, f64, &str); 3] =
+    [("radps", 1.0, "rad/s"), ("dps", DEGREE, "deg/s"), ("mdps", DEGREE / 1000.0, "mdeg/s")];
+/// One degree, rad.
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+/// Minimum of the median |f| in the unit of the columns above which the numbers can only be raw counts.
+const COUNTS: f64 = 1500.0;
+/// Maximum of the median |f| for an accelerometer from whose readings gravity was removed, m/s^2.
+const WITHOUT_GRAVITY_MPS2: f64 = 0.5;
 
 /// Findings of wrong units whose errors are so large that they are detected without rests.
 pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extremes)) -> Vec<Finding> {
@@ -79,11 +98,6 @@ impl Lengths {
 ///
 /// `rests` are ranges of sample indices; ranges outside the recording are ignored. Codes: `accel_units`, `gyro_units`,
 /// `gravity_sign`. Findings of [`super::check_columns`] are not repeated.
-///
-/// The sign of gravity is not observable from motion, because |u| = g and u' = u x w remain true for -u. It needs
-/// external evidence. With stand columns, body z points up when all motors are at zero; a reading of -g on z is then an
-/// error. Without stand columns, most recordings start upright. A reading of -g on z, within 20 deg, in the first rest
-/// is then a warning, because the unit may be upside down. Unsigned counts have no known zero and are not checked.
 pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: f64) -> Vec<Finding> {
     if recording.check_lengths().is_err() {
         return Vec::new();
@@ -102,8 +116,8 @@ pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: 
     {
         findings.push(wrong_accel_unit(recording, &rests, norm, gravity_mps2));
     }
-    findings.extend(turns_at_rest(recording, &rests).filter(|_| too_fast(recording).is_none()));
-    findings.extend(gravity_sign(recording, &rests));
+    findings.extend(biased(recording, &rests).filter(|_| too_fast(recording).is_none()));
+    findings.extend(gravity_sign::check(recording, &rests));
     findings
 }
 
@@ -133,25 +147,33 @@ fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 
 }
 
 fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, gravity_mps2: f64) -> Finding {
-    let rate = median_norm(recording.angular_rate, ranges);
-    let swapped = recording.gyro_unit == RawUnit::Si
-        && norm < 0.5 * gravity_mps2
-        && rate.is_some_and(|rate| within(rate / gravity_mps2, AT_REST));
+    let [given, _] = recording.column_units;
+    let given = ACCEL_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("mps2")).unwrap_or(&ACCEL_UNITS[0]);
+    let in_file = norm / given.1;
+    // The size of the numbers decides first: it is clear for columns that contain gravity in some unit.
+    let fitting: Vec<&str> = ACCEL_UNITS
+        .iter()
+        .filter(|unit| unit.0 != given.0 && within(in_file * unit.1 / gravity_mps2, AT_REST))
+        .map(|unit| unit.2)
+        .collect();
+    let swapped = fitting.is_empty() && gyroscope_has_gravity(recording, gravity_mps2);
     let way_out = if swapped {
         "the gyro columns contain gravity: accel and gyro columns look swapped".into()
-    } else if within(norm, AT_REST) {
-        "looks like g: name the columns accel_x_g, accel_y_g, accel_z_g".into()
-    } else if within(norm / 1000.0, AT_REST) {
-        "looks like mg (name the columns accel_x_mg, ...) or cm/s^2 (divide by 100)".into()
-    } else if norm < 0.5 {
+    } else if !fitting.is_empty() {
+        format!("looks like {}", fitting.join(" or "))
+    } else if norm < WITHOUT_GRAVITY_MPS2 {
         "looks like linear acceleration, gravity removed: record the raw specific force, gravity is the only reference"
             .into()
-    } else if norm > 1500.0 {
+    } else if in_file > COUNTS {
         "looks like raw counts: name the columns accel_x_lsb, accel_y_lsb, accel_z_lsb".into()
     } else {
         "give the columns in the unit of their names: accel_x_mps2, _g, _mg or _lsb".into()
     };
     let first = ranges.first().cloned().unwrap_or(0..1);
+    let read_as = match given.0 {
+        "mps2" => String::new(),
+        name => format!(" (the columns were read as {name})"),
+    };
     Finding {
         columns: if swapped { names(ACCEL.iter().chain(&GYRO)) } else { names(ACCEL) },
         place: Some(Place::new(recording, first.start, first.end - 1)),
@@ -159,7 +181,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
         value: norm,
         unit: "m/s^2",
         message: format!(
-            "the median |f| is {norm:.4} m/s^2, but gravity is {gravity_mps2:.3} m/s^2 (ratio {:.4})",
+            "the median |f| is {norm:.4} m/s^2{read_as}, but gravity is {gravity_mps2:.3} m/s^2 (ratio {:.4})",
             norm / gravity_mps2
         ),
         way_out,
@@ -167,8 +189,46 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     }
 }
 
-const GYRO_WAY_OUT: &str =
-    "looks like deg/s or raw counts: without converting them, name the columns gyro_x_dps, gyro_x_mdps or gyro_x_lsb";
+/// Whether the numbers in the gyroscope columns have the norm of gravity, in m/s^2 or g, in nearly all samples.
+fn gyroscope_has_gravity(recording: &Recording, gravity_mps2: f64) -> bool {
+    if recording.gyro_unit != RawUnit::Si {
+        return false;
+    }
+    let factor = given_gyro_unit(recording).1;
+    let mut norms: Vec<f64> =
+        recording.angular_rate.iter().map(|row| length(row) / factor).filter(|norm| norm.is_finite()).collect();
+    if norms.is_empty() {
+        return false;
+    }
+    let [low, median, high] = [0.25, 0.5, 0.75].map(|q| quantile(&mut norms, q));
+    let has_size = within(median / gravity_mps2, AT_REST) || within(median, AT_REST);
+    has_size && low > STEADY_NORM[0] * median && high < STEADY_NORM[1] * median
+}
+
+fn given_gyro_unit(recording: &Recording) -> &'static (&'static str, f64, &'static str) {
+    let [_, given] = recording.column_units;
+    GYRO_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("radps")).unwrap_or(&GYRO_UNITS[0])
+}
+
+/// The unit in which the numbers may be instead of the given one, for rates that are far too large.
+fn smaller_gyro_units(recording: &Recording) -> String {
+    let given = given_gyro_unit(recording);
+    let (words, names): (Vec<&str>, Vec<String>) = GYRO_UNITS
+        .iter()
+        .filter(|unit| unit.1 < given.1)
+        .map(|unit| (unit.2, format!("gyro_x_{}", unit.0)))
+        .chain([("raw counts", "gyro_x_lsb".to_owned())])
+        .unzip();
+    let read_as = match given.0 {
+        "radps" => String::new(),
+        _ => format!("the columns were read as {}: if they are not, the numbers ", given.2),
+    };
+    format!(
+        "{read_as}look like {}: without converting them, name the columns {}",
+        words.join(" or "),
+        names.join(" or ")
+    )
+}
 
 fn too_fast(recording: &Recording) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si || recording.is_empty() {
@@ -195,17 +255,24 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
             rate.to_degrees(),
             recording.time_s[first]
         ),
-        way_out: GYRO_WAY_OUT.into(),
+        way_out: smaller_gyro_units(recording),
         ..Finding::error("gyro_units", recording.name)
     })
 }
 
-fn turns_at_rest(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
+/// Finding for a gyroscope with an impossible bias. A bias is steady within a rest. A large rate that varies there is
+/// that of a unit that was moved, which has no consequence for the unit of the columns.
+fn biased(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si {
         return None;
     }
-    let rate = median_norm_beyond(recording.angular_rate, rests, [0.0, LARGEST_BIAS_RADPS])?;
-    let first = rests.first()?;
+    median_norm_beyond(recording.angular_rate, rests, [0.0, LARGEST_BIAS_RADPS])?;
+    let mut biases: Vec<f64> = rests.iter().filter_map(|rest| steady_norm(recording.angular_rate, rest)).collect();
+    if 2 * biases.len() < rests.len().max(1) {
+        return None;
+    }
+    let rate = quantile(&mut biases, 0.5);
+    let first = rests.first().filter(|_| rate > LARGEST_BIAS_RADPS)?;
     Some(Finding {
         columns: names(GYRO),
         place: Some(Place::new(recording, first.start, first.end - 1)),
@@ -216,50 +283,26 @@ fn turns_at_rest(recording: &Recording, rests: &[Range<usize>]) -> Option<Findin
             "the gyroscope reads {rate:.2} rad/s ({:.0} deg/s) at rest, more than any bias of a MEMS gyroscope",
             rate.to_degrees()
         ),
-        way_out: GYRO_WAY_OUT.into(),
+        way_out: format!(
+            "{}; if the unit was turning steadily at that time ({}), it was not at rest: hold it still in each pose",
+            smaller_gyro_units(recording),
+            Place::new(recording, first.start, first.end - 1)
+        ),
         ..Finding::error("gyro_units", recording.name)
     })
 }
 
-fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
-    let rows = recording.specific_force;
-    let at_zero = |rest: &&Range<usize>| {
-        recording
-            .stand_rad
-            .is_some_and(|stand| stand[(*rest).clone()].iter().flatten().all(|angle| angle.abs() < STAND_ZERO_RAD))
-    };
-    let (rest, kind, evidence, way_out) = match (recording.stand_rad, rests.iter().find(at_zero)) {
-        (Some(_), None) => return None,
-        (Some(_), Some(rest)) => (
-            rest,
-            Finding::error as fn(_, &str) -> _,
-            "with all motors at zero, body z up",
-            "negate the accelerometer (a still sensor reads +g on the axis that points up), or mount the unit with z up at the stand's zero",
-        ),
-        (None, _) => (
-            rests.first()?,
-            Finding::warning as fn(_, &str) -> _,
-            "in the first rest",
-            "if z points up there, negate the accelerometer: a still sensor reads +g on the axis that points up; if the unit is upside down, nothing is wrong",
-        ),
-    };
-    let mut mean = [0.0; 3];
+/// Norm of the mean rate of a rest if the rate is steady, otherwise `None`.
+fn steady_norm(rows: Samples<'_>, rest: &Range<usize>) -> Option<f64> {
+    let (mut count, mut sum, mut squares) = (0.0, [0.0; 3], 0.0);
     for row in rows.slice(rest.clone()).iter().filter(|row| row.iter().all(|v| v.is_finite())) {
-        mean = [0, 1, 2].map(|k| mean[k] + row[k]);
+        count += 1.0;
+        sum = [0, 1, 2].map(|k| sum[k] + row[k]);
+        squares += row.iter().map(|v| v * v).sum::<f64>();
     }
-    let up = mean[2] / (mean[0].powi(2) + mean[1].powi(2) + mean[2].powi(2)).sqrt();
-    let place = Place::new(recording, rest.start, rest.end - 1);
-    let has_sign = || recording.accel_unit == RawUnit::Si || rows.iter().flatten().any(|v| v < 0.0 && v.is_finite());
-    (up < -NEARLY_UPRIGHT && has_sign()).then(|| Finding {
-        columns: names(ACCEL),
-        place: Some(place),
-        count: rest.len(),
-        value: up,
-        unit: "g",
-        message: format!("accel_z reads {up:.2} g {evidence} ({place})"),
-        way_out: way_out.into(),
-        ..kind("gravity_sign", recording.name)
-    })
+    let norm = length(sum.map(|v| v / count));
+    let variance = (squares / count - norm * norm).max(0.0);
+    (norm.is_finite() && variance.sqrt() < STEADY * norm).then_some(norm)
 }
 
 #[cfg(test)]
@@ -267,7 +310,6 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
     use crate::check::survey::Survey;
-    use crate::finding::Severity;
 
     fn scaled(force: f64, rate: f64) -> Columns {
         let mut columns = Columns::tumbling();
@@ -339,17 +381,39 @@ mod tests {
     }
 
     #[test]
-    fn gravity_with_the_wrong_sign_needs_evidence() {
-        let negated = scaled(-1.0, 1.0);
-        let findings = both(&negated.recording());
-        assert_eq!((findings[0].code, findings[0].severity), ("gravity_sign", Severity::Warning));
-        // With stand columns, only the rest at the stand's zero position counts.
-        let mut stand = vec![[0.0, 1.5, 0.0]; 4000];
-        let judge = |stand: &[[f64; 3]]| both(&Recording { stand_rad: Some(stand), ..negated.recording() });
-        assert!(judge(&stand).is_empty());
-        stand[..100].fill([0.0; 3]);
-        let findings = judge(&stand);
-        assert_eq!((findings[0].code, findings[0].severity), ("gravity_sign", Severity::Error));
+    fn the_unit_that_was_given_is_not_recommended() {
+        let with_units = |columns: &Columns, units: [Option<&'static str>; 2]| {
+            let recording = Recording { column_units: units, ..columns.recording() };
+            let survey = Survey::of(&recording);
+            let mut findings = check(&recording, (&survey.lengths, &survey.extremes));
+            findings.extend(check_rests(&recording, &Columns::rests(), STANDARD_GRAVITY_MPS2));
+            findings
+        };
+        // Numbers in m/s^2 that were read as g, numbers in mg that were read as g, and counts that were read as deg/s.
+        for (force, hint) in [(9.80665, "m/s^2 ("), (1000.0, "mg (")] {
+            let findings = with_units(&scaled(force, 1.0), [Some("g"), None]);
+            assert_eq!(findings[0].code, "accel_units");
+            assert!(findings[0].way_out.contains(hint) && !findings[0].way_out.contains("accel_x_g"), "{findings:?}");
+        }
+        let findings = with_units(&scaled(1.0, 131.0), [None, Some("dps")]);
+        assert_eq!(findings[0].code, "gyro_units");
+        assert!(findings[0].way_out.contains("read as deg/s") && !findings[0].way_out.contains("gyro_x_dps"));
+    }
+
+    #[test]
+    fn a_unit_in_g_with_fast_rates_is_not_swapped() {
+        // The rates have the median norm of gravity, but the force has the size of g.
+        let mut columns = scaled(1.0 / 9.80665, 1.0);
+        columns.rate.iter_mut().for_each(|row| *row = [9.8 + row[0], row[1], row[2]]);
+        let findings = both(&columns.recording());
+        assert!(findings[0].way_out.contains("looks like g "), "{findings:?}");
+    }
+
+    #[test]
+    fn a_false_rest_in_motion_is_no_evidence_of_a_unit() {
+        let mut columns = Columns::tumbling();
+        columns.rate.iter_mut().enumerate().for_each(|(i, row)| row[2] = 2.0 * (0.3 * i as f64).sin());
+        assert!(both(&columns.recording()).is_empty());
     }
 
     #[test]

@@ -1,0 +1,78 @@
+"""Options in messages, as they are typed on the command line.
+
+The library writes an option as the argument of a Python function, `min_rest_s=0.45` or `axes='frd'`. A
+command prints the same text with `--min-rest-s 0.45` and `--axes frd`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+__all__ = ["as_typed", "document_as_typed"]
+
+# Arguments of imucal.read, calibrate and their like that are options of commands with another name.
+RENAMED: Final = {"gravity_mps2": "gravity", "effects": "effect"}
+ARGUMENTS: Final = (
+    *RENAMED,
+    "accel_nominal",
+    "accel_unit",
+    "axes",
+    "columns",
+    "exclude_saturated",
+    "folds",
+    "format",
+    "frame",
+    "group",
+    "gyro_nominal",
+    "gyro_unit",
+    "instance",
+    "min_rest_s",
+    "rate_hz",
+    "receive_time",
+    "skip_rows",
+    "time_unit",
+    "topic",
+)
+# Values in quotes or brackets, and plain ones; `...` stands for a value that the reader chooses.
+VALUE: Final = r"'[^']*'|\"[^\"]*\"|\[[^]]*\]|(?!\.\.\.)[\w+-][\w.+/^-]*(?<!\.)"
+ASSIGNED: Final = re.compile(rf"(?<![\w.-])({'|'.join(ARGUMENTS)})( = |=)({VALUE})")
+# Fields of documents that contain messages.
+TEXTS: Final = {"explanation", "message", "missing", "notes", "reasons", "warnings", "way_out"}
+
+
+def as_typed(text: str) -> str:
+    """The message with options as typed on the command line."""
+    return ASSIGNED.sub(_option, text)
+
+
+def _option(found: re.Match[str]) -> str:
+    name, equals, value = found.groups()
+    option = "--" + RENAMED.get(name, name).replace("_", "-")
+    if equals == " = ":
+        return f"{option} = {value}"
+    if value == "True":
+        return option
+    bare = value[1:-1] if value[0] in "'\"[" else value
+    # The shell would split a value with spaces or interpret other characters.
+    return f"{option} {bare}" if re.fullmatch(r"[\w.,=+/^-]+", bare) else f"{option} '{bare}'"
+
+
+def document_as_typed(document: Mapping[str, Any]) -> dict[str, Any]:
+    """The document with options as typed in its messages."""
+    return {name: _typed(value) if name in TEXTS else _nested(value) for name, value in document.items()}
+
+
+def _typed(value: Any) -> Any:
+    if isinstance(value, str):
+        return as_typed(value)
+    return [_typed(item) for item in value] if isinstance(value, (list, tuple)) else _nested(value)
+
+
+def _nested(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return document_as_typed(value)
+    if isinstance(value, (list, tuple)) and value and isinstance(value[0], (Mapping, list, tuple)):
+        return [_nested(item) for item in value]
+    return value

@@ -1,0 +1,196 @@
+//! Check of the sign of gravity: a sensor at rest reads +g on the axis that points up.
+//!
+//! Motion does not show this sign, because |u| = g and u' = u x w remain true for -u. Two kinds of recordings read -g
+//! where +g is expected. Axes with z down (FRD and NED) are right-handed axes like any others, and both sensors need the
+//! same rotation. An accelerometer that reports gravity instead of specific force needs another sign, and the gyroscope
+//! does not. Therefore no change of sign is recommended before these two are told apart: by the motor angles of a
+//! stand, or by a turn about the vertical.
+
+use std::ops::Range;
+
+use nalgebra::Vector3;
+
+use super::{ACCEL, names};
+use crate::finding::{Finding, Place};
+use crate::recording::{RawUnit, Recording};
+use crate::simulate::gimbal::rotation_world_from_body;
+
+/// Maximum magnitude of the motor angles at the stand's zero position, rad.
+const STAND_ZERO_RAD: f64 = 0.02;
+/// Minimum component of the unit up-vector along an axis that points nearly up: the cosine of 20 deg.
+const NEARLY_UPRIGHT: f64 = 0.94;
+/// Minimum mean cosine between the measured directions up and those by the motor angles for a hypothesis about the axes:
+/// the cosine of 20 deg.
+const FITS_STAND: f64 = 0.94;
+/// Minimum difference between the mean cosines of the two hypotheses for a decision. Without rests with x or y up, both
+/// hypotheses predict the same directions.
+const TOLD_APART: f64 = 0.1;
+
+/// Finding `gravity_sign` for a unit that reads -g on z where z is expected to point up.
+///
+/// With stand columns, z points up when all motors are at zero; the rests at other motor angles then show whether the
+/// axes have z down, which is a warning, or the sign of gravity is reversed, which is an error. Without stand columns,
+/// most recordings start upright; the finding is then a warning, because the unit may be upside down. Unsigned counts
+/// have no known zero and are not checked.
+pub(super) fn check(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
+    let at_zero = |rest: &&Range<usize>| {
+        recording
+            .stand_rad
+            .is_some_and(|stand| stand[(*rest).clone()].iter().flatten().all(|angle| angle.abs() < STAND_ZERO_RAD))
+    };
+    let rest = match recording.stand_rad {
+        Some(_) => rests.iter().find(at_zero)?,
+        None => rests.first()?,
+    };
+    let up = mean_direction(recording, rest)?;
+    let rows = recording.specific_force;
+    let has_sign = || recording.accel_unit == RawUnit::Si || rows.iter().flatten().any(|v| v < 0.0 && v.is_finite());
+    if up.z >= -NEARLY_UPRIGHT || !has_sign() {
+        return None;
+    }
+    let on_stand = recording.stand_rad.map(|stand| Axes::by_motors(recording, rests, stand));
+    let evidence = if on_stand.is_some() { "with all motors at zero, body z up" } else { "in the first rest" };
+    let (kind, way_out): (fn(_, &str) -> _, String) = match on_stand {
+        Some(Axes::ZDown) => (
+            Finding::warning,
+            format!(
+                "the motor angles show axes with z down, such as FRD or NED: {Z_DOWN}; without it, everything is \
+                     calibrated in the axes of the columns"
+            ),
+        ),
+        Some(Axes::Reversed) => (
+            Finding::error,
+            format!("the motor angles show that the accelerometer reads -g on the axis that points up: {REVERSED}"),
+        ),
+        Some(Axes::Unclear) => (Finding::error, format!("{}, or mount the unit with z up at the stand's zero", ask())),
+        None => (Finding::warning, format!("if the unit lies upside down there, nothing is wrong; {}", ask())),
+    };
+    let place = Place::new(recording, rest.start, rest.end - 1);
+    Some(Finding {
+        columns: names(ACCEL),
+        place: Some(place),
+        count: rest.len(),
+        value: up.z,
+        unit: "g",
+        message: format!("accel_z reads {:.2} g {evidence} ({place})", up.z),
+        way_out,
+        ..kind("gravity_sign", recording.name)
+    })
+}
+
+const Z_DOWN: &str = "pass axes='frd', which rotates accelerometer and gyroscope to x forward, y left, z up";
+const REVERSED: &str = "pass axes='accel=-x,-y,-z', which leaves the gyroscope as it is";
+
+/// Recommendation if the data do not show the cause.
+fn ask() -> String {
+    format!(
+        "if the axes are FRD or NED (z down), {Z_DOWN}. If neither is known, turn the unit counter-clockwise as seen from \
+         above, in this pose: a negative rate on gyro_z belongs to these two cases, a positive one to an accelerometer \
+         that reads -g on the axis that points up: then {REVERSED}"
+    )
+}
+
+/// Cause of a reading of -g on z, by the motor angles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Axes {
+    /// Both sensors have z down: x forward, y right.
+    ZDown,
+    /// The accelerometer reads -g on the axis that points up.
+    Reversed,
+    /// The rests do not tell these two apart, or neither fits.
+    Unclear,
+}
+
+impl Axes {
+    /// Compares the directions up at all rests with those by the motor angles.
+    fn by_motors(recording: &Recording, rests: &[Range<usize>], stand: &[[f64; 3]]) -> Self {
+        let (mut z_down, mut reversed, mut count) = (0.0, 0.0, 0.0);
+        for rest in rests {
+            let Some(seen) = mean_direction(recording, rest) else { continue };
+            let angle_rad = Vector3::from(stand[rest.start + rest.len() / 2]);
+            let up = rotation_world_from_body(&angle_rad).inverse() * Vector3::z();
+            if up.iter().all(|v| v.is_finite()) {
+                z_down += seen.dot(&Vector3::new(up.x, -up.y, -up.z));
+                reversed += seen.dot(&-up);
+                count += 1.0;
+            }
+        }
+        let [z_down, reversed] = [z_down / count, reversed / count];
+        if z_down > FITS_STAND && z_down - reversed > TOLD_APART {
+            Self::ZDown
+        } else if reversed > FITS_STAND && reversed - z_down > TOLD_APART {
+            Self::Reversed
+        } else {
+            Self::Unclear
+        }
+    }
+}
+
+/// Direction of the mean specific force of the finite samples; `None` without such samples.
+fn mean_direction(recording: &Recording, samples: &Range<usize>) -> Option<Vector3<f64>> {
+    let rows = recording.specific_force.slice(samples.clone()).iter();
+    let sum: Vector3<f64> = rows.map(Vector3::from).filter(|row| row.iter().all(|v| v.is_finite())).sum();
+    sum.try_normalize(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example::Columns;
+    use super::*;
+    use crate::finding::Severity;
+
+    /// The example's columns with another accelerometer axes convention, and a stand that follows the true direction.
+    fn found(accel: [f64; 3], stand: Option<&[[f64; 3]]>) -> Option<Finding> {
+        let mut columns = Columns::tumbling();
+        columns.force.iter_mut().for_each(|row| *row = [0, 1, 2].map(|k| accel[k] * row[k]));
+        check(&Recording { stand_rad: stand, ..columns.recording() }, &Columns::rests())
+    }
+
+    /// Motor angles that give the example's directions up at its rests: the tilt by motor 2, the heading by motor 3.
+    fn motors() -> Vec<[f64; 3]> {
+        let columns = Columns::tumbling();
+        let up = |i: usize| Vector3::from(columns.force[i]).normalize();
+        let angles = |up: Vector3<f64>| {
+            let tilt = up.z.clamp(-1.0, 1.0).acos();
+            // u = R_z(q3)^T R_y(q2)^T e_z = (-sin q2 cos q3, sin q2 sin q3, cos q2)
+            [0.0, -tilt, f64::atan2(-up.y, up.x)]
+        };
+        let mut stand: Vec<[f64; 3]> = (0..columns.force.len()).map(|i| angles(up(i))).collect();
+        stand[..100].fill([0.0; 3]);
+        stand
+    }
+
+    #[test]
+    fn without_a_stand_it_is_asked() {
+        assert_eq!(found([1.0; 3], None), None);
+        for accel in [[-1.0; 3], [1.0, -1.0, -1.0]] {
+            let finding = found(accel, None).unwrap();
+            assert_eq!((finding.code, finding.severity), ("gravity_sign", Severity::Warning));
+            for part in ["axes='frd'", "counter-clockwise", "upside down"] {
+                assert!(finding.way_out.contains(part), "{}", finding.way_out);
+            }
+        }
+    }
+
+    #[test]
+    fn motor_angles_tell_z_down_from_a_reversed_sign() {
+        let stand = motors();
+        assert_eq!(found([1.0; 3], Some(&stand)), None);
+        let reversed = found([-1.0; 3], Some(&stand)).unwrap();
+        assert_eq!(reversed.severity, Severity::Error);
+        assert!(reversed.way_out.contains("axes='accel=-x,-y,-z'"), "{}", reversed.way_out);
+        let z_down = found([1.0, -1.0, -1.0], Some(&stand)).unwrap();
+        assert_eq!(z_down.severity, Severity::Warning);
+        assert!(z_down.way_out.contains("axes='frd'") && !z_down.way_out.contains("accel="), "{}", z_down.way_out);
+    }
+
+    #[test]
+    fn a_stand_without_a_rest_at_zero_or_with_other_angles_gives_no_decision() {
+        let mut stand = vec![[0.0, 1.5, 0.0]; 4000];
+        assert_eq!(found([-1.0; 3], Some(&stand)), None);
+        stand[..100].fill([0.0; 3]);
+        let finding = found([-1.0; 3], Some(&stand)).unwrap();
+        assert_eq!(finding.severity, Severity::Error);
+        assert!(finding.way_out.contains("counter-clockwise"), "{}", finding.way_out);
+    }
+}
