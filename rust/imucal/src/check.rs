@@ -33,6 +33,7 @@ mod values;
 
 use survey::Survey;
 
+pub(crate) use clock::from_sensor as stamps_from_sensor;
 pub use gains::check_gains;
 pub use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};

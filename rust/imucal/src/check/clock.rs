@@ -79,7 +79,7 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
         // Stamps of coarse resolution (2 ms and 3 ms alternating) are not gaps. A gap exceeds the 90 % quantile by half
         // a step.
         let longest_usual_s = (1.5 * median_s).max(high_s + 0.5 * median_s);
-        gaps::find(recording, longest_usual_s * (1.0 + 1e-6))
+        gaps::find(recording, median_s, longest_usual_s * (1.0 + 1e-6))
     } else {
         gaps::Gaps::default()
     };
@@ -93,7 +93,7 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
 }
 
 /// Recommendation for time stamps that are not those of the samples.
-pub(super) fn from_sensor(recording: &Recording) -> String {
+pub(crate) fn from_sensor(recording: &Recording) -> String {
     format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
 }
 

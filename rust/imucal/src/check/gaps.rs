@@ -25,10 +25,11 @@ pub(super) struct Gaps {
     latest_s: f64,
 }
 
-/// Examines the time steps that are longer than `longest_usual_s`.
-pub(super) fn find(recording: &Recording, longest_usual_s: f64) -> Gaps {
+/// Examines the time steps that are longer than `longest_usual_s`; `median_s` is the median time step.
+pub(super) fn find(recording: &Recording, median_s: f64, longest_usual_s: f64) -> Gaps {
     let steps_s = || recording.time_s.windows(2).map(|pair| pair[1] - pair[0]);
-    let usual = |step_s: &f64| *step_s >= 0.0 && *step_s <= longest_usual_s;
+    // The mean of the steps around the median, which is not the median if the clock is coarse.
+    let usual = |step_s: &f64| *step_s >= 0.5 * median_s && *step_s <= longest_usual_s;
     let (count, sum_s) = steps_s().filter(usual).fold((0.0, 0.0), |(n, sum), step_s| (n + 1.0, sum + step_s));
     let usual_s = sum_s / count;
     let mut gaps = Gaps::default();

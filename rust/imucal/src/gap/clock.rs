@@ -11,6 +11,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
 
 use crate::calibrate::Outcome;
+use crate::check;
 use crate::finding::{Finding, general};
 use crate::numerics::stats::{median, sample_interval_s};
 use crate::recording::Recording;
@@ -113,7 +114,7 @@ impl Differences {
                      were taken at more even instants",
                     general(spread_ms, 2)
                 ),
-                way_out: "replace time by sample number / rate, or take the time stamp from the sensor's own clock".into(),
+                way_out: check::stamps_from_sensor(recording),
                 ..Finding::warning("clock_irregular", recording.name)
             }
         })

@@ -1,0 +1,43 @@
+"""The codes of all findings, from the sources of the library and of the package.
+
+    python tests/advice/codes.py        lists the codes that no test of advice covers
+"""
+
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+# Literals in the files that make findings which are no codes: columns, units and words of messages.
+NO_CODES = re.compile(
+    r"(accel|gyro)_[xyz]\w*|time_\w*s|temp_degc|lsb|mps2|radps|dps|mdps|mg|g|s|ms|deg|samples|ratio|correlation|none|"
+    r"contradicts|truth"
+)
+
+
+def codes() -> set[str]:
+    """The codes of findings and diagnoses."""
+    found: set[str] = set()
+    for path in (ROOT / "rust" / "imucal" / "src").rglob("*.rs"):
+        text = re.split(r"#\[cfg\(test\)\]\s*mod \w+ \{", path.read_text())[0]
+        text = re.sub(r"//.*", "", text)
+        if re.search(r"\bFinding::(error|warning)\b", text):
+            found |= set(re.findall(r'"([a-z]+(?:_[a-z]+)*)"', text))
+        found |= set(re.findall(r'\bcode: "(\w+)"', text))
+    for path in (ROOT / "python" / "imucal").rglob("*.py"):
+        found |= set(re.findall(r'\bcode="(\w+)"', path.read_text()))
+    return {code for code in found if not NO_CODES.fullmatch(code)}
+
+
+def tested() -> set[str]:
+    """The codes that occur in the tests of this folder as `code("...")` or `Advised("...")`."""
+    found: set[str] = set()
+    for path in Path(__file__).parent.glob("test_*.py"):
+        found |= set(re.findall(r'(?:Advised|of_code)\(\s*"(\w+)"', path.read_text()))
+    return found
+
+
+if __name__ == "__main__":
+    left = sorted(codes() - tested())
+    print("\n".join(left) if left else "every finding has a test of its advice")
+    sys.exit(bool(left))

@@ -1,0 +1,362 @@
+"""The advice of every finding about a recording, followed to the letter, gives the truth or another refusal."""
+
+import numpy as np
+import pytest
+
+import imucal
+from advice import (
+    Advised,
+    advice_about,
+    changed,
+    option_in,
+    outcome_of,
+    run,
+    truth_of,
+    without,
+)
+from codes import codes, tested
+from imucal import Recording
+
+G = 9.80665
+
+
+def force(change):
+    return lambda r: changed(r, specific_force=change(r.specific_force.copy()))
+
+
+def rate(change):
+    return lambda r: changed(r, angular_rate=change(r.angular_rate.copy()))
+
+
+def time(change):
+    return lambda r: changed(r, time_s=change(r.time_s.copy()))
+
+
+def again(_, __):
+    """What follows is a new recording without the fault."""
+    return run().recording
+
+
+def nothing(recording, _):
+    return recording
+
+
+def with_options(*names):
+    """The next attempt is the same, with the options in the advice."""
+    return lambda recording, advice: (recording, {name: option_in(advice, name) for name in names})
+
+
+def evenly(recording, advice):
+    """The time column is left out, and the rate in the advice is given."""
+    assert "columns='-," in advice
+    return changed(recording, time_s=np.arange(len(recording)) / float(option_in(advice, "rate_hz")))
+
+
+def counts(recording, accel=2000.0, gyro=7000.0, offset=0.0):
+    return changed(
+        recording,
+        specific_force=np.round(recording.specific_force * accel) + offset,
+        angular_rate=np.round(recording.angular_rate * gyro) + offset,
+        accel_unit="lsb",
+        gyro_unit="lsb",
+    )
+
+
+def jitter(sigma_s):
+    return lambda t: np.sort(t + sigma_s * np.random.default_rng(0).normal(size=len(t)))
+
+
+def late(t):
+    """Every 90th sample is stamped 12 ms late, and the next one 4 ms."""
+    place = np.arange(len(t)) % 90
+    return t + np.where(place == 40, 0.012, 0) + np.where(place == 41, 0.004, 0)
+
+
+def bursts(t):
+    return np.arange(len(t)) // 16 * 0.16 + np.arange(len(t)) % 16 * 1e-4
+
+
+def sawtooth(t):
+    """Steps of 11.25 ms, and one in nine of 0.5 ms: the median rate is 12 % too small."""
+    return np.arange(len(t)) // 9 * 0.09 + np.r_[np.arange(8) * 0.01125, 0.07925][np.arange(len(t)) % 9]
+
+
+def twice(values, every):
+    return np.sort(np.r_[np.arange(len(values)), np.arange(50, len(values), every)])
+
+
+def copied(every):
+    return lambda r: r.rows(np.ones(len(r), bool)).__class__(
+        r.time_s[twice(r.time_s, every)],
+        r.specific_force[twice(r.time_s, every)],
+        r.angular_rate[twice(r.time_s, every)],
+        name="run",
+    )
+
+
+def in_one_tick(r):
+    """Two samples to each stamp of a clock of 50 Hz."""
+    return changed(r, time_s=np.floor(r.time_s * 50 + 1e-6) / 50)
+
+
+def held(r):
+    source = np.arange(len(r)) - (np.arange(len(r)) % 50 == 49)
+    return changed(r, specific_force=r.specific_force[source], angular_rate=r.angular_rate[source])
+
+
+def drop_repeated(recording, _):
+    rows = np.hstack((recording.specific_force, recording.angular_rate))
+    return without(recording, 1 + np.flatnonzero((rows[1:] == rows[:-1]).all(axis=1)))
+
+
+def nan_at(rows):
+    def change(values):
+        values[rows, 0] = np.nan
+        return values
+
+    return change
+
+
+def without_numbers(recording, _):
+    return without(recording, ~np.isfinite(recording.angular_rate).all(axis=1))
+
+
+def unwrapped(recording, _):
+    steps = np.diff(recording.time_s, prepend=0.0)
+    return changed(recording, time_s=recording.time_s + 65.536 * np.cumsum(steps < 0))
+
+
+def shuffled(r):
+    """Two blocks of rows are exchanged, as by a writer with two buffers."""
+    order = np.r_[0:2000, 2500:3000, 2000:2500, 3000 : len(r)]
+    return changed(
+        r, time_s=r.time_s[order], specific_force=r.specific_force[order], angular_rate=r.angular_rate[order]
+    )
+
+
+def sorted_by_time(r, _):
+    order = np.argsort(r.time_s)
+    return changed(
+        r, time_s=r.time_s[order], specific_force=r.specific_force[order], angular_rate=r.angular_rate[order]
+    )
+
+
+def cut_where_time_goes_back(r, _):
+    return r.rows(np.arange(len(r)) < 1 + np.flatnonzero(np.diff(r.time_s) < 0)[0])
+
+
+def subtracted(recording, _):
+    def signed(values):
+        return np.where(values > 32767, values - 65536, values)
+
+    return changed(
+        recording,
+        specific_force=signed(recording.specific_force),
+        angular_rate=signed(recording.angular_rate),
+    )
+
+
+ADVISED = [
+    # Units
+    Advised("accel_units", "g as m/s^2", force(lambda f: f / G), "name the columns accel_x_g", lambda r, _: force(lambda f: f * G)(r)),
+    Advised("accel_units", "mg as m/s^2", force(lambda f: f / G * 1e3), "accel_x_mg", lambda r, _: force(lambda f: f * G / 1e3)(r)),
+    Advised("accel_units", "cm/s^2", force(lambda f: f * 100), "divide by 100", lambda r, _: force(lambda f: f / 100)(r)),
+    Advised("accel_units", "counts", force(lambda f: f * 2000), "accel_x_lsb", lambda r, _: changed(r, accel_unit="lsb")),
+    Advised("accel_units", "gravity removed", force(lambda f: f * 0.01), "record the raw specific force", again),
+    Advised(
+        "accel_units",
+        "m/s^2 as g",
+        lambda r: changed(force(lambda f: f * G)(r), column_units=("g", "radps")),
+        "name the columns accel_x_mps2",
+        lambda r, _: force(lambda f: f / G)(r),
+    ),
+    Advised(
+        "accel_units",
+        "sensors exchanged",
+        lambda r: changed(r, specific_force=r.angular_rate, angular_rate=r.specific_force),
+        "swapped",
+        lambda r, _: changed(r, specific_force=r.angular_rate, angular_rate=r.specific_force),
+    ),
+    Advised("gyro_units", "deg/s as rad/s", rate(np.degrees), "gyro_x_dps", lambda r, _: rate(np.radians)(r)),
+    Advised("gyro_units", "converted twice", rate(np.radians), "multiply by 57", lambda r, _: rate(np.degrees)(r)),
+    Advised(
+        "gyro_units",
+        "counts as deg/s",
+        lambda r: changed(rate(lambda w: w * 65.5)(r), column_units=("mps2", "dps")),
+        "gyro_x_lsb",
+        lambda r, _: changed(r, angular_rate=np.degrees(r.angular_rate), gyro_unit="lsb"),
+    ),
+    Advised("gyro_units", "half the rate", time(lambda t: t * 2), "time or the sample rate is wrong by this factor", lambda r, _: time(lambda t: t / 2)(r)),
+    Advised(
+        "gains_differ",
+        "one axis in other counts",
+        lambda r: changed(counts(r), angular_rate=np.round(r.angular_rate * [7000, 7000, 16000])),
+        "scaled separately",
+        lambda r, _: changed(r, angular_rate=r.angular_rate * [1, 1, 7 / 16]),
+    ),
+    # Time
+    Advised("clock_rate", "ms as s", time(lambda t: t * 1e3), "time_ms", lambda r, _: time(lambda t: t / 1e3)(r)),
+    Advised("clock_rate", "s as ns", time(lambda t: t * 1e-9), "name it time_s|after its unit", lambda r, _: time(lambda t: t * 1e9)(r)),
+    Advised("clock_irregular", "stamps of packets", time(bursts), "rate_hz=", evenly),
+    Advised("clock_irregular", "stamps on arrival", time(jitter(0.006)), "rate_hz=", evenly),
+    Advised("clock_irregular", "jitter", time(jitter(0.0025)), "rate_hz=", evenly),
+    Advised("clock_irregular", "samples in bursts", time(sawtooth), "rate_hz=", evenly),
+    Advised("clock_irregular", "late samples", time(late), "nothing to do for a few", nothing),
+    Advised("clock_irregular", "late samples, evenly", time(late), "rate_hz=", evenly),
+    Advised("time_not_increasing", "counter", time(lambda t: t % 65.536), "unwrap the counter", unwrapped),
+    Advised("time_not_increasing", "shuffled", shuffled, "sort its rows", sorted_by_time),
+    Advised(
+        "time_not_increasing",
+        "another run behind",
+        lambda r: imucal.Recording(
+            np.r_[r.time_s, r.time_s[:300]],
+            np.vstack([r.specific_force, r.specific_force[:300]]),
+            np.vstack([r.angular_rate, r.angular_rate[:300]]),
+            name="run",
+        ),
+        "cut the recording there",
+        cut_where_time_goes_back,
+    ),
+    Advised("samples_duplicated", "copies of rows", copied(60), "nothing to do", nothing),
+    Advised("samples_duplicated", "two samples in a tick", in_one_tick, "rate_hz=", evenly),
+    Advised("samples_duplicated", "held samples", held, "drop the repeated rows", drop_repeated),
+    Advised("samples_missing", "one in 101", lambda r: without(r, np.arange(70, len(r), 101)), "nothing to do", nothing),
+    Advised("too_short", "two seconds", lambda r: r.between(0.0, 2.0), "record at least nine rests", again),
+    Advised("empty", "no sample", lambda r: r.between(0.0, 0.0), "record rests in many poses", again),
+    # Samples
+    Advised("non_finite", "NaN", rate(nan_at(slice(300, 310))), "drop these rows", without_numbers),
+    Advised("stuck_axis", "dead", rate(lambda w: w * [1, 0, 1]), "wiring|record|check", again),
+    Advised("counts_unsigned", "wrapped", lambda r: (lambda c: changed(c, specific_force=c.specific_force % 65536, angular_rate=c.angular_rate % 65536))(counts(r)), "subtract 65536", subtracted),
+    Advised("gyro_saturation", "cut off", rate(lambda w: np.clip(w, -1.5, 1.5)), "exclude_saturated=True", lambda r, _: (r, {"exclude_saturated": True})),
+    Advised(
+        "accel_saturation",
+        "cut off",
+        lambda r: changed(r, specific_force=np.clip(r.specific_force, -9.2, 9.2)),
+        "use a larger range",
+        again,
+    ),
+    Advised("recordings_overlap", "twice", lambda r: [r, r], "give every recording once", again),
+    Advised(
+        "temperature_jump",
+        "one sample",
+        lambda r: changed(r, temperature_degc=np.where(np.arange(len(r)) == 5000, -40.0, 25.0)),
+        "drop it",
+        lambda r, _: changed(r),
+    ),
+    # Axes
+    Advised("gravity_sign", "FRD", lambda r: changed(r.with_axes("frd"), axes="x,y,z"), "axes='frd'", lambda r, _: r.with_axes("frd")),
+    Advised(
+        "gravity_sign",
+        "FRD on a stand",
+        lambda r: changed(r.with_axes("frd"), stand_rad=r.stand_rad, axes="x,y,z"),
+        "^the motor angles show axes with z down",
+        lambda r, advice: r.with_axes(option_in(advice, "axes")),
+    ),
+    Advised(
+        "gravity_sign",
+        "gravity reversed on a stand",
+        lambda r: changed(r, specific_force=-r.specific_force, stand_rad=r.stand_rad),
+        "^the motor angles show that the accelerometer",
+        lambda r, advice: r.with_axes(option_in(advice, "axes")),
+    ),
+]
+
+
+@pytest.mark.parametrize("case", ADVISED, ids=str)
+def test_advice(case):
+    good = run().recording
+    spoilt = case.spoil(good)
+    advice = advice_about(case.code, spoilt, **case.options)
+    import re
+
+    assert re.search(case.says, advice), advice
+    followed = case.follow(spoilt, advice)
+    recordings, options = followed if isinstance(followed, tuple) else (followed, {})
+    outcome = outcome_of(recordings, truth_of(run()), **options)
+    assert not outcome.startswith("wrong"), outcome
+
+
+# Axes that reported columns may have: the matrix of each sensor's columns, and the columns are what it gives.
+AXES = {
+    "the sign of the gyroscope": ("x,y,z", "-x,-y,-z"),
+    "x and z exchanged in both": ("z,y,x", "z,y,x"),
+    "x and y exchanged in both": ("y,x,z", "y,x,z"),
+    "y reversed in both": ("x,-y,z", "x,-y,z"),
+    "gyro_z reversed": ("x,y,z", "x,y,-z"),
+    "gyro_x and gyro_y exchanged": ("x,y,z", "y,x,z"),
+    "gyro columns rotated": ("x,y,z", "z,x,y"),
+    "gyroscope mounted upside down": ("x,y,z", "x,-y,-z"),
+    "accel_x reversed": ("-x,y,z", "x,y,z"),
+    "accel_y and accel_z exchanged": ("x,z,y", "x,y,z"),
+    "gravity and gyro_y reversed": ("-x,-y,-z", "x,-y,z"),
+    "gravity and the order of the gyroscope": ("-x,-y,-z", "z,x,y"),
+}
+
+
+def matrix(words):
+    axes = imucal.Recording([0.0], np.eye(3)[:1] * 0, np.eye(3)[:1] * 0).with_axes(words)
+    del axes
+    rows = np.zeros((3, 3))
+    for row, word in enumerate(words.split(",")):
+        rows[row, "xyz".index(word[-1])] = -1 if word[0] == "-" else 1
+    return rows
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_advice_about_axes(name):
+    """The turn of the advice shows which of its causes it is, and the option of this cause gives the truth."""
+    import re
+
+    accel, gyro = (matrix(words) for words in AXES[name])
+    good = run().recording
+    spoilt = changed(
+        good, specific_force=good.specific_force @ accel.T, angular_rate=good.angular_rate @ gyro.T
+    )
+    code = "axes_turned" if name == "gyro columns rotated" or "order" in name else "left_handed_axes"
+    advice = advice_about(code, spoilt)
+    assert "two causes fit" in advice
+    # The unit rests so that accel_z reads +1 g and is turned counter-clockwise as seen from above.
+    up = accel.T @ [0, 0, 1]
+    rates = gyro @ up
+    column = re.search(r"If gyro_([xyz]) reads", advice).group(1)
+    sign = "positive" if rates["xyz".index(column)] > 0 else "negative"
+    part = re.search(rf"If gyro_{column} reads a {sign} rate, (.*?)(?=\. If gyro_|$)", advice, re.DOTALL).group(1)
+    options = re.findall(r"axes='([^']*)'", part)
+    # Each axis of the drawing up: its accel column must read +1 g.
+    right = [words for words in options if np.allclose(applied(words, accel), np.eye(3))]
+    assert len(right) == 1, part
+    outcome = outcome_of(spoilt.with_axes(right[0]), truth_of(run()))
+    assert outcome == "truth", (right, outcome)
+
+
+def applied(words, accel):
+    unit = Recording(np.arange(3.0), accel.T, np.zeros((3, 3)))
+    return unit.with_axes(words).specific_force.T
+
+
+@pytest.mark.parametrize("reversed_gravity", [False, True])
+def test_advice_about_gravity(reversed_gravity):
+    """Without a stand the advice asks; the turn that it names tells z down from a reversed sign."""
+    good = run().recording
+    accel, gyro = (-np.eye(3), np.eye(3)) if reversed_gravity else [np.diag([1.0, -1.0, -1.0])] * 2
+    spoilt = changed(
+        good, specific_force=good.specific_force @ accel.T, angular_rate=good.angular_rate @ gyro.T
+    )
+    advice = advice_about("gravity_sign", spoilt)
+    # In the first rest z is up; a counter-clockwise turn is a positive rate about it.
+    is_negative = (gyro @ [0, 0, 1])[2] < 0
+    asked, otherwise = advice.split("a negative rate on gyro_z")
+    chosen = asked if is_negative else otherwise
+    outcome = outcome_of(spoilt.with_axes(option_in(chosen, "axes")), truth_of(run()))
+    assert outcome == "truth", outcome
+
+
+def test_columns_of_other_lengths_are_refused_before_any_check():
+    """The library's own finding, of_code("lengths_differ"), needs columns that a Recording cannot have."""
+    good = run().recording
+    with pytest.raises(imucal.InputError, match="rows but"):
+        Recording(good.time_s[:-1], good.specific_force, good.angular_rate)
+
+
+def test_every_finding_has_a_test_of_its_advice():
+    assert codes() - tested() == set()
