@@ -3,7 +3,7 @@
 import functools
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ class Advised:
     spoil    the fault: the recordings of a user, from a good one
     says     pattern of the advice
     follow   what the advice says to do: the recordings and the options of the next attempt
+    counts   raw units of accelerometer and gyroscope per SI unit in the next attempt
     """
 
     code: str
@@ -31,7 +32,7 @@ class Advised:
     spoil: Callable[[Recording], Any]
     says: str
     follow: Callable[[Any, str], Any]
-    options: dict[str, Any] = field(default_factory=dict)
+    counts: tuple[float, float] = (1.0, 1.0)
 
     def __str__(self) -> str:
         return f"{self.code}: {self.name}"
@@ -90,9 +91,18 @@ def outcome_of(recordings: Any, truth: Any, **options: Any) -> str:
     return "truth" if errors[worst] < WITHIN_SIGMAS else f"wrong: {worst} by {errors[worst]:.1f} sigma"
 
 
-def truth_of(run: Any) -> dict[str, float]:
-    """The true parameters of a simulated unit by name."""
-    return {parameter.name: parameter.value for parameter in run.truth.calibration.parameters}
+def truth_of(run: Any, counts: tuple[float, float] = (1.0, 1.0)) -> dict[str, float]:
+    """The true parameters of a simulated unit by name; `counts` are raw units per SI unit."""
+    factors = dict(zip(("accel", "gyro"), counts, strict=True))
+    return {
+        parameter.name: parameter.value * factors[parameter.name.split("_")[0]]
+        for parameter in run.truth.calibration.parameters
+    }
+
+
+def of_code(code: str) -> str:
+    """The code, for the list of codes that have a test (`codes.py`)."""
+    return code
 
 
 def without(recording: Recording, rows: Any) -> Recording:

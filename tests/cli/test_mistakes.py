@@ -75,7 +75,7 @@ MISTAKES = {
         "1 rests do not determine",
         "add rests with x up and with x down",
     ),
-    "wrong columns": (CALIBRATE.format("swapped"), 1, "axes are left-handed", "reorder the gyro columns"),
+    "wrong columns": (CALIBRATE.format("swapped"), 1, "axes are left-handed", "are exchanged: pass --axes gyro="),
     "names that say no unit": (
         CALIBRATE.format("nameless"),
         1,
@@ -102,7 +102,7 @@ MISTAKES = {
         "has all 12200 samples of run.csv",
         "give another recording",
     ),
-    "wrong sign of gravity": (CALIBRATE.format("downwards"), 0, "reads -1.00 g", "negate the accelerometer"),
+    "wrong sign of gravity": (CALIBRATE.format("downwards"), 0, "reads -1.00 g", "--axes frd"),
     "other unit's calibration": (
         "evaluate unit.json others.csv",
         2,

@@ -88,7 +88,7 @@ def inspect(
 
     Faults of the recording are findings, not errors.
     """
-    recording = as_recording(recording)
+    recording = as_recording(recording).without_copies()
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
     missing = _missing(recording, gravity_mps2, min_rest_s)
     return Inspection(

@@ -53,7 +53,7 @@ def without_copies(recording: Recording) -> Recording:
     warning = replace(
         remark(
             recording.name,
-            "rows_written_twice",
+            "samples_duplicated",
             f"{count} rows are exact copies of an earlier row (time stamp and values), the first at "
             f"{time_s[at]:.6g} s; they were left out",
             "check the logger, which writes rows twice",

@@ -222,7 +222,7 @@ def noise(
     Raises InputError for faults and for a rest of fewer than 1000 samples; NotEnoughMotionError if the unit
     is never at rest.
     """
-    recording = as_recording(recording)
+    recording = as_recording(recording).without_copies()
     check_threads(threads)
     found = _core.identify_noise(recording, min_rest_s, cut_steps, threads)
     axes = {

@@ -191,7 +191,7 @@ class Recording:
         """The recording without exact copies: rows with the time stamp and all values of the row before.
 
         A warning among the findings counts them. If other rows have equal time stamps with different values,
-        nothing is left out: the stamps are then too coarse for the samples, of which some are equal by chance.
+        nothing is left out: the stamps are then too coarse, and some samples are equal by chance.
         """
         is_copy = np.zeros(len(self), dtype=bool)
         # Fast path: time nearly always increases.
@@ -206,7 +206,7 @@ class Recording:
             return self
         time_s, share = float(self.time_s[first]), 100 * count / len(self)
         finding = Finding(
-            code="rows_written_twice",
+            code="samples_duplicated",
             severity="warning",
             recording=self.name,
             columns=(),
@@ -291,10 +291,10 @@ def _magnetometers(names: Iterable[str]) -> list[tuple[str, str, str]]:
 def as_recording(given: Any) -> Recording:
     """`given` if it is a Recording, the recording in a data frame; otherwise InputError with what to do."""
     if isinstance(given, Recording):
-        return given.without_copies()
+        return given
     if is_frame(given):
         recording: Recording = recording_of(given)
-        return recording.without_copies()
+        return recording
     if isinstance(given, (str, os.PathLike)):
         path = os.fspath(given)
         raise InputError(f"{path!r} is the path of a file: give a Recording, imucal.read({path!r})")
@@ -308,10 +308,13 @@ def as_recording(given: Any) -> Recording:
 
 
 def as_recordings(given: Recording | Iterable[Recording] | None) -> list[Recording]:
-    """One or several recordings as a list, empty for None; InputError for any other type."""
+    """One or several recordings without exact copies of rows, as a list; empty for None.
+
+    Raises InputError for any other type.
+    """
     if given is None:
         return []
     is_one = isinstance(given, (Recording, str, Mapping, np.ndarray)) or is_frame(given)
     if is_one or not isinstance(given, Iterable):
-        return [as_recording(given)]
-    return [as_recording(item) for item in given]
+        return [as_recording(given).without_copies()]
+    return [as_recording(item).without_copies() for item in given]

@@ -24,6 +24,7 @@ mod rails;
 mod repeats;
 mod runs;
 mod shared;
+mod stamps;
 mod stuck;
 mod survey;
 mod temperature;
@@ -33,13 +34,13 @@ mod values;
 
 use survey::Survey;
 
-pub(crate) use clock::from_sensor as stamps_from_sensor;
 pub use gains::check_gains;
 pub use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};
 pub use rails::saturated_samples;
 pub use shared::check_shared;
 pub use temperature::{TEMPERATURE_DEGC, check_temperature};
+pub(crate) use stamps::from_sensor as stamps_from_sensor;
 pub use units::check_rests;
 pub use unsigned::check_counts;
 

@@ -1,10 +1,10 @@
 //! Signed permutations of axes, and the recommendations for a gyroscope whose axes do not match those of the
 //! accelerometer.
 //!
-//! Let G and A be the signed permutations by which the reported gyroscope and accelerometer axes differ from the axes of
-//! one right-handed body. The motion of gravity shows P = det(A) A G^T and nothing else (see [`super::kinematics`]). For
-//! each of the 48 P there are 48 pairs (A, G), in two classes. Pairs of one class differ by a rotation of the body axes,
-//! that is, by the names of the axes. The classes differ by det A:
+//! Let G and A be the signed permutations by which the reported gyroscope and accelerometer axes differ from the axes
+//! of one right-handed body. The motion of gravity shows P = det(A) A G^T and nothing else (see
+//! [`super::kinematics`]). For each of the 48 P there are 48 pairs (A, G), in two classes. Pairs of one class differ by
+//! a rotation of the body axes, that is, by the names of the axes. The classes differ by det A:
 //!
 //! ```text
 //! det A = +1   A = I,   G = P^T     the accelerometer is right, the gyroscope columns need P
@@ -250,8 +250,7 @@ mod tests {
         }
     }
 
-    /// For every P and both classes: the correction makes both sensors follow one right-handed body, and the rate in the
-    /// test pose has the sign by which the class is recognised.
+    /// For every P and both classes, each recommended option makes both sensors follow one right-handed body.
     #[test]
     fn every_recommended_option_gives_a_consistent_unit() {
         for p in SignedPermutation::all().filter(|p| !p.is_identity()) {

@@ -1,6 +1,6 @@
 //! Check for packet time stamps: all samples of a packet get nearly the same stamp when the packet arrives or is read.
 
-use super::{clock, names};
+use super::{names, stamps};
 use crate::finding::{Finding, Place};
 use crate::numerics::stats::median;
 use crate::recording::Recording;
@@ -62,7 +62,7 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
             1e3 * median(&mut within),
             1e3 * between_s
         ),
-        way_out: format!("the stamps are those of packets, not of samples: {}", clock::even(recording)),
+        way_out: format!("the stamps are those of packets, not of samples: {}", stamps::even(recording)),
         ..Finding::error("clock_irregular", recording.name)
     })
 }

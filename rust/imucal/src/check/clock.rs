@@ -1,8 +1,8 @@
 //! Checks of the time column: length, order, gaps, regularity and unit.
 
 use super::part::{ALL_EQUAL, Part};
-use super::{Tally, bursts, gaps, names};
-use crate::finding::{Finding, Place, general};
+use super::{Tally, bursts, gaps, names, stamps};
+use crate::finding::{Finding, Place};
 use crate::numerics::stats::{quantile_of, steps_s};
 use crate::recording::Recording;
 
@@ -21,8 +21,6 @@ const SPREAD: [f64; 2] = [0.2, 0.5];
 /// Maximum relative deviation of a time step from the median at which the clock counts as regular; the slower checks of
 /// spread and gaps are then skipped.
 const REGULAR: f64 = 0.2;
-/// Longest time step as a share of the duration up to which the mean rate is accurate.
-const LONGEST_SHARE: f64 = 0.02;
 /// Share of samples with the time stamp of the previous sample above which the time column is an error, not a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
@@ -90,38 +88,6 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     }
     findings.extend(gaps.missing(recording));
     findings
-}
-
-/// Recommendation for time stamps that are not those of the samples.
-pub(crate) fn from_sensor(recording: &Recording) -> String {
-    format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
-}
-
-/// Recommendation to replace the time stamps of an evenly sampled recording by its mean rate.
-pub(super) fn even(recording: &Recording) -> String {
-    let rate = even_rate_hz(recording)
-        .map_or("rate_hz=RATE with its rate".to_owned(), |rate_hz| format!("rate_hz={}", general(rate_hz, 6)));
-    format!(
-        "if the sensor samples evenly and no sample is lost, leave out the time column (columns='-,accel_x_mps2,...') and pass \
-         {rate}"
-    )
-}
-
-/// Mean sampling rate, Hz, by a straight line through the time stamps: the jitter of the first and the last stamp hardly
-/// affects it. `None` if single steps are so long that it would not be accurate.
-fn even_rate_hz(recording: &Recording) -> Option<f64> {
-    let time_s = recording.time_s;
-    let [start_s, end_s] = recording.span_s();
-    let longest_s = time_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-    let centre = (time_s.len() - 1) as f64 / 2.0;
-    let (mut product, mut square) = (0.0, 0.0);
-    for (i, stamp_s) in time_s.iter().enumerate() {
-        let from_centre = i as f64 - centre;
-        product += from_centre * (stamp_s - start_s);
-        square += from_centre * from_centre;
-    }
-    let rate_hz = square / product;
-    (rate_hz.is_finite() && rate_hz > 0.0 && longest_s < LONGEST_SHARE * (end_s - start_s)).then_some(rate_hz)
 }
 
 impl Default for Steps {
@@ -225,7 +191,7 @@ impl Steps {
                 share(&self.equal, recording),
                 self.equal.first_place(recording)
             ),
-            way_out: format!("write time stamps of finer resolution; or, {}", even(recording)),
+            way_out: format!("write time stamps of finer resolution; or, {}", stamps::even(recording)),
             ..duplicated(&self.equal, recording)?
         })
     }
@@ -349,7 +315,7 @@ fn irregular(recording: &Recording, spread: f64, [low_s, median_s, high_s]: [f64
             1e3 * low_s,
             1e3 * high_s
         ),
-        way_out: from_sensor(recording),
+        way_out: stamps::from_sensor(recording),
         ..kind("clock_irregular", recording.name)
     }
 }

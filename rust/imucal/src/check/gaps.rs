@@ -1,10 +1,10 @@
 //! Long time steps: lost samples, or samples that were stamped late.
 //!
 //! After a lost sample, the time stamps go on at the usual rate. A sample that is stamped late, for example because the
-//! computer was busy, is followed by shorter steps, until the stamps have caught up. The number of samples then fits the
-//! duration, and none is missing.
+//! computer was busy, is followed by shorter steps, until the stamps have caught up. The number of samples then fits
+//! the duration, and none is missing.
 
-use super::{Tally, clock, names};
+use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
@@ -87,7 +87,7 @@ impl Gaps {
                 self.late.samples,
                 1e3 * self.latest_s
             ),
-            way_out: format!("nothing to do for a few; else {}", clock::from_sensor(recording)),
+            way_out: format!("nothing to do for a few; else {}", stamps::from_sensor(recording)),
             ..Finding::warning("clock_irregular", recording.name)
         })
     }

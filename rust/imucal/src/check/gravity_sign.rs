@@ -1,10 +1,10 @@
 //! Check of the sign of gravity: a sensor at rest reads +g on the axis that points up.
 //!
 //! Motion does not show this sign, because |u| = g and u' = u x w remain true for -u. Two kinds of recordings read -g
-//! where +g is expected. Axes with z down (FRD and NED) are right-handed axes like any others, and both sensors need the
-//! same rotation. An accelerometer that reports gravity instead of specific force needs another sign, and the gyroscope
-//! does not. Therefore no change of sign is recommended before these two are told apart: by the motor angles of a
-//! stand, or by a turn about the vertical.
+//! where +g is expected. Axes with z down (FRD and NED) are right-handed axes like any others, and both sensors need
+//! the same rotation. An accelerometer that reports gravity instead of specific force needs another sign, and the
+//! gyroscope does not. Therefore no change of sign is recommended before these two are told apart: by the motor angles
+//! of a stand, or by a turn about the vertical.
 
 use std::ops::Range;
 
@@ -19,8 +19,8 @@ use crate::simulate::gimbal::rotation_world_from_body;
 const STAND_ZERO_RAD: f64 = 0.02;
 /// Minimum component of the unit up-vector along an axis that points nearly up: the cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
-/// Minimum mean cosine between the measured directions up and those by the motor angles for a hypothesis about the axes:
-/// the cosine of 20 deg.
+/// Minimum mean cosine between the measured directions up and those by the motor angles for a hypothesis about the
+/// axes: the cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
 /// Minimum difference between the mean cosines of the two hypotheses for a decision. Without rests with x or y up, both
 /// hypotheses predict the same directions.

@@ -12,7 +12,7 @@ use nalgebra::Matrix3;
 
 use super::axes::{SignedPermutation, recommendation};
 use super::{ACCEL, GYRO, names};
-use crate::finding::{Finding, Severity};
+use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
 /// Limits of the scale of P for a gyroscope in the right unit (ideal: 1). Scale errors of sensors are far smaller than
@@ -94,21 +94,18 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
 /// Finding for a gyroscope that follows the accelerometer by a signed permutation.
 fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64) -> Finding {
     let of = |triad: [&str; 3], which: &[usize]| names(which.iter().map(|&k| triad[k]));
-    let (kind, columns, what): (fn(_, &str) -> _, _, _) = if axes.determinant() < 0.0 {
+    let error = || Finding::error("left_handed_axes", recording.name);
+    let (found, columns, what) = if axes.determinant() < 0.0 {
         let columns = axes.reversed_axis().map_or(names(GYRO), |axis| of(GYRO, &[axis]));
-        (Finding::error, columns, "one of the sensors has left-handed axes")
+        (error(), columns, "the gyroscope's or the accelerometer's axes are left-handed")
     } else if let Some(axis) = axes.half_turn() {
-        (Finding::error, of(ACCEL, &[axis]), "one accelerometer axis is reversed, or two gyroscope axes are")
+        (error(), of(ACCEL, &[axis]), "one accelerometer axis is reversed, or two gyroscope axes are")
     } else if let Some(pair) = axes.exchanged_and_reversed() {
-        (
-            Finding::error,
-            of(ACCEL, &pair),
-            "two accelerometer axes are exchanged, or the gyroscope is rotated by 180 deg",
-        )
+        (error(), of(ACCEL, &pair), "two accelerometer axes are exchanged, or the gyroscope is rotated by 180 deg")
     } else {
-        (Finding::warning, names(GYRO), "the gyroscope's axes are rotated relative to the accelerometer's")
+        let turned = Finding::warning("axes_turned", recording.name);
+        (turned, names(GYRO), "the gyroscope's axes are rotated relative to the accelerometer's")
     };
-    let is_error = kind("", "").severity == Severity::Error;
     Finding {
         columns,
         count: recording.len(),
@@ -116,7 +113,7 @@ fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64)
         unit: "correlation",
         message: format!("{what}: {} (correlation {correlation:.2})", axes.mapping()),
         way_out: recommendation(axes),
-        ..kind(if is_error { "left_handed_axes" } else { "axes_turned" }, recording.name)
+        ..found
     }
 }
 
@@ -145,6 +142,7 @@ mod tests {
 
     use super::super::example::Columns;
     use super::*;
+    use crate::finding::Severity;
 
     /// P of a sensor with typical scale and misalignment errors.
     fn near(p: Matrix3<f64>) -> Matrix3<f64> {

@@ -19,19 +19,19 @@ const WITH_MOVES: [f64; 2] = [0.5, 2.0];
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
-/// Maximum ratio of the standard deviation of the rate within a rest to its mean for the mean to count as a bias. A unit
-/// that is moved to and fro has a larger one.
+/// Maximum ratio of the standard deviation of the rate within a rest to its mean for the mean to count as a bias. A
+/// unit that is moved to and fro has a larger one.
 const STEADY: f64 = 0.3;
-/// Minimum and maximum ratio of the quartiles of a triad's norm to its median for a triad that measures gravity. The norm
-/// of angular rates varies by far more between rests and moves.
+/// Minimum and maximum ratio of the quartiles of a triad's norm to its median for a triad that measures gravity. The
+/// norm of angular rates varies by far more between rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
-/// Units of accelerometer columns, with the size of one unit in m/s^2, and the recommendation if a file that was read in
-/// another unit is in this one. Columns without a known unit were given in m/s^2.
+/// Units of accelerometer columns, with the size of one unit in m/s^2, and the recommendation if a file that was read
+/// in another unit is in this one. Columns without a known unit were given in m/s^2.
 const ACCEL_UNITS: [(&str, f64, &str); 4] = [
-    ("mps2", 1.0, "m/s^2 (name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2)"),
-    ("g", STANDARD_GRAVITY_MPS2, "g (name the columns accel_x_g, accel_y_g, accel_z_g)"),
-    ("mg", STANDARD_GRAVITY_MPS2 / 1000.0, "mg (name the columns accel_x_mg, accel_y_mg, accel_z_mg)"),
-    ("cm/s^2", 0.01, "cm/s^2 (divide by 100 and name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2)"),
+    ("mps2", 1.0, "m/s^2: name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2"),
+    ("g", STANDARD_GRAVITY_MPS2, "g: name the columns accel_x_g, accel_y_g, accel_z_g"),
+    ("mg", STANDARD_GRAVITY_MPS2 / 1000.0, "mg: name the columns accel_x_mg, accel_y_mg, accel_z_mg"),
+    ("cm/s^2", 0.01, "cm/s^2: divide by 100 and name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2"),
 ];
 /// Units of gyroscope columns, with the size of one unit in rad/s, largest first.
 const GYRO_UNITS: [(&str, f64, &str); 3] =
@@ -160,7 +160,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     let way_out = if swapped {
         "the gyro columns contain gravity: accel and gyro columns look swapped".into()
     } else if !fitting.is_empty() {
-        format!("looks like {}", fitting.join(" or "))
+        format!("looks like {}", fitting.join("; or like "))
     } else if norm < WITHOUT_GRAVITY_MPS2 {
         "looks like linear acceleration, gravity removed: record the raw specific force, gravity is the only reference"
             .into()
@@ -221,10 +221,10 @@ fn smaller_gyro_units(recording: &Recording) -> String {
         .unzip();
     let read_as = match given.0 {
         "radps" => String::new(),
-        _ => format!("the columns were read as {}: if they are not, the numbers ", given.2),
+        _ => format!("the columns were read as {}: if they are not, the column ", given.2),
     };
     format!(
-        "{read_as}look like {}: without converting them, name the columns {}",
+        "{read_as}looks like {}: without converting them, name the columns {}",
         words.join(" or "),
         names.join(" or ")
     )
@@ -390,7 +390,7 @@ mod tests {
             findings
         };
         // Numbers in m/s^2 that were read as g, numbers in mg that were read as g, and counts that were read as deg/s.
-        for (force, hint) in [(9.80665, "m/s^2 ("), (1000.0, "mg (")] {
+        for (force, hint) in [(9.80665, "m/s^2:"), (1000.0, "mg:")] {
             let findings = with_units(&scaled(force, 1.0), [Some("g"), None]);
             assert_eq!(findings[0].code, "accel_units");
             assert!(findings[0].way_out.contains(hint) && !findings[0].way_out.contains("accel_x_g"), "{findings:?}");
@@ -406,7 +406,7 @@ mod tests {
         let mut columns = scaled(1.0 / 9.80665, 1.0);
         columns.rate.iter_mut().for_each(|row| *row = [9.8 + row[0], row[1], row[2]]);
         let findings = both(&columns.recording());
-        assert!(findings[0].way_out.contains("looks like g "), "{findings:?}");
+        assert!(findings[0].way_out.contains("looks like g:"), "{findings:?}");
     }
 
     #[test]

@@ -1,0 +1,39 @@
+//! Recommendations for time stamps that are not those of the samples, with the mean sampling rate.
+
+use crate::finding::general;
+use crate::recording::Recording;
+
+/// Longest time step as a share of the duration up to which the mean rate is accurate.
+const LONGEST_SHARE: f64 = 0.02;
+
+/// Recommendation for time stamps that are not those of the samples.
+pub(crate) fn from_sensor(recording: &Recording) -> String {
+    format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
+}
+
+/// Recommendation to replace the time stamps of an evenly sampled recording by its mean rate.
+pub(super) fn even(recording: &Recording) -> String {
+    let rate = even_rate_hz(recording)
+        .map_or("rate_hz=RATE with its rate".to_owned(), |rate_hz| format!("rate_hz={}", general(rate_hz, 6)));
+    format!(
+        "if the sensor samples evenly and no sample is lost, leave out the time column (columns='-,accel_x_mps2,...') and pass \
+         {rate}"
+    )
+}
+
+/// Mean sampling rate, Hz, by a straight line through the time stamps: the jitter of the first and the last stamp
+/// hardly affects it. `None` if single steps are so long that it would not be accurate.
+fn even_rate_hz(recording: &Recording) -> Option<f64> {
+    let time_s = recording.time_s;
+    let [start_s, end_s] = recording.span_s();
+    let longest_s = time_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    let centre = (time_s.len() - 1) as f64 / 2.0;
+    let (mut product, mut square) = (0.0, 0.0);
+    for (i, stamp_s) in time_s.iter().enumerate() {
+        let from_centre = i as f64 - centre;
+        product += from_centre * (stamp_s - start_s);
+        square += from_centre * from_centre;
+    }
+    let rate_hz = square / product;
+    (rate_hz.is_finite() && rate_hz > 0.0 && longest_s < LONGEST_SHARE * (end_s - start_s)).then_some(rate_hz)
+}
