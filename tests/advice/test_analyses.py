@@ -1,10 +1,11 @@
 """Advice of the noise analysis, of the search for effects and of the readers, followed to the letter."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
-from advice import of_code, outcome_of, run, truth_of
+from advice import findings_of, of_code, outcome_of, run, truth_of
 
 import imucal
 from imucal.rig.unit import unit_of
@@ -76,6 +77,80 @@ def test_a_unit_whose_temperature_varies_is_recorded_at_a_constant_one():
     again = imucal.noise(recording)
     assert "noise_model" not in codes_of(again)
     require_density(again)
+
+
+def with_rate(recording, added):
+    return dataclasses.replace(recording, angular_rate=recording.angular_rate + added)
+
+
+def stepped(recording):
+    """The recording with a step of the gyroscope's bias at two thirds."""
+    return with_rate(recording, np.where(recording.time_s > 600.0, 0.02, 0.0)[:, None])
+
+
+def test_a_step_is_left_out_or_recorded_again():
+    white = still(bias_instability=0.0, random_walk=np.zeros(3))
+    found = imucal.noise(stepped(white))
+    assert codes_of(found) & {of_code("step"), of_code("steps_cut")}, found.findings
+    advice = " ".join(f.way_out for f in found.findings if f.code in ("step", "steps_cut"))
+    assert re.search("again|exclude|part", advice), advice
+    require_density(imucal.noise(white))
+
+
+def test_a_unit_that_warms_up_is_recorded_when_it_is_warm():
+    white = still(bias_instability=0.0, random_walk=np.zeros(3))
+    warming = with_rate(white, 0.05 * np.exp(-white.time_s / 200.0)[:, None])
+    found = imucal.noise(warming)
+    assert of_code("drift") in codes_of(found), found.findings
+    assert "drift" not in codes_of(imucal.noise(white))
+    require_density(imucal.noise(white))
+
+
+def test_an_interrupted_recording_gives_the_noise_of_its_longest_part():
+    recording = still()
+    rows = np.r_[0:30_000, 32_000 : len(recording)]
+    found = imucal.noise(recording.rows(np.isin(np.arange(len(recording)), rows)))
+    assert of_code("recording_interrupted") in codes_of(found), found.findings
+    require_density(found)
+
+
+@pytest.mark.parametrize(
+    ("code", "bias", "density"),
+    [(of_code("noise_implausible"), 0.0, 1e-4), (of_code("bias_implausible"), 0.5, 1e-4)],
+)
+def test_numbers_in_another_unit_are_named_after_it(code, bias, density):
+    right = with_rate(
+        still(noise_density=density, bias_instability=0.0, random_walk=np.zeros(3)), np.radians(bias)
+    )
+    wrong = dataclasses.replace(right, angular_rate=np.degrees(right.angular_rate))
+    findings = [f for f in imucal.noise(wrong).findings if f.code == code]
+    assert findings and "gyro_x_dps" in findings[0].way_out, findings
+    again = dataclasses.replace(wrong, angular_rate=np.radians(wrong.angular_rate))
+    assert code not in codes_of(imucal.noise(again))
+
+
+@pytest.mark.parametrize(
+    ("read", "unit"), [(lambda degc: degc + 273.15, "temp_k"), (lambda degc: degc * 1.8 + 32 + 200, "temp_")]
+)
+def test_temperatures_in_another_unit_are_named_after_it(read, unit):
+    good = run().recording
+    degc = np.full(len(good), 25.0)
+    findings = findings_of(dataclasses.replace(good, temperature_degc=read(degc)))
+    [finding] = [f for f in findings if f.code == of_code("temperature_implausible")]
+    assert unit in finding.way_out, finding
+    right = dataclasses.replace(good, temperature_degc=degc)
+    assert outcome_of(right, truth_of(run())) == "truth"
+
+
+def test_counts_of_a_temperature_need_their_scale(tmp_path):
+    recording = run().recording
+    header = COLUMNS + ",temp_lsb"
+    rows = [f"{row},{-3920 + k % 3}" for k, row in enumerate(rows_of(recording))]
+    raw = imucal.read(text(tmp_path, [header, *rows]))
+    assert of_code("temperature_raw") in [f.code for f in raw.findings]
+    scaled = imucal.read(text(tmp_path, [header, *rows]), temp_scale="1/340,36.53")
+    assert scaled.temperature_degc == pytest.approx(25.0, abs=0.1)
+    assert outcome_of(scaled, truth_of(run())) == "truth"
 
 
 # --- parameters that a calibration determines poorly

@@ -75,7 +75,12 @@ MISTAKES = {
         "1 rests do not determine",
         "add rests with x up and with x down",
     ),
-    "wrong columns": (CALIBRATE.format("swapped"), 1, "axes are left-handed", "are exchanged: pass --axes gyro="),
+    "wrong columns": (
+        CALIBRATE.format("swapped"),
+        1,
+        "axes are left-handed",
+        "are exchanged: pass --axes gyro=",
+    ),
     "names that say no unit": (
         CALIBRATE.format("nameless"),
         1,

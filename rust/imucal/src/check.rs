@@ -39,8 +39,8 @@ pub use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};
 pub use rails::saturated_samples;
 pub use shared::check_shared;
-pub use temperature::{TEMPERATURE_DEGC, check_temperature};
 pub(crate) use stamps::from_sensor as stamps_from_sensor;
+pub use temperature::{TEMPERATURE_DEGC, check_temperature};
 pub use units::check_rests;
 pub use unsigned::check_counts;
 
