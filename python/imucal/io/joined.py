@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ def joined(accel: Sensor, gyro: Sensor, units: Units, sources: Sequence[Source])
     streams = [
         _stream(table, ns, what) for table, ns, what in zip(tables, stamps, ("accel", "gyro"), strict=True)
     ]
-    return recording_from_streams(
+    recording = recording_from_streams(
         file,
         streams[0],
         streams[1],
@@ -69,6 +70,7 @@ def joined(accel: Sensor, gyro: Sensor, units: Units, sources: Sequence[Source])
         accel_unit="lsb" if accel_unit == "lsb" else "m/s^2",
         gyro_unit="lsb" if gyro_unit == "lsb" else "rad/s",
     )
+    return replace(recording, column_units=(accel_unit, gyro_unit))
 
 
 def _nanoseconds(table: Table) -> NDArray[np.int64]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from typing import IO, Any, BinaryIO, Final, cast
 
 import numpy as np
@@ -54,7 +54,7 @@ def write_recording(recording: Recording, stream: BinaryIO) -> None:
             for key, values in value.items():
                 put(field.name, key, values)
         elif isinstance(value, tuple):
-            plain[field.name] = [asdict(item) for item in value]
+            plain[field.name] = [asdict(item) if is_dataclass(item) else item for item in value]
         else:
             plain[field.name] = value
     _write_line({"recording": plain, "arrays": listed}, stream)
@@ -111,6 +111,10 @@ def _recording(plain: dict[str, Any], listed: list[Any], stream: IO[bytes], most
             given[field][key] = values
     given["sources"] = [Source(**source) for source in given["sources"]]
     given["findings"] = [_finding(finding) for finding in given["findings"]]
+    accel, gyro = given["column_units"]
+    if not all(unit is None or isinstance(unit, str) for unit in (accel, gyro)):
+        raise BrokenFrameError
+    given["column_units"] = (accel, gyro)
     return Recording(**given)
 
 
