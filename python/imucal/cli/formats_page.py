@@ -17,6 +17,8 @@ option that selects one. In Python the options have the same names, with undersc
 
 Calibrate uncorrected sensor data. If the data have already been corrected by another calibration, the new
 calibration is valid only after that correction.
+
+`--axes frd` and its like change the axes of any recording after reading; see [Axes and frames](frames.md).
 """
 
 FOOT = """## Temperature

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, fields
 from typing import IO, Any, BinaryIO, Final, cast
 
 import numpy as np
@@ -54,7 +54,9 @@ def write_recording(recording: Recording, stream: BinaryIO) -> None:
             for key, values in value.items():
                 put(field.name, key, values)
         elif isinstance(value, tuple):
-            plain[field.name] = [asdict(item) if is_dataclass(item) else item for item in value]
+            plain[field.name] = [
+                asdict(item) if isinstance(item, (Source, Finding)) else item for item in value
+            ]
         else:
             plain[field.name] = value
     _write_line({"recording": plain, "arrays": listed}, stream)
