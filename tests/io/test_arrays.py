@@ -1,5 +1,6 @@
 """Arrays with names: MATLAB, HDF5, NumPy and Parquet files, each written by its own library."""
 
+import struct
 import zipfile
 
 import h5py
@@ -205,3 +206,33 @@ def test_columns_of_a_csv_with_other_names(tmp_path, example_of):
         imucal.read("other.csv", columns="time_s=t,ax")
     with pytest.raises(imucal.InputError, match=r"contains time_s twice"):
         imucal.read("other.csv", columns="time_s=t,time_s=ax")
+
+
+def mat_element(kind, data):
+    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def test_a_matlab_timetable_is_named_with_the_export_to_choose(tmp_path):
+    # An object as MATLAB stores it: flags with class 17, name, class system, class name, and references.
+    references = b"".join(
+        (
+            mat_element(6, struct.pack("<II", 13, 0)),
+            mat_element(5, struct.pack("<ii", 6, 1)),
+            mat_element(1, b""),
+            mat_element(6, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1)),
+        )
+    )
+    flags = mat_element(6, struct.pack("<II", 17, 0))
+    names = b"".join(mat_element(1, word) for word in (b"Acceleration", b"MCOS", b"timetable"))
+    header = b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + struct.pack("<H", 0x0100) + b"IM"
+    (tmp_path / "phone.mat").write_bytes(
+        header + mat_element(14, flags + names + mat_element(14, references))
+    )
+    with h5py.File(tmp_path / "new.mat", "w", userblock_size=512) as file:
+        file["Acceleration"] = np.zeros((1, 6), np.uint32)
+        file["#subsystem#/MCOS"] = np.zeros((1, 3), np.uint32)
+    with (tmp_path / "new.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    for name in ("phone.mat", "new.mat"):
+        with pytest.raises(imucal.FormatError, match=r"timetables .*writetimetable\(tt, 'run.csv'\)"):
+            imucal.read(tmp_path / name)

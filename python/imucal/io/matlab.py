@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.document.source import first_bytes, open_large, parsing
+from imucal.errors import FormatError
 from imucal.io.extra import library
 from imucal.io.hdf5 import hdf5_arrays
 from imucal.io.named_arrays import Array, NamedArrays, StoredArray, recording_from_arrays
@@ -27,6 +28,11 @@ NUMERIC: Final = (
     *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
 )
 SAVE_PLAIN = "save the arrays as plain variables (tables and objects cannot be read), with -v7"
+
+OBJECTS: Final = (
+    "contains only tables, timetables or other objects, which only MATLAB reads: write a timetable with "
+    "writetimetable(tt, 'run.csv'), a table with writetable(t, 'run.csv'), and give the CSV file"
+)
 
 
 def read_matlab(
@@ -46,17 +52,36 @@ def read_matlab(
         with hdf5_arrays(h5py, path, ".", "MATLAB") as stored:
             # `#refs#` holds the contents of cell arrays.
             by_path = {p: _transposed(array) for p, array in stored.items() if not p.startswith("#")}
+            if any(p.startswith("#subsystem#") for p in stored) and not _has_samples(by_path):
+                raise FormatError(f"{name} {OBJECTS}")
             arrays = NamedArrays(name, by_path, ".")
             return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
     scipy_io = library("scipy.io", "matlab", "MATLAB files")
     with parsing(name, "MATLAB", SAVE_PLAIN):
-        listed = scipy_io.whosmat(os.fspath(path))
-        # Other variables, such as cell arrays of a large log, are not loaded.
-        names = [variable for variable, _, kind in listed if kind in NUMERIC or kind == "struct"]
+        names, has_objects = _variables(scipy_io, os.fspath(path))
         variables = scipy_io.loadmat(os.fspath(path), simplify_cells=True, variable_names=names)
     flat = _flat("", {k: v for k, v in variables.items() if not k.startswith("__")})
+    if has_objects and not flat:
+        raise FormatError(f"{name} {OBJECTS}")
     arrays = NamedArrays(name, {p: StoredArray.of(array) for p, array in flat}, ".")
     return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
+
+
+def _variables(scipy_io: Any, path: str) -> tuple[list[str] | None, bool]:
+    """The variables with numbers, or None for all, and whether the file contains objects."""
+    try:
+        listed = scipy_io.whosmat(path)
+    except TypeError:
+        # SciPy cannot list a file with objects, but it can load it.
+        return None, True
+    # Other variables, such as cell arrays of a large log, are not loaded.
+    names = [variable for variable, _, kind in listed if kind in NUMERIC or kind == "struct"]
+    return names, any(kind in ("opaque", "object", "unknown") for _, _, kind in listed)
+
+
+def _has_samples(by_path: Mapping[str, StoredArray]) -> bool:
+    """Whether there is an array of floating-point numbers; objects are stored as a few integers."""
+    return any(array.dtype.kind == "f" for array in by_path.values())
 
 
 def _transposed(array: StoredArray) -> StoredArray:
