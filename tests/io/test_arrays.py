@@ -172,7 +172,7 @@ def test_truncated_files_are_named(tmp_path, known, name, kept):
 
 def test_pickled_objects_are_refused(tmp_path):
     np.save(tmp_path / "objects.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(imucal.FormatError, match=r"objects.npy .*allow_pickle=False.*save plain arrays"):
+    with pytest.raises(imucal.FormatError, match=r"objects.npy .*pickled.*save plain arrays"):
         imucal.read(tmp_path / "objects.npy")
 
 
