@@ -110,7 +110,7 @@ def test_json_of_a_command_without_a_result_says_why(tmp_path, monkeypatch, caps
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("os.replace", full)
+    monkeypatch.setattr("imucal.document.temporary.TemporaryFile.replace", full)
     assert main(["inspect", "none.csv", "--json", "x.json"]) == 1
     assert "none.csv: there is no such file" in capsys.readouterr().err
 

@@ -6,7 +6,6 @@
 import dataclasses
 import errno
 import json
-import os
 from contextlib import nullcontext
 from datetime import datetime
 from types import SimpleNamespace
@@ -17,6 +16,7 @@ import pytest
 import imucal
 from imucal import Program, Step
 from imucal.cli import main
+from imucal.document.temporary import TemporaryFile
 from imucal.stand.line import Order, calibrate_unit
 from imucal.stand.programs import in_another_order, ranges_deg
 from imucal.stand.simulated import SimulatedStand
@@ -292,14 +292,14 @@ def test_an_interrupt_says_how_the_recording_is_had(tmp_path, monkeypatch, capsy
 
 
 def test_a_full_disk_says_how_the_recording_is_had(line, tmp_path, monkeypatch):
-    replace = os.replace
+    replace = TemporaryFile.replace
 
-    def full(source, target):
+    def full(self, target, file):
         if str(target).endswith(".csv"):
             raise OSError(errno.ENOSPC, "No space left on device")
-        replace(source, target)
+        replace(self, target, file)
 
-    monkeypatch.setattr("os.replace", full)
+    monkeypatch.setattr(TemporaryFile, "replace", full)
     code, document, said = line()
     assert (code, document["verdict"], document["reasons"][0]["code"]) == (1, "no_result", "run_error")
     message = document["reasons"][0]["message"]

@@ -183,7 +183,7 @@ def test_a_full_disk_says_how_the_recording_is_had(tmp_path, monkeypatch, capsys
     run = ["stand", "run", "short.json", "--speed", "1000", "-o", "run.csv"]
     wanted = "imucal stand recover run.csv.journal -o run.csv"
     with monkeypatch.context() as full:
-        full.setattr("os.replace", full_disk)
+        full.setattr("imucal.document.temporary.TemporaryFile.replace", full_disk)
         assert main(run) == 1
     shown = capsys.readouterr().err
     assert "No space left on device" in shown
