@@ -273,6 +273,8 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     }
     known = {name: value for name, value in found.items() if value is not None}
     names = {"lsb": "resolution", "filter_hz": "filter", "bandwidth_hz": "bandwidth"}
+    if one_sided is not None:
+        names["noise_density"] = "noise_density_one_sided"
     figures = {names.get(name, name): value for name, value in known.items() if name != "bias_instability"}
     # Figures that are not simulated.
     figures |= {

@@ -51,6 +51,7 @@ def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Col
             require_figure(node.get(name), sources)
     largest = {
         **LARGEST[unit],
+        "noise_density_one_sided": LARGEST[unit]["noise_density"],
         "allan_floor": LARGEST[unit]["bias"],
         "bias_instability": LARGEST[unit]["bias"],
         "noise_in_motion": LARGEST_FACTOR,
