@@ -155,7 +155,7 @@ def main() -> None:
     share = 100 * judge.held / judge.bands
     body = f"""
 Written by `make accuracy`: {given.runs} simulated units at rest of each kind, {DURATION_S / 3600:g} h
-at {RATE_HZ:g} Hz, in counts. The white noise is that of the datasheet, and flicker noise and
+at {RATE_HZ:g} Hz, in counts. The white noise is that of the datasheet over sqrt(2), and flicker noise and
 random walk are those of the table. Each unit has three axes per sensor.
 
 * seen: share of the axes on which the process is detected, %. The other axes have an upper bound. A

@@ -206,8 +206,10 @@ def test_what_cannot_be_planned_is_refused(arguments, message):
 def test_a_motion_without_turns_determines_the_bias_of_the_gyroscope_alone():
     plan = quick(imucal.Static(30.0))
     assert {p.name for p in plan.parameters if p.std is not None} == {f"gyro_bias_{axis}" for axis in "xyz"}
-    # White noise over the square root of the time.
-    assert plan.worst["gyro_bias"].value == pytest.approx(np.deg2rad(0.025) / np.sqrt(30.0), rel=0.01)
+    # White noise, whose density is one-sided in the datasheet, over the square root of the time.
+    assert plan.worst["gyro_bias"].value == pytest.approx(
+        np.deg2rad(0.025) / np.sqrt(2.0) / np.sqrt(30.0), rel=0.01
+    )
     with pytest.raises(imucal.InputError, match="no program of a stand"):
         _ = plan.program
 
