@@ -222,7 +222,8 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
         };
 
         let groups = groups(&linear);
-        let mut without = LeaveOut::new(&problem, &linear);
+        let (residuals, jacobian) = problem.whiten(&linear);
+        let mut without = LeaveOut::new(&problem, &linear, (&residuals, &jacobian));
         let mut gone: Vec<usize> = Vec::new();
         let mut judged = 0;
         let mean = groups.iter().position(|group| group.kind == Kind::Mean && group.item == Item::Rest(9));
