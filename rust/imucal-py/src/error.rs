@@ -29,6 +29,8 @@ fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
         Error::Input(_) | Error::Data(_) => "InputError",
         Error::NotEnoughMotion(_) => "NotEnoughMotionError",
         Error::Fit(_) => "FitError",
+        // Without a signal there is nobody who cancels a calculation; see `interruptible`.
+        Error::Cancelled => "ImucalError",
     };
     let class = py.import("imucal.errors")?.getattr(class)?;
     let message = error.to_string();

@@ -15,6 +15,7 @@ use crate::arrays::RecordingColumns;
 use crate::calibration::{CalibrationArrays, TriadArrays};
 use crate::effects::find;
 use crate::error::{ToPython, finding};
+use crate::interrupt::interruptible;
 use crate::mappings::Fields;
 use crate::options::CalibrateOptions;
 use crate::results::{EffectEstimate, Evaluation, Outcome};
@@ -226,7 +227,7 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
         Ok::<_, PyErr>((calibration.calibration(py)?, *gravity_mps2, corrected))
     });
     let given = given.transpose()?;
-    let found = py.detach(|| {
+    let found = interruptible(py, || {
         let progress = |progress: library::Progress<'_>| {
             Python::attach(|py| match progress {
                 library::Progress::Fit { effects } => stage.call1(py, (effects, None::<usize>)),
@@ -248,8 +249,8 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
             progress: Some(&progress),
         };
         library::find_gap(&recordings, &control, &options, &gap_options)
-    });
-    let library::Gap { verdict, faults, analysis } = found.to_python(py)?;
+    })?;
+    let library::Gap { verdict, faults, analysis } = found;
     let sets = Sets { recordings: &recordings, control: &control };
     Ok(GapResult {
         verdict: verdict.name(),
@@ -310,7 +311,7 @@ pub(crate) fn gap_design<'py>(
     let options = options.options(py)?;
     let recordings = RecordingColumns::views(py, &recordings)?;
     let candidates = choices(&candidates).to_python(py)?;
-    let found = py.detach(|| library::linearise(&recordings, &options, &candidates, &[])).to_python(py)?;
+    let found = interruptible(py, || library::linearise(&recordings, &options, &candidates, &[]))?;
     let array = |rows: &[Vec<f64>]| PyArray2::from_vec2(py, rows).map_err(PyErr::from);
     let effects =
         found.candidates.iter().map(|(name, rows)| Ok((name.clone(), array(rows)?))).collect::<PyResult<_>>()?;

@@ -8,6 +8,7 @@ mod calibration;
 mod effects;
 mod error;
 mod gap;
+mod interrupt;
 mod mappings;
 mod noise;
 mod options;
@@ -41,6 +42,7 @@ mod _core {
         EffectScore, GapAnalysis, GapFit, GapResult, GenericFinding, Search, find_gap, gap_design, mount_faults,
         stand_mismatch_deg,
     };
+    use super::interrupt::interruptible;
     #[pymodule_export]
     use super::noise::{AxisNoise, Noise, NoiseEstimate, allan_deviations, allan_factors, identify_noise};
     use super::options::{CalibrateOptions, frame_named};
@@ -109,7 +111,7 @@ mod _core {
             let diagnosis = library::calibrate::diagnosis::diagnose(&outcome, &recordings);
             Ok((outcome, diagnosis))
         };
-        let (outcome, diagnosis) = py.detach(work).to_python(py)?;
+        let (outcome, diagnosis) = interruptible(py, work)?;
         Outcome::new(py, outcome, diagnosis, &recordings)
     }
 
@@ -123,7 +125,7 @@ mod _core {
     ) -> PyResult<Prospect> {
         let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
-        Ok(py.detach(|| library::calibrate::prospect(&recordings, &options)).to_python(py)?.into())
+        Ok(interruptible(py, || library::calibrate::prospect(&recordings, &options))?.into())
     }
 
     /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` are the
@@ -160,7 +162,7 @@ mod _core {
                 min_rest_s,
             ),
         };
-        let evaluation = py.detach(work).to_python(py)?;
+        let evaluation = interruptible(py, work)?;
         Evaluation::new(py, evaluation, &recordings)
     }
 
@@ -194,10 +196,11 @@ mod _core {
     ) -> PyResult<Inspection> {
         let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
         let recording = &views[0];
-        let (findings, segments) = py.detach(|| {
+        let (findings, segments) = interruptible(py, || {
             let mut findings = check::check_columns(recording);
             let readable = findings.iter().all(|finding| {
-                !["empty", "lengths_differ", "non_finite", "time_not_increasing", "too_short"].contains(&finding.code)
+                !["empty", "lengths_differ", "non_finite", "time_not_increasing", "too_short", "value_impossible"]
+                    .contains(&finding.code)
             });
             let segments = readable.then(|| Segments::find(recording, min_rest_s));
             if let Some(Ok(segments)) = &segments {
@@ -205,8 +208,8 @@ mod _core {
                 findings.extend(check::check_rests(recording, &ranges, gravity_mps2));
                 findings.extend(segments.check_noise(recording));
             }
-            (findings, segments)
-        });
+            Ok((findings, segments))
+        })?;
         let findings = findings.iter().map(|f| finding(py, f)).collect::<PyResult<Vec<_>>>()?;
         Inspection::new(py, findings, segments)
     }
@@ -248,12 +251,11 @@ mod _core {
     ) -> PyResult<(Rows<'py>, Rows<'py>)> {
         let calibration = calibration.calibration(py)?;
         let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
-        let corrected = py.detach(|| {
+        let (rate, force) = interruptible(py, || {
             let findings = check::check_counts(&views[0]);
             let correct = || library::correct::correct_from(start_s, &views[0], &calibration);
             if findings.is_empty() { Ok(correct()) } else { Err(Error::Data(findings)) }
-        });
-        let (rate, force) = corrected.to_python(py)?;
+        })?;
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 

@@ -11,6 +11,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::RecordingColumns;
 use crate::error::{ToPython, finding};
+use crate::interrupt::interruptible;
 
 /// A noise parameter with its 95 % band; `value` and `std` are None if it is not significant.
 #[pyclass(frozen, get_all, module = "imucal._core")]
@@ -107,7 +108,7 @@ pub(crate) fn identify_noise(
     let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
     let threads = or_all(threads);
     let options = library::Options { min_rest_s, cut_steps };
-    let noise = py.detach(|| library::identify(&views[0], &options, threads)).to_python(py)?;
+    let noise = interruptible(py, || library::identify(&views[0], &options, threads))?;
     let axes =
         |axes: &[library::AxisNoise; 3]| axes.iter().map(|axis| AxisNoise::new(py, axis)).collect::<PyResult<_>>();
     Ok(Noise {
@@ -157,14 +158,14 @@ pub(crate) fn allan_deviations<'py>(
 ) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
     let threads = or_all(threads);
     let views = values.views();
-    let deviations = py.detach(|| {
+    let deviations = interruptible(py, || {
         let of = |series: &ArrayView1<'_, f64>| match series.as_slice() {
             Some(slice) => allan::overlapping_deviations(slice.iter().copied(), &factors, threads),
             None => allan::overlapping_deviations(series.iter().copied(), &factors, threads),
         };
         views.iter().map(of).collect::<Result<Vec<_>, _>>()
-    });
-    Ok(deviations.to_python(py)?.into_iter().map(|series| PyArray1::from_vec(py, series)).collect())
+    })?;
+    Ok(deviations.into_iter().map(|series| PyArray1::from_vec(py, series)).collect())
 }
 
 /// Averaging factors for `samples` samples, with the spacing "octave" or "decade".

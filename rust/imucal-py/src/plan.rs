@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use crate::arrays::RecordingColumns;
 use crate::error::ToPython;
 use crate::gap::choices;
+use crate::interrupt::interruptible;
 use crate::options::CalibrateOptions;
 use crate::simulation::{Motion, StepTuple, UnitArrays, steps};
 
@@ -88,7 +89,7 @@ pub(crate) fn predict_sigma(
 ) -> PyResult<(Vec<f64>, usize)> {
     let sensors = sensors.sensors(py)?;
     let motions = motions.into_iter().map(Motion::motion).collect::<Result<Vec<_>, _>>().to_python(py)?;
-    let found = py.detach(|| library::predict(&sensors, &motions, min_rest_s, settle_s, in_hand)).to_python(py)?;
+    let found = interruptible(py, || library::predict(&sensors, &motions, min_rest_s, settle_s, in_hand))?;
     Ok((found.sigma, found.rests))
 }
 
@@ -108,7 +109,7 @@ pub(crate) fn optimal_program(
     let (sensors, limits) = (sensors.sensors(py)?, limits.into());
     let goal = sigma.map_or(Goal::MostIn { duration_s }, |sigma| Goal::ShortestTo { sigma });
     let search = Search { goal, seed, proposals };
-    let found = py.detach(|| library::optimal(&sensors, &limits, &search)).to_python(py)?;
+    let found = interruptible(py, || library::optimal(&sensors, &limits, &search))?;
     Ok((steps(&found.program), found.reached))
 }
 
@@ -131,5 +132,5 @@ pub(crate) fn smallest_visible(
         let checked = Checked::try_new(&recordings, &options)?;
         gap::smallest_visible(&checked, &candidates, false)
     };
-    py.detach(visible).to_python(py)
+    interruptible(py, visible)
 }

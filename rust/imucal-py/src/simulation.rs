@@ -15,6 +15,7 @@ use pyo3::prelude::*;
 use crate::arrays::{column, matrix, rows, to_rows, vector};
 use crate::effects::EffectArrays;
 use crate::error::ToPython;
+use crate::interrupt::interruptible;
 
 /// Angles by which the three motors turn, rad; duration of the turn and of the hold after it, s.
 pub(crate) type StepTuple = ([f64; 3], f64, f64);
@@ -238,7 +239,7 @@ pub(crate) fn simulate(py: Python<'_>, setup: SetupArrays<'_>) -> PyResult<Simul
         seed: setup.seed,
         threads: setup.threads,
     };
-    let run = py.detach(|| library::run(&setup)).to_python(py)?;
+    let run = interruptible(py, || library::run(&setup))?;
     Ok(Simulation {
         time_s: PyArray1::from_vec(py, run.time_s).unbind(),
         specific_force: to_rows(py, run.specific_force)?.unbind(),

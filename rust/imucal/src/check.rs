@@ -49,9 +49,9 @@ use crate::recording::{RawUnit, Recording};
 
 /// Runs all checks that do not need rests. An empty result means that no fault was found.
 ///
-/// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `time_not_increasing`, `samples_duplicated`,
-/// `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`, `accel_saturation`,
-/// `gyro_saturation`, `accel_units`, `gyro_units`, `temperature_implausible`, `temperature_jump`.
+/// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `value_impossible`, `time_not_increasing`,
+/// `samples_duplicated`, `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`,
+/// `accel_saturation`, `gyro_saturation`, `accel_units`, `gyro_units`, `temperature_implausible`, `temperature_jump`.
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     if let Err(error) = recording.check_lengths() {
         return vec![Finding {
@@ -75,6 +75,12 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     let survey = Survey::of(recording);
     let mut findings = values::check_finite(recording, &survey.not_finite);
     findings.extend(clock::check(recording, &survey.steps));
+    let impossible = values::check_possible(recording, &survey.extremes);
+    if !impossible.is_empty() {
+        // The other checks compare values with statistics that the impossible ones distort.
+        findings.extend(impossible);
+        return findings;
+    }
     findings.extend(stuck::check(recording, &survey.runs));
     let discontinuous = continuity::check(recording, &survey.repeats);
     let counts_repeats = discontinuous.as_ref().is_some_and(|finding| finding.code == "samples_duplicated");

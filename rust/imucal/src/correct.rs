@@ -10,6 +10,7 @@
 //! derivative of the rate ([`angular_acceleration`]). It provides neither the attitude nor the angles of a stand. The
 //! rate of the Earth, which a gyroscope measures correctly, is therefore not removed.
 
+use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::numerics::derivative::Derivative;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
@@ -22,6 +23,8 @@ use nalgebra::Vector3;
 /// delay tau of the gyroscope, the remaining error is `tau^3` times the third derivative of the rate. Further
 /// iterations would amplify noise.
 const PASSES: usize = 2;
+/// Number of samples after which a cancellation is looked for; they take about a millisecond.
+const SAMPLES_PER_CHECKPOINT: usize = 4096;
 
 /// Whether a correction cannot remove an effect from the data, because the effect depends on a quantity that no
 /// recording contains (such as the attitude), or because it acts on the encoders of a stand.
@@ -107,6 +110,9 @@ fn correct_with(
 ) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     let samples = recording.angular_rate.iter().zip(recording.specific_force.iter()).zip(recording.time_s).enumerate();
     let corrected = samples.map(|(i, ((rate, force), time_s))| {
+        if i % SAMPLES_PER_CHECKPOINT == 0 {
+            checkpoint();
+        }
         let temperature = recording.temperature_degc.and_then(|column| column.get(i));
         let surroundings = Surroundings {
             angular_acceleration: acceleration.get(i).map(|value| Vector3::from(*value)),

@@ -19,6 +19,9 @@ pub enum Error {
     /// The estimation failed to converge or gave an unusable result.
     #[error("{0}")]
     Fit(String),
+    /// The calculation was cancelled, see [`Cancellation`](crate::cancellation::Cancellation).
+    #[error("cancelled before the calculation had ended")]
+    Cancelled,
     /// A function that the caller gave has failed.
     #[error("{0}")]
     Caller(Arc<dyn std::error::Error + Send + Sync>),

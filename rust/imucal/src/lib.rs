@@ -36,6 +36,7 @@
 //! `imucal-core`.
 
 pub mod calibrate;
+pub mod cancellation;
 pub mod check;
 pub mod correct;
 pub mod error;

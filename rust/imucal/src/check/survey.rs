@@ -11,6 +11,7 @@ use super::repeats::Repeats;
 use super::runs::Runs;
 use super::units::Lengths;
 use super::values::{Extremes, NotFinite};
+use crate::cancellation::checkpoint;
 use crate::recording::Recording;
 
 /// Accumulated data of a recording, from which the checks derive their findings.
@@ -48,6 +49,7 @@ impl WithSimd for Surveying<'_> {
             lengths: Lengths::default(),
         };
         for start in (0..recording.len()).step_by(PART) {
+            checkpoint();
             let part = Part::new(recording, start..(start + PART).min(recording.len()));
             survey.not_finite.feed(&part);
             survey.steps.feed(&part);

@@ -1,11 +1,21 @@
 //! Checks of single columns: values that are not finite, extremes and the resolution of the converter.
 
 use super::part::{Part, all_finite};
-use super::{ACCEL, GYRO, Tally, names};
+use super::{ACCEL, GYRO, Tally, names, unit_name};
 use crate::finding::Finding;
 use crate::numerics::stats::quantile;
-use crate::recording::{Recording, Samples};
+use crate::recording::{RawUnit, Recording, Samples};
 
+/// Largest specific force that a sensor can measure, m/s^2: ten thousand times gravity, twenty times the widest range of
+/// the MEMS accelerometers that resolve gravity (ADXL1004, 500 g).
+const LARGEST_FORCE_MPS2: f64 = 1e5;
+/// Largest angular rate that a sensor can measure, rad/s: thirty times the widest range of MEMS gyroscopes (ADXRS649,
+/// 20000 deg/s).
+const LARGEST_RATE_RADPS: f64 = 1e4;
+/// Largest magnitude of raw counts: that of an integer of 32 bits, the widest output of converters.
+const LARGEST_COUNT: f64 = 2_147_483_648.0;
+/// Share of impossible samples above which the unit of the channel is probably wrong.
+const WRONG_UNIT_SHARE: f64 = 0.01;
 /// Minimum share of rows with only one sensor, for each of the two sensors, above which the sensors are considered to
 /// have separate time stamps.
 const OWN_ROWS: f64 = 0.1;
@@ -87,6 +97,62 @@ pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec
             "the two sensors have different time stamps: first interpolate the columns of one sensor to the time \
                           stamps of the other, and keep only those rows"
                 .into();
+    }
+    findings
+}
+
+/// Reports finite values that no sensor can measure, such as a damaged number, with the first of them. Such values
+/// distort the statistics of all other checks.
+pub(super) fn check_possible(recording: &Recording, extremes: &Extremes) -> Vec<Finding> {
+    let triads = [
+        (recording.specific_force, ACCEL, recording.accel_unit, LARGEST_FORCE_MPS2, "m/s^2"),
+        (recording.angular_rate, GYRO, recording.gyro_unit, LARGEST_RATE_RADPS, "rad/s"),
+    ];
+    let mut findings = Vec::new();
+    for ((rows, columns, unit, largest, si), ends) in triads.into_iter().zip(&extremes.ends) {
+        let largest = if unit == RawUnit::Lsb { LARGEST_COUNT } else { largest };
+        // Without a finite value in a channel, the limits are [inf, -inf].
+        let is_beyond = |value: f64| value.is_finite() && value.abs() > largest;
+        if !ends.iter().flatten().any(|end| is_beyond(*end)) {
+            continue;
+        }
+        let (mut bad, mut marked, mut first) = (Tally::default(), [false; 3], None);
+        for (i, row) in rows.iter().enumerate() {
+            for axis in (0..3).filter(|axis| is_beyond(row[*axis])) {
+                if marked == [false; 3] {
+                    first = Some((axis, row[axis]));
+                }
+                marked[axis] = true;
+                if bad.last != Some(i) {
+                    bad.add(i);
+                }
+            }
+        }
+        let Some((axis, value)) = first else { continue };
+        let sample = bad.first.map_or(0, |(first, _)| first);
+        let unit = unit_name(unit, si);
+        let is_unit = bad.samples as f64 > WRONG_UNIT_SHARE * recording.len() as f64;
+        let way_out = if is_unit {
+            format!("give the unit of {} as it is, and check its columns", if si == "rad/s" { "gyro" } else { "accel" })
+        } else {
+            "leave out these rows (gaps are detected and handled), and check the file for damage".to_owned()
+        };
+        findings.push(Finding {
+            columns: names(columns.iter().zip(marked).filter(|(_, bad)| *bad).map(|(name, _)| name)),
+            place: bad.place(recording),
+            count: bad.samples,
+            value,
+            unit,
+            message: format!(
+                "{} {} above {largest:.0e} {unit}, which no sensor measures; the first is {value:.3e} in {}, sample {sample}, {}",
+                bad.samples,
+                if bad.samples == 1 { "sample is" } else { "samples are" },
+                columns[axis],
+                bad.first_place(recording)
+            ),
+            way_out,
+            ..Finding::error("value_impossible", recording.name)
+        });
     }
     findings
 }
@@ -241,6 +307,35 @@ mod tests {
         assert_eq!((findings.len(), findings[0].code, findings[0].count), (1, "non_finite", 4000));
         assert!(findings[0].message.contains("2000 samples have NaN for the gyroscope only, 2000"));
         assert!(findings[0].way_out.contains("interpolate"));
+    }
+
+    #[test]
+    fn an_impossible_value_is_named_and_hides_its_consequences() {
+        for value in [1.7e153, -3.4e38, 2e5, f64::MAX] {
+            let mut columns = Columns::tumbling();
+            columns.force[1234][2] = value;
+            let findings = crate::check::check_columns(&columns.recording());
+            assert_eq!(findings.len(), 1, "{findings:?}");
+            let found = &findings[0];
+            assert_eq!((found.code, found.severity, found.count), ("value_impossible", Severity::Error, 1));
+            assert_eq!((&found.columns[..], found.value, found.unit), (&["accel_z".to_owned()][..], value, "m/s^2"));
+            assert_eq!(found.place.unwrap().first_sample, 1234);
+            assert!(found.message.contains("sample 1234") && found.way_out.contains("leave out"), "{found}");
+        }
+        let mut columns = Columns::tumbling();
+        columns.rate.iter_mut().for_each(|row| row[0] = 1e7);
+        columns.rate[7] = [1.0, -1e300, 1e300];
+        let findings = crate::check::check_columns(&columns.recording());
+        assert_eq!((findings[0].columns.len(), findings[0].count), (3, 4000));
+        assert!(findings[0].way_out.contains("unit of gyro"));
+    }
+
+    #[test]
+    fn counts_of_any_converter_are_possible() {
+        let columns = Columns::tumbling();
+        let force: Vec<[f64; 3]> = columns.force.iter().map(|row| row.map(|v| (v * 2e8).clamp(-2e9, 2e9))).collect();
+        let recording = Recording { specific_force: (&force).into(), accel_unit: RawUnit::Lsb, ..columns.recording() };
+        assert!(check_possible(&recording, &Survey::of(&recording).extremes).is_empty());
     }
 
     #[test]

@@ -8,6 +8,7 @@ use super::cosines::{Layout, Power};
 use super::departures::{Blocks, Component, NoiseModel};
 use super::likelihood::{Fit, Likelihood};
 use super::power_law::{FLICKER, KINDS, PerKind, QUANTISATION, WALK, WHITE, allan_variance, degrees_of_freedom};
+use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::noise::allan::{octave_factors, overlapping_deviations};
 use crate::recording::Samples;
@@ -96,6 +97,7 @@ impl AxisNoise {
     ) -> Result<(Self, Vec<Component>), Error> {
         let values = rows.axis(axis);
         let lsb = smallest_step(values.clone());
+        checkpoint();
         let powers = layout.powers(values.clone());
         let model = Model::of(&powers, lsb * lsb / 12.0);
         let theta = &model.best.theta;

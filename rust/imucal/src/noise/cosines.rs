@@ -15,10 +15,13 @@
 use std::f64::consts::PI;
 
 use super::power_law::{KINDS, PerKind, mean_covariance};
+use crate::cancellation::checkpoint;
 
 const WINDOW: usize = 32;
 const HALF: usize = WINDOW / 2;
 const LAST_WINDOW: usize = 2048;
+/// Number of windows after which a cancellation is looked for; they take less than a millisecond.
+const WINDOWS_PER_CHECKPOINT: usize = 1024;
 /// Adjacent cosines of the last window are averaged over this share of their frequency.
 const POOLED_SHARE: f64 = 0.03;
 
@@ -183,7 +186,10 @@ impl Tables {
     fn pass(&self, mut values: impl Iterator<Item = f64>, windows: usize) -> ([f64; WINDOW - 1], Vec<f64>) {
         let mut sums = [0.0; WINDOW - 1];
         let mut means = Vec::with_capacity(windows);
-        for _ in 0..windows {
+        for number in 0..windows {
+            if number % WINDOWS_PER_CHECKPOINT == 0 {
+                checkpoint();
+            }
             let mut window = [0.0; WINDOW];
             window.iter_mut().zip(&mut values).for_each(|(place, value)| *place = value);
             let origin = window[0];

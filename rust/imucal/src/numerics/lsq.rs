@@ -9,6 +9,7 @@ use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationR
 use faer::Mat;
 use faer::prelude::SolveLstsq;
 
+use crate::cancellation::checkpoint;
 use crate::error::Error;
 
 /// Residuals and their Jacobian as functions of the parameters.
@@ -286,6 +287,7 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         problem: &mut Problem<&R>,
         mut state: FitState,
     ) -> Result<(FitState, Option<KV>), argmin::core::Error> {
+        checkpoint();
         let current = state.take_param().unwrap_or_default();
         let (step, predicted) = self.step();
         let negligible = self.length(&step) <= self.tolerance * self.length(&current);

@@ -1,7 +1,12 @@
 //! Distribution of work to threads.
 
 use std::num::NonZeroUsize;
+use std::panic::resume_unwind;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
+use std::thread::{self, Thread};
+
+use crate::cancellation::{Cancellation, POLL_INTERVAL, checkpoint};
 
 /// Number of samples from which threads are used. A pass over fewer samples takes about as long as starting the
 /// threads.
@@ -16,39 +21,72 @@ pub(crate) fn threads_for(samples: usize) -> usize {
 /// pass.
 pub(crate) fn processors() -> usize {
     static COUNT: OnceLock<usize> = OnceLock::new();
-    *COUNT.get_or_init(|| std::thread::available_parallelism().map_or(1, NonZeroUsize::get))
+    *COUNT.get_or_init(|| thread::available_parallelism().map_or(1, NonZeroUsize::get))
 }
 
-/// Results of `work` for all indices below `count`, in the order of the indices.
+/// Results of `work` for all indices below `count`, in the order of the indices. A cancelled calculation ends before the
+/// next index.
 pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
     if threads <= 1 {
-        return (0..count).map(work).collect();
+        let one = |index| {
+            checkpoint();
+            work(index)
+        };
+        return (0..count).map(one).collect();
     }
     let mut made: Vec<Option<R>> = (0..count).map(|_| None).collect();
     share_out(threads, made.iter_mut().enumerate().collect(), |(place, made)| *made = Some(work(place)));
     made.into_iter().flatten().collect()
 }
 
-/// Processes each job once, on up to `threads` threads and in any order. The jobs must not depend on each other.
+/// Processes each job once, on up to `threads` threads and in any order. The jobs must not depend on each other. A
+/// cancelled calculation ends before the next job.
 pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) + Sync) {
     let threads = threads.min(jobs.len());
-    if threads <= 1 {
-        jobs.into_iter().for_each(work);
-        return;
-    }
     let queue = Mutex::new(jobs.into_iter());
     let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();
     let drain = || {
         while let Some(job) = next() {
+            checkpoint();
             work(job);
         }
     };
-    std::thread::scope(|scope| {
-        for _ in 1..threads {
-            scope.spawn(drain);
+    if threads <= 1 {
+        return drain();
+    }
+    let (cancellation, caller) = (Cancellation::for_helper(), thread::current());
+    let working = AtomicUsize::new(threads - 1);
+    let help = || {
+        let _done = Done { working: &working, caller: &caller };
+        match &cancellation {
+            Some(cancellation) => cancellation.enter(drain),
+            None => drain(),
         }
+    };
+    thread::scope(|scope| {
+        let helpers: Vec<_> = (1..threads).map(|_| scope.spawn(help)).collect();
         drain();
+        while working.load(Ordering::Acquire) > 0 {
+            thread::park_timeout(POLL_INTERVAL);
+            checkpoint();
+        }
+        for helper in helpers {
+            helper.join().unwrap_or_else(|payload| resume_unwind(payload));
+        }
     });
+}
+
+/// Counts a helper as done when it returns or unwinds, and wakes the thread that waits for it.
+struct Done<'a> {
+    working: &'a AtomicUsize,
+    caller: &'a Thread,
+}
+
+impl Drop for Done<'_> {
+    fn drop(&mut self) {
+        self.working.fetch_sub(1, Ordering::Release);
+        self.caller.unpark();
+    }
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use super::goal::Goal;
 use super::limits::Limits;
 use super::sensors::Sensors;
 use super::trial::{Scene, Trial};
+use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::plan::limits::FEWEST_POSES;
 use crate::simulate::Program;
@@ -118,6 +119,7 @@ impl Annealing<'_> {
     fn start(&mut self, poses: usize) -> Option<Trial> {
         let mut count = poses.max(FEWEST_POSES);
         loop {
+            checkpoint();
             let mut all = vec![Vector3::zeros()];
             while all.len() < count {
                 let next = self.next_pose(&all[all.len() - 1])?;
@@ -152,6 +154,7 @@ impl Annealing<'_> {
     fn anneal(&mut self, start: Trial, proposals: usize, (warm, cold): (f64, f64)) -> Trial {
         let (mut here, mut best) = (start.clone(), start);
         for k in 0..proposals {
+            checkpoint();
             let temperature = warm * (cold / warm).powf(k as f64 / proposals as f64);
             let Some(there) = self.propose(&here) else { continue };
             let worse = there.cost - here.cost;
@@ -240,6 +243,7 @@ impl Annealing<'_> {
             _ => return (trial, false),
         }
         for _ in 0..HALVINGS {
+            checkpoint();
             let middle = (low * high).sqrt();
             if with(middle).is_some_and(|(_, worst)| worst <= 1.0) { high = middle } else { low = middle }
         }

@@ -94,7 +94,9 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     const LOWEST: f64 = 1.5;
     // Ratio of consecutive trial thresholds.
     const STEP: f64 = 1.08;
-    let maximum = statistic.iter().copied().fold(1.0, f64::max);
+    // Samples whose square is not a finite number would make the range of thresholds endless.
+    const HIGHEST: f64 = 1e300;
+    let maximum = statistic.iter().copied().fold(1.0, f64::max).min(HIGHEST);
     // The highest threshold: a tenth of the fastest motion (in standard deviation), or the geometric mean of noise and
     // fastest motion. Higher thresholds would classify motion as rest.
     let highest = (maximum / 100.0).max(maximum.sqrt()).max(2.0 * LOWEST);

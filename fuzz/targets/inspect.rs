@@ -1,0 +1,6 @@
+#![no_main]
+
+#[path = "../../rust/imucal/tests/arbitrary/recordings.rs"]
+mod recordings;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| recordings::inspect(bytes));

@@ -1,0 +1,258 @@
+//! Cancellation of long calculations.
+//!
+//! A calculation that [`Cancellation::run`] has started ends soon after [`Cancellation::cancel`] was called from any
+//! thread, or after its poll function returned true. The loops of this crate look at the cancellation once per step.
+//! A cancelled calculation unwinds its stack, so that functions without a `Result` can be cancelled too; its threads
+//! end first, and nothing of its result remains. The program must be built with `panic = "unwind"`, the default.
+//!
+//! ```
+//! use imucal::cancellation::Cancellation;
+//! use imucal::error::Error;
+//! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
+//!
+//! # fn main() -> Result<(), Error> {
+//! let program = Program::random(&RandomMoves::default(), 1)?;
+//! let cancellation = Cancellation::new();
+//! cancellation.cancel(); // usually from another thread
+//! let run = cancellation.run(|| simulate(&program, &Unit::paper(), 100.0, 9.80665, 1));
+//! assert!(matches!(run, Err(Error::Cancelled)));
+//! # Ok(())
+//! # }
+//! ```
+
+use std::any::Any;
+use std::cell::RefCell;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::error::Error;
+
+/// Time between two calls of the poll function. A user does not notice this delay, and the calls take much less than
+/// one percent of the time.
+pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(50);
+
+type Poll = dyn Fn() -> bool + Send + Sync;
+
+/// A request to end a calculation. Clones share the request.
+#[derive(Clone)]
+pub struct Cancellation {
+    is_requested: Arc<AtomicBool>,
+    poll: Option<Arc<Poll>>,
+}
+
+/// Payload of the unwinding that ends a cancelled calculation.
+struct Cancelled;
+
+/// The cancellation of the calculation that runs on this thread.
+struct Current {
+    cancellation: Cancellation,
+    last_poll: Instant,
+}
+
+thread_local! {
+    static CURRENT: RefCell<Option<Current>> = const { RefCell::new(None) };
+}
+
+impl Cancellation {
+    /// A cancellation that is not requested.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { is_requested: Arc::default(), poll: None }
+    }
+
+    /// A cancellation that is also requested when `poll` returns true. A calculation calls `poll` about every 50 ms, on
+    /// the thread that has called [`Cancellation::run`].
+    #[must_use]
+    pub fn with_poll(poll: impl Fn() -> bool + Send + Sync + 'static) -> Self {
+        Self { is_requested: Arc::default(), poll: Some(Arc::new(poll)) }
+    }
+
+    /// Requests the end of the calculations.
+    pub fn cancel(&self) {
+        self.is_requested.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the end was requested.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.is_requested.load(Ordering::Relaxed)
+    }
+
+    /// Runs `work`, until it returns or is cancelled. If `work` calls this function again, only the inner cancellation
+    /// ends the inner calculation.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] if the calculation was cancelled before it returned, and the error that `work` returns.
+    pub fn run<T>(&self, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+        // A cancelled calculation has no result, so nobody sees its data in an intermediate state.
+        catch_unwind(AssertUnwindSafe(|| self.enter(work))).unwrap_or_else(|payload| {
+            if is_cancellation(&*payload) { Err(Error::Cancelled) } else { resume_unwind(payload) }
+        })
+    }
+
+    /// Runs `work` with this as the cancellation of the thread.
+    pub(crate) fn enter<T>(&self, work: impl FnOnce() -> T) -> T {
+        let current = Current { cancellation: self.clone(), last_poll: Instant::now() };
+        let _restored = Restored(CURRENT.replace(Some(current)));
+        work()
+    }
+
+    /// The cancellation for a thread that helps with the current calculation; only the first thread polls.
+    pub(crate) fn for_helper() -> Option<Self> {
+        let of_current = |current: &Current| Self { poll: None, ..current.cancellation.clone() };
+        CURRENT.with_borrow(|current| current.as_ref().map(of_current))
+    }
+}
+
+impl Default for Cancellation {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl std::fmt::Debug for Cancellation {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Cancellation").field("is_cancelled", &self.is_cancelled()).finish_non_exhaustive()
+    }
+}
+
+/// Restores the cancellation of an outer calculation, also when the inner one unwinds.
+struct Restored(Option<Current>);
+
+impl Drop for Restored {
+    fn drop(&mut self) {
+        CURRENT.set(self.0.take());
+    }
+}
+
+/// Ends the current calculation by unwinding if it is cancelled. Every loop that can take longer than some
+/// milliseconds calls this function once per step.
+pub(crate) fn checkpoint() {
+    let (is_cancelled, poll) = CURRENT.with_borrow_mut(|current| {
+        let Some(current) = current else { return (false, None) };
+        let is_due = current.cancellation.poll.is_some() && current.last_poll.elapsed() >= POLL_INTERVAL;
+        if is_due {
+            current.last_poll = Instant::now();
+        }
+        let poll = is_due.then(|| current.cancellation.clone());
+        (current.cancellation.is_cancelled(), poll)
+    });
+    // The poll function is called without the borrow, because it may start another calculation.
+    let is_polled = poll.is_some_and(|cancellation| {
+        let is_requested = cancellation.poll.as_ref().is_some_and(|poll| poll());
+        if is_requested {
+            cancellation.cancel();
+        }
+        is_requested
+    });
+    if is_cancelled || is_polled {
+        // Unlike a panic, this prints no message.
+        resume_unwind(Box::new(Cancelled));
+    }
+}
+
+fn is_cancellation(payload: &(dyn Any + Send)) -> bool {
+    payload.is::<Cancelled>()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicUsize;
+
+    use super::*;
+    use crate::numerics::workers::{in_order, share_out};
+
+    /// A calculation without an end of its own.
+    fn endless() -> Result<(), Error> {
+        loop {
+            checkpoint();
+        }
+    }
+
+    #[test]
+    fn work_without_a_request_returns_its_result() {
+        assert_eq!(Cancellation::new().run(|| Ok(7)).unwrap(), 7);
+        let error = Cancellation::new().run(|| Err::<(), _>(Error::Fit("f".into()))).unwrap_err();
+        assert!(matches!(error, Error::Fit(_)));
+        // Without a calculation in progress, a checkpoint does nothing.
+        checkpoint();
+    }
+
+    #[test]
+    fn another_thread_ends_the_work() {
+        let cancellation = Cancellation::new();
+        let other = cancellation.clone();
+        let found = std::thread::scope(|scope| {
+            scope.spawn(move || other.cancel());
+            cancellation.run(endless)
+        });
+        assert!(matches!(found, Err(Error::Cancelled)));
+    }
+
+    #[test]
+    fn the_poll_function_ends_the_work() {
+        let calls = Arc::new(AtomicUsize::new(0));
+        let counted = calls.clone();
+        let cancellation = Cancellation::with_poll(move || counted.fetch_add(1, Ordering::Relaxed) == 1);
+        assert!(matches!(cancellation.run(endless), Err(Error::Cancelled)));
+        assert_eq!(calls.load(Ordering::Relaxed), 2);
+    }
+
+    #[test]
+    fn all_threads_end() {
+        for threads in [1, 2, 5] {
+            let cancellation = Cancellation::new();
+            let begun = AtomicUsize::new(0);
+            let found = cancellation.run(|| {
+                in_order(threads, 1000, |place| {
+                    begun.fetch_add(1, Ordering::Relaxed);
+                    if place == 3 {
+                        cancellation.cancel();
+                    }
+                    if threads > 1 {
+                        endless().unwrap_or_default()
+                    }
+                });
+                Ok(())
+            });
+            assert!(matches!(found, Err(Error::Cancelled)), "{threads} threads");
+            assert!(begun.load(Ordering::Relaxed) <= 4 + threads, "{threads} threads");
+        }
+    }
+
+    #[test]
+    fn the_first_thread_polls_while_it_waits_for_the_others() {
+        let cancellation = Cancellation::with_poll(|| true);
+        let found = cancellation.run(|| {
+            // One of the two jobs ends at once.
+            share_out(2, vec![false, true], |is_endless| {
+                if is_endless {
+                    endless().unwrap_or_default()
+                }
+            });
+            Ok(())
+        });
+        assert!(matches!(found, Err(Error::Cancelled)));
+    }
+
+    #[test]
+    fn an_inner_calculation_has_its_own_cancellation() {
+        let (outer, inner) = (Cancellation::new(), Cancellation::new());
+        inner.cancel();
+        let found = outer.run(|| {
+            assert!(matches!(inner.run(endless), Err(Error::Cancelled)));
+            checkpoint();
+            outer.cancel();
+            endless()
+        });
+        assert!(matches!(found, Err(Error::Cancelled)));
+    }
+
+    #[test]
+    fn a_panic_stays_a_panic() {
+        let found = catch_unwind(|| Cancellation::new().run(|| -> Result<(), Error> { panic!("a fault") }));
+        assert_eq!(found.unwrap_err().downcast_ref::<&str>(), Some(&"a fault"));
+    }
+}

@@ -1,0 +1,104 @@
+"""Ctrl-C and SIGTERM end a command that calculates, and an array that changes meanwhile crashes nothing."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imucal
+from children import heed_signals
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the time of a child is read from /proc")
+
+COMMAND = Path(sys.executable).with_name("imucal")
+# Only a command that hangs takes this long, s; one that calculates ends within half a second.
+HANGS_S = 300.0
+# Processor time after which a command has loaded its modules and calculates, s.
+WORKS_S = 4.0
+ENDLESS = ["plan", "optimal", "--proposals", "2000000000", "-o"]
+
+
+def processor_s(process):
+    fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / 100.0
+
+
+def interrupted(words, number):
+    """Run a command that does not end by itself, and send a signal when it calculates."""
+    process = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_signals
+    )
+    end_s = time.monotonic() + HANGS_S
+    while process.poll() is None and processor_s(process) < WORKS_S and time.monotonic() < end_s:
+        time.sleep(0.02)
+    process.send_signal(number)
+    try:
+        _, shown = process.communicate(timeout=HANGS_S)
+    finally:
+        process.kill()
+    return process.returncode, shown
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "code", "what"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "ended by SIGTERM")],
+)
+def test_a_command_that_calculates_is_ended(tmp_path, number, code, what):
+    output = tmp_path / "program.json"
+    output.write_text("old")
+    assert interrupted([COMMAND, *ENDLESS, output], number) == (
+        code,
+        f"imucal: {what}, no file is incomplete\n",
+    )
+    assert output.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [output]
+
+
+@pytest.mark.slow
+def test_a_function_raises_the_exception_of_the_handler():
+    program = (
+        "import signal, imucal\n"
+        "class Stop(Exception): pass\n"
+        "def stop(*_): raise Stop\n"
+        "signal.signal(signal.SIGUSR1, stop)\n"
+        "try: imucal.plan('optimal', proposals=2_000_000_000)\n"
+        "except Stop: print('stopped'); raise SystemExit(7)"
+    )
+    assert interrupted([sys.executable, "-c", program], signal.SIGUSR1) == (7, "")
+
+
+def test_arrays_that_another_thread_changes():
+    """The result is of no use, but it is a result or an ImucalError."""
+    run = imucal.simulate(imucal.Program.random(seed=1, moves=12), rate_hz=50.0, seed=1).recording
+    arrays = [np.array(array) for array in (run.time_s, run.specific_force, run.angular_rate)]
+    recording = imucal.Recording(*arrays)
+    # Recording makes its own view read-only; the array of the caller can still be written.
+    is_done = threading.Event()
+
+    def change():
+        chance = np.random.default_rng(1)
+        while not is_done.is_set():
+            for array in arrays[1:]:
+                rows = chance.integers(0, len(array), 50)
+                array[rows] = chance.choice([np.nan, 0.0, 1e300, -9.8, np.inf, 3.0], (50, 3))
+
+    writer = threading.Thread(target=change)
+    writer.start()
+    try:
+        for work in (imucal.inspect, imucal.calibrate, imucal.noise) * 4:
+            with contextlib.suppress(imucal.ImucalError):
+                work(recording)
+            for array, original in zip(
+                arrays, (run.time_s, run.specific_force, run.angular_rate), strict=True
+            ):
+                array[:] = original
+    finally:
+        is_done.set()
+        writer.join()
