@@ -6,8 +6,8 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// Largest specific force that a sensor can measure, m/s^2: ten thousand times gravity, twenty times the widest range of
-/// the MEMS accelerometers that resolve gravity (ADXL1004, 500 g).
+/// Largest specific force that a sensor can measure, m/s^2: ten thousand times gravity, twenty times the widest range
+/// of the MEMS accelerometers that resolve gravity (ADXL1004, 500 g).
 const LARGEST_FORCE_MPS2: f64 = 1e5;
 /// Largest angular rate that a sensor can measure, rad/s: thirty times the widest range of MEMS gyroscopes (ADXRS649,
 /// 20000 deg/s).
