@@ -113,7 +113,7 @@ def test_copies_of_rows_are_left_out_wherever_they_stand(tmp_path, copies):
         recording = read(tmp_path, [HEADER, *(LINES[i] for i in order)])
         assert_rows(recording)
         (finding,) = recording.findings
-        assert (finding.code, finding.count) == ("rows_written_twice", len(copies))
+        assert (finding.code, finding.count) == ("samples_duplicated", len(copies))
         pieces = list(imucal.io.read_pieces(tmp_path / "run.csv"))
         assert sum(map(len, pieces)) == ROWS
 

@@ -245,7 +245,7 @@ LEFT_OUT = (
     text("left out", "notes at the end", lambda: [*texts(), "", "Samples: 12200", "# stopped"], good("text")),
     reading("left out", "half a last line", lambda folder: cut(folder / "run.csv"), good("incomplete last")),
     text("left out", "3 garbled lines", lambda: garbled(3), good("3 lines with text")),
-    text("left out", "copies of rows", lambda: twice(60), good("rows_written_twice")),
+    text("left out", "copies of rows", lambda: twice(60), good("samples_duplicated")),
     text("left out", "a block written twice", lambda: block_twice(), good("100 rows are exact copies")),
 )
 
