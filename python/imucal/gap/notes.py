@@ -56,7 +56,16 @@ def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str
             f"recordings changes from {before:.4g} to {after:.4g}"
         )
     if search.is_hand_moved:
-        yield "the unit was translated during the moves: the specific force inside them is not used"
+        is_coarse = any(
+            finding.code == "noise_below_lsb" and any(name.startswith("accel") for name in finding.columns)
+            for finding in analysis.before.outcome.findings
+        )
+        why = (
+            "the accelerometer's noise is below a step of its converter, so rounding in moves is not white"
+            if is_coarse
+            else "the unit was translated during the moves"
+        )
+        yield f"{why}: the specific force inside them is not used"
     if analysis.chi2_of_given is not None:
         yield from _refit_alone(analysis.chi2_of_given, question)
 

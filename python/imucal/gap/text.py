@@ -11,6 +11,8 @@ from imucal.units import SHOWN
 
 __all__ = ["explanation", "for_people", "sentences"]
 
+# Finding that is printed before the effects.
+BEFORE_EFFECTS: Final = "noise_below_lsb"
 # Upper limit, s, of times that are shown in ms; longer times are shown in s.
 DELAY_S: Final = 0.1
 # Names of the kinds of residuals for users.
@@ -51,6 +53,8 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
 def sentences(gap: GapFields) -> Iterator[str]:
     """The lines of a summary: verdict, effects, residuals, next motion, and figures before and after."""
     yield f"verdict: {gap.verdict}"
+    # Rounding may hide effects, so it is reported before them.
+    yield from (finding.line for finding in gap.findings if finding.code == BEFORE_EFFECTS)
     if any(effect["parameters"] for effect in gap.effects):
         yield _finding(gap)
     if gap.verdict == "data_fault":
@@ -109,7 +113,8 @@ def sentences(gap: GapFields) -> Iterator[str]:
         )
     if "after" in gap.fits:
         yield _remaining(gap.fits["after"])
-    yield from gap.notes
+    first = {finding.line for finding in gap.findings if finding.code == BEFORE_EFFECTS}
+    yield from (note for note in gap.notes if note not in first)
 
 
 def _remaining(fit: CalibrationResult) -> str:

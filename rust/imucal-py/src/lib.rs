@@ -207,6 +207,7 @@ mod _core {
                 let ranges: Vec<_> = segments.rests.iter().map(|rest| rest.first..rest.end).collect();
                 findings.extend(check::check_rests(recording, &ranges, gravity_mps2));
                 findings.extend(segments.check_noise(recording));
+                findings.extend(segments.noise_below_lsb(recording));
             }
             Ok((findings, segments))
         })?;

@@ -62,6 +62,10 @@ pub struct RestReport {
     pub mean_specific_force: Vector3<f64>,
     /// Mean of the gyroscope, in raw units; in rad/s if effects were removed before.
     pub mean_angular_rate: Vector3<f64>,
+    /// Standard deviation of the error that rounding leaves in the mean of the accelerometer, in the same unit.
+    pub force_rounding: Vector3<f64>,
+    /// Standard deviation of the error that rounding leaves in the mean of the gyroscope, in the same unit.
+    pub rate_rounding: Vector3<f64>,
     /// |f| - g after correction, m/s^2.
     pub norm_error_mps2: f64,
     /// Standard deviation of |f| from noise, m/s^2.
@@ -241,6 +245,7 @@ fn judge(
     }
     let mut segments: Vec<Segments> =
         recordings.iter().map(|recording| Segments::find(recording, min_rest_s)).collect::<Result<_, _>>()?;
+    findings.extend(recordings.iter().zip(&segments).filter_map(|(recording, of)| of.noise_below_lsb(recording)));
     let saturated = saturated_stretches(recordings, &findings);
     let (judged, triads) = match corrected {
         None => (recordings, Calibration::new(calibration.accelerometer, calibration.gyroscope)),
@@ -345,6 +350,8 @@ pub(crate) fn rest_report(
         unsteadiness: rest.rest.unsteadiness,
         mean_specific_force: rest.rest.specific_force.mean,
         mean_angular_rate: rest.rest.angular_rate.mean,
+        force_rounding: rest.rest.specific_force.rounding_std(),
+        rate_rounding: rest.rest.angular_rate.rounding_std(),
         norm_error_mps2,
         norm_sigma_mps2,
         misfit: None,

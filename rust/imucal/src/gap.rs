@@ -94,8 +94,8 @@ pub struct Search {
     /// The kind of residual at rests whose scatter under the final model exceeds noise most, if the excess is
     /// significant. If effects were selected, only residuals of their sensors are tested.
     pub scattering_rests: Option<Scattering>,
-    /// Whether the unit was translated by hand during moves. If so, the specific force inside moves is not gravity
-    /// alone, and accelerometer samples inside moves are not used.
+    /// Whether accelerometer samples inside moves are not used: the unit was translated by hand, so that the specific
+    /// force is not gravity alone, or the noise of the accelerometer is far below a step of its converter.
     pub is_hand_moved: bool,
     /// The final fit of the search, as start values for later fits with the selected effects.
     pub warm_start: WarmStart,

@@ -53,9 +53,11 @@ pub mod plan;
 pub mod preintegration;
 pub mod recording;
 pub mod rests;
+mod rounding;
 pub mod simulate;
 mod two_stage;
 pub mod verdict;
 
 pub use numerics::fit_report::FitReport;
 pub use numerics::lsq::Termination;
+pub use rounding::Rounding;

@@ -4,6 +4,7 @@
 pub(crate) mod moves;
 pub(crate) mod noise_density;
 pub(crate) mod rest;
+mod rounded;
 pub(crate) mod segment;
 pub(crate) mod tremor;
 pub(crate) mod unit_rest;

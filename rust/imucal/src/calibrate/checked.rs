@@ -16,6 +16,8 @@ use crate::error::Error;
 use crate::joint::{Wander, WarmStart};
 use crate::recording::Recording;
 use crate::rests::moves::{Move, Unusable};
+use crate::rests::segment::Segments;
+use crate::rounding::Rounding;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// Recordings of one unit that have passed the checks, with their rests and moves and the two-stage fit from which all
@@ -155,6 +157,13 @@ impl<'a> Checked<'a> {
     /// Whether the unit is hand-held in any recording. The hand then also accelerates it in the moves.
     pub(crate) fn is_held(&self) -> bool {
         self.data.is_held()
+    }
+
+    /// Whether the noise of the accelerometer is so far below a step of its converter that rounding is not white noise
+    /// inside the moves, whose slow parts stay within a step.
+    pub(crate) fn has_coarse_accelerometer(&self) -> bool {
+        let is_coarse = |segments: &Segments| segments.rounding[3..].iter().any(Rounding::is_not_white_in_moves);
+        self.data.segments.iter().any(is_coarse)
     }
 
     fn data(&self) -> UnitData<'_> {

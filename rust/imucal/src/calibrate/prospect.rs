@@ -210,7 +210,7 @@ impl UnitData<'_> {
             }
         }
         let start = ellipsoid::smallest_sphere(&means, options.gravity_mps2)?;
-        let noise = self.rests.iter().map(|rest| rest.rest.specific_force.variance_of_mean.max()).fold(0.0, f64::max);
+        let noise = self.rests.iter().map(|rest| rest.rest.specific_force.whole_variance().max()).fold(0.0, f64::max);
         let exceeds_noise = |triad: &Triad<f64>| noise.sqrt() * triad.inverse().norm() < FAR_OFF;
         Ok(start.and_then(|start| Triad::try_new(start.sensitivity, start.bias).ok()).filter(exceeds_noise))
     }

@@ -75,6 +75,7 @@ impl<'a> UnitData<'a> {
             let ranges: Vec<_> = segments.rests.iter().map(|rest| rest.first..rest.end).collect();
             findings.extend(check::check_rests(recording, &ranges, options.gravity_mps2));
             findings.extend(segments.check_noise(recording));
+            findings.extend(segments.noise_below_lsb(recording));
         }
         refuse_errors(&findings)?;
         let rests = rests_of(&segments);

@@ -15,6 +15,8 @@ use crate::check;
 use crate::finding::{Finding, general};
 use crate::numerics::stats::{median, sample_interval_s};
 use crate::recording::Recording;
+use crate::rests::noise_density::variance_by_axis;
+use crate::rounding::step::step_of;
 
 /// Threshold for a change of chi2, or of twice a log likelihood: 5 sigma with one degree of freedom.
 const SIGNIFICANT: f64 = 25.0;
@@ -78,6 +80,11 @@ impl Differences {
             Some(limits) => deviations_within(&at_rest, &limits),
             None => Vector3::repeat(1.0),
         };
+        // A filter makes consecutive samples at rest nearly equal, so they are rounded to the same level. In a move,
+        // rounding is white noise.
+        let steps = Vector3::from_fn(|axis, _| step_of(recording.angular_rate, axis).unwrap_or(0.0));
+        let rounding = variance_by_axis(outcome.calibration.gyroscope.inverse(), &(steps / 12f64.sqrt()));
+        let sigma = sigma.zip_map(&rounding, |sigma, variance| sigma.hypot(variance.sqrt()));
         let inside: Vec<usize> = moves.flat_map(|m| apart(m.first, m.last)).collect();
         let in_moves: Vec<Vector3<f64>> = inside.iter().map(|&k| rates.fourth_difference(k)).collect();
         let limits = noise_limits(&in_moves).unwrap_or(Vector3::repeat(f64::INFINITY));

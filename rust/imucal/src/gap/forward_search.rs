@@ -165,7 +165,7 @@ impl<'a> ForwardSearch<'a> {
             && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
         let mut search = Self {
             kinds: Kinds { in_motion: true, encoders },
-            is_hand_moved: is_hand_moved || checked.is_held(),
+            is_hand_moved: is_hand_moved || checked.is_held() || checked.has_coarse_accelerometer(),
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),

@@ -12,12 +12,14 @@
 
 use std::collections::HashMap;
 
+use imucal_core::calibration::Calibration;
 use nalgebra::Vector3;
 
 use super::move_blocks::{MoveBlocks, RelativeTemperature};
 use super::residual_kinds::{CorrectedFit, Regressor, ResidualKind};
 use crate::evaluate::{MoveReport, RestReport};
 use crate::recording::Samples;
+use crate::rests::noise_density::variance_by_axis;
 
 /// Lower bound of the noise densities, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). Simulations without noise have a measured
 /// density of zero, by which residuals cannot be divided.
@@ -133,11 +135,15 @@ impl Residuals {
             let (force, rate) = (mean(force), mean(rate));
             let (norm, up, duration_s) = (force.norm(), force.normalize(), rest.end_s - rest.start_s);
             let squared = |v: &Vector3<f64>| v.component_mul(v);
-            let sigma_norm = (squared(&up).dot(&squared(&noise.accelerometer)) / duration_s).sqrt();
+            let Calibration { accelerometer, gyroscope, .. } = &outcome.calibration;
+            let by_mean = accelerometer.inverse().tr_mul(&up);
+            let rounding = squared(&by_mean).dot(&squared(&rest.force_rounding));
+            let sigma_norm = (squared(&up).dot(&squared(&noise.accelerometer)) / duration_s + rounding).sqrt();
             // Hand tremor gives the attitude an independent random error at each end of the rest, and their difference
             // divided by the duration is an error of the mean rate.
             let by_tremor = 2.0 * (noise.tremor / duration_s).powi(2);
-            let sigma_rate = (squared(&noise.gyroscope) / duration_s + squared(&noise.bias_instability))
+            let rounding = variance_by_axis(gyroscope.inverse(), &rest.rate_rounding);
+            let sigma_rate = (squared(&noise.gyroscope) / duration_s + squared(&noise.bias_instability) + rounding)
                 .map(|variance| (variance + by_tremor).sqrt());
             let values = [norm - fit.gravity_mps2, rate.x, rate.y, rate.z];
             let sigma = [sigma_norm, sigma_rate.x, sigma_rate.y, sigma_rate.z];

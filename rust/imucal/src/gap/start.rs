@@ -40,7 +40,9 @@ impl ForwardSearch<'_> {
                 if blind {
                     self.left_out.push((
                         choice.effect.name.to_owned(),
-                        "rotation on a stand: a hand also translates the unit".into(),
+                        "rotation on a stand, because a hand also translates the unit, and an accelerometer whose noise \
+                         exceeds a step of its converter"
+                            .into(),
                     ));
                 }
                 !blind

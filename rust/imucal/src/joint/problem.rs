@@ -80,9 +80,8 @@ impl<'a> Joint<'a> {
 
     fn let_biases_wander(&mut self, linear: &Linear) -> Result<(), Error> {
         self.wandering = None;
-        if let Some(unit) = self.wander(&linear.model) {
-            self.wandering = Some(Wandering::new(self, linear, &unit)?);
-        }
+        let unit = self.wander(&linear.model);
+        self.wandering = Wandering::new(self, linear, unit.as_ref())?;
         Ok(())
     }
 

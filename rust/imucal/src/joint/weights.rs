@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::encoders::Encoders;
 use super::inside::InsideNoise;
-use super::linear::{Linear, Source};
+use super::linear::{Line, Linear, Source};
 use super::model::Model;
 use super::prepared::Prepared;
 use super::scatter::{Excess, Modes, Scatter};
@@ -181,7 +181,12 @@ fn rate_whitenings(
     let finest = model.gyroscope.sensitivity().norm() / 3f64.sqrt() * FINEST_RADPS;
     let covariance = |k: usize| prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest);
     let of_axis = |axis: usize| -> (Vec<f64>, Vec<f64>) {
-        linear.rates.iter().map(|(k, lines)| (lines[axis].residual, covariance(*k)[(axis, axis)])).unzip()
+        let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
+        let of_rest = |(k, lines): &(usize, [Line; 3])| {
+            // Errors of rounding differ between rests only if the readings differ, so this variance is an upper bound.
+            (lines[axis].residual, covariance(*k)[(axis, axis)] + rounding(*k))
+        };
+        linear.rates.iter().map(of_rest).unzip()
     };
     let axes = [0, 1, 2].map(of_axis);
     let one_by_one = [0, 1, 2].map(|axis| {

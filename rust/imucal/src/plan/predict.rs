@@ -37,6 +37,7 @@ pub fn predict(
 ) -> Result<Prediction, Error> {
     let n = sensors.parameters();
     let (mut information, mut found) = (Mat::zeros(n, n), 0);
+    let count = motions.iter().map(|motion| rests(motion, min_rest_s, settle_s).len()).sum();
     for motion in motions {
         let rests = rests(motion, min_rest_s, settle_s);
         if rests.is_empty() {
@@ -47,7 +48,11 @@ pub fn predict(
         let mut filter = InformationFilter::new(n);
         for (k, rest) in rests.iter().enumerate() {
             let middle_s = (rest.start_s + rest.end_s) / 2.0;
-            RestInformation::new(sensors, &motion.at(middle_s), middle_s, in_hand).add_to(&mut filter, rest.used_s);
+            RestInformation::new(sensors, &motion.at(middle_s), middle_s, in_hand).add_to(
+                &mut filter,
+                rest.used_s,
+                count,
+            );
             if let Some(next) = rests.get(k + 1) {
                 let move_s = next.start_s - rest.end_s;
                 MoveInformation::new(sensors, rest.end_s, move_s, settle_s, |time_s| motion.at(time_s))

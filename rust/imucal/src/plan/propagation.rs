@@ -21,6 +21,9 @@ const STEPS: usize = 32;
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
     rate: [Vec<f64>; 3],
+    /// Variances of the errors of rounding in the mean force and rate, divided by the variances of the means over one
+    /// second.
+    rounding: [f64; 2],
     /// For a hand-held rest: the propagation of the direction of gravity over half an interval of the rest; `None` on a
     /// stand.
     half_interval: Option<Propagation>,
@@ -49,15 +52,20 @@ impl RestInformation {
         Self {
             force: scaled(sensors.force_rows(moment, time_s), sensors.force_variance),
             rate: scaled(sensors.rate_rows(moment, time_s), sensors.rate_variance),
+            rounding: [sensors.force_rounding / sensors.force_variance, sensors.rate_rounding / sensors.rate_variance],
             half_interval: in_hand
                 .then(|| propagation_over(sensors, [(*moment, time_s, HELD_S / 2.0)], sensors.rate_variance)),
         }
     }
 
-    /// Adds the information of a rest of this duration, s.
-    pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64) {
+    /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The gyroscope reads the
+    /// same at all of them, so they share one error of rounding.
+    pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
-            self.force.iter().chain(&self.rate).for_each(|row| filter.add_row(row, duration_s));
+            let [force, rate] = self.rounding;
+            let weight = |rounding: f64| duration_s / (1.0 + rounding * duration_s);
+            self.force.iter().for_each(|row| filter.add_row(row, weight(force)));
+            self.rate.iter().for_each(|row| filter.add_row(row, weight(rate * rests as f64)));
             return;
         };
         for _ in 0..(duration_s / HELD_S).round().max(1.0) as usize {

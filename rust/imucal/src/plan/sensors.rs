@@ -10,6 +10,7 @@ use super::DIRECTION;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use crate::rounding::Rounding;
 use crate::simulate::{Converter, Moment, Sensor, Unit};
 use crate::two_stage::observability::FARTHEST;
 
@@ -31,11 +32,24 @@ pub struct Sensors {
     pub(super) rate_variance: f64,
     /// Variance of the mean of the gyroscope over one second during a move, (rad/s)^2.
     pub(super) moving_variance: f64,
+    /// Variance of the error that rounding leaves in the mean force of a rest, (m/s^2)^2.
+    pub(super) force_rounding: f64,
+    /// Variance of the error that rounding leaves in the mean rate of all rests, (rad/s)^2.
+    pub(super) rate_rounding: f64,
     gyroscope_range: f64,
     gravity_mps2: f64,
     effects: Vec<&'static Effect<f64>>,
     /// Approximate duration of the run, s, for effects that depend on time.
     pub(super) run_s: f64,
+}
+
+/// Variance of the error that rounding leaves in the mean of a rest, SI unit squared (model.md (37)).
+fn rounding_error(sensor: &Sensor, rate_hz: f64) -> f64 {
+    // A filter of second order passes noise up to 1.11 times its bandwidth, on both sides of zero.
+    let passed_hz = sensor.low_pass.map_or(rate_hz, |low_pass| rate_hz.min(2.0 * 1.11 * low_pass.bandwidth_hz));
+    let noise = sensor.noise_density * passed_hz.sqrt();
+    let rounding = sensor.converter.and_then(|converter| Rounding::of_noise(converter.lsb, noise));
+    rounding.map_or(0.0, |rounding| rounding.error_variance)
 }
 
 impl Sensors {
@@ -55,6 +69,8 @@ impl Sensors {
             force_variance: variance(&unit.accelerometer, 1.0),
             rate_variance: variance(&unit.gyroscope, 1.0),
             moving_variance: variance(&unit.gyroscope, unit.gyroscope.noise_in_motion),
+            force_rounding: rounding_error(&unit.accelerometer, rate_hz),
+            rate_rounding: rounding_error(&unit.gyroscope, rate_hz),
             gyroscope_range: unit.gyroscope.converter.map_or(f64::INFINITY, rails),
             gravity_mps2,
             effects: Vec::new(),

@@ -155,7 +155,7 @@ impl Trial {
         for (k, (still, hold_s)) in self.stills.iter().zip(&self.holds_s).enumerate() {
             let edges =
                 if k == 0 { 0.0 } else { EDGE_S + scene.limits.settle_s } + if k == last { 0.0 } else { EDGE_S };
-            still.add_to(&mut filter, hold_s - edges);
+            still.add_to(&mut filter, hold_s - edges, self.poses.len());
             if let Some(leg) = self.legs.get(k) {
                 leg.propagate(&mut filter);
             }

@@ -227,8 +227,11 @@ impl Directions<'_> {
         let UnitRest { recording, rest, bias, .. } = &self.rests[k];
         let mean = &rest.specific_force;
         let force = self.accelerometer.correct(mean.mean);
-        let noise = mean.variance_of_mean.map(f64::sqrt);
-        let variance = variance_per_axis(self.accelerometer.inverse(), &noise) / force.norm_squared();
+        let variance_of = |raw: Vector3<f64>| {
+            variance_per_axis(self.accelerometer.inverse(), &raw.map(f64::sqrt)) / force.norm_squared()
+        };
+        let variance = variance_of(mean.whole_variance());
+        let rounding = variance_of(mean.rounding_std().map(|std| std * std));
         if steady {
             return End { raw: mean.mean, steady: true, shared_variance: variance, own_variance: 0.0 };
         }
@@ -236,13 +239,13 @@ impl Directions<'_> {
             let sensors = Sensors { accelerometer: self.accelerometer, gyroscope: self.gyroscope };
             let force = hand.force_at(&self.recordings[*recording], rest, sensors, *bias, at_end);
             let raw = self.accelerometer.measure(force);
-            return End { raw, steady: false, shared_variance: 0.0, own_variance: hand.variance_rad2(rest) };
+            return End { raw, steady: false, shared_variance: 0.0, own_variance: hand.variance_rad2(rest) + rounding };
         }
         let (force, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope.inverse(), span_s);
         // The mean over a span of a random walk that is zero at its end has a third of the walk's variance.
         let raw = self.accelerometer.measure(force);
-        End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 }
+        End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 + rounding }
     }
 
     /// Mean force over the last or first second of a rest, with each sample rotated by the integrated gyroscope to the

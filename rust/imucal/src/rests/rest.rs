@@ -1,7 +1,10 @@
 //! One rest: its samples, the means of both triads, and the error of the norm of the mean force.
 
+use faer::Mat;
 use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
+
+use crate::rounding::Rounding;
 
 /// Unsteadiness (a ratio of variances) from which a rest counts as hand-held. It is near 1 on a table and larger in a
 /// hand (model.md (11)).
@@ -15,6 +18,32 @@ pub struct RestMean {
     /// Variance of the mean of each axis, raw units squared, from the scatter within this rest and the correlation of
     /// the noise.
     pub variance_of_mean: Vector3<f64>,
+    /// Rounding of each axis. Its error in the mean is common to all rests with this reading (model.md (37)).
+    pub rounding: [Rounding; 3],
+}
+
+impl RestMean {
+    /// Variance of the mean of each axis with the error of rounding, raw units squared.
+    pub fn whole_variance(&self) -> Vector3<f64> {
+        self.variance_of_mean + self.rounding_std().map(|std| std * std)
+    }
+
+    /// Standard deviation of the error of rounding in the mean of each axis, raw units.
+    pub(crate) fn rounding_std(&self) -> Vector3<f64> {
+        Vector3::from(self.rounding.map(|rounding| rounding.error_variance.sqrt()))
+    }
+}
+
+/// Covariance of the errors that rounding leaves in the means of rests, on one axis, raw units squared. `None` if there
+/// are none.
+pub(crate) fn rounding_covariance(means: &[&RestMean], axis: usize) -> Option<Mat<f64>> {
+    let reading = |k: usize| (&means[k].rounding[axis], means[k].mean[axis]);
+    let covariance = |i, j| {
+        let ((own, at), (other, other_at)) = (reading(i), reading(j));
+        own.covariance(at, other, other_at)
+    };
+    let is_coarse = means.iter().any(|mean| mean.rounding[axis].is_coarse());
+    is_coarse.then(|| Mat::from_fn(means.len(), means.len(), covariance))
 }
 
 /// An interval in which the unit does not move.
@@ -49,10 +78,11 @@ impl Rest {
 /// standard deviation of zero.
 pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
-/// Standard deviation of the norm of the mean force of a rest, m/s^2, from the scatter of the samples (model.md (5)).
+/// Standard deviation of the norm of the mean force of a rest, m/s^2, from the scatter of the samples and from their rounding
+/// (model.md (5)).
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
     let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
-    v.component_mul(&v).dot(&rest.specific_force.variance_of_mean).sqrt().max(FINEST_MPS2)
+    v.component_mul(&v).dot(&rest.specific_force.whole_variance()).sqrt().max(FINEST_MPS2)
 }
 
 /// Error of the norm of the mean force of a rest, and its standard deviation from noise, both in m/s^2.

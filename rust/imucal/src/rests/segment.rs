@@ -25,6 +25,8 @@ use crate::numerics::stats::{quantile, sample_interval_s};
 use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::rest::{Rest, RestMean, UNSTEADY};
+use crate::rests::rounded::{noise_below_lsb, of_rounded, roundings};
+use crate::rounding::{Rounding, step};
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
 use steadiness::{Steadiness, Stretch, gravity_wanders};
@@ -60,8 +62,10 @@ pub struct Segments {
     pub too_short: Vec<Range<usize>>,
     /// The threshold and the reason for its choice.
     pub threshold: Threshold,
-    /// White-noise densities estimated from the rests.
+    /// White-noise densities estimated from the rests. They contain the rounding of the samples in moves.
     pub noise_density: NoiseDensity,
+    /// Rounding of each channel, in the order gyroscope x, y, z, accelerometer x, y, z.
+    pub rounding: [Rounding; 6],
 }
 
 /// Default of the minimum duration of a rest, s. Poses are held for longer, and pauses within a move are shorter.
@@ -107,11 +111,15 @@ impl Segments {
         if blocks.len() < WINDOW_BLOCKS.max(min_blocks) {
             return Err(no_rest(recording, min_rest_s));
         }
-        let (statistic, floor) = window_statistic(variances, &(steps / averaged.sqrt()));
+        let step_of = |channel: usize| match channel {
+            0..3 => step::step_of(recording.angular_rate, channel),
+            _ => step::step_of(recording.specific_force, channel - 3),
+        };
+        let (statistic, floor, coarse) = window_statistic(variances, &(steps / averaged.sqrt()), step_of);
         let threshold = choose_threshold(&statistic, min_blocks);
         let gravity = gravity_size(recording, blocks);
         let still: Vec<_> = still(&statistic, threshold.0)
-            .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks))
+            .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))
             .filter(|range| !range.is_empty() && !gravity_wanders(&blocks[range.clone()], gravity))
             .collect();
         let (long, short): (Vec<_>, Vec<_>) =
@@ -119,29 +127,40 @@ impl Segments {
         if long.is_empty() {
             return Err(no_rest(recording, min_rest_s));
         }
-        let stretch = |range: &Range<usize>| Stretch::of(range, blocks, &statistic);
+        let stretch = |range: &Range<usize>| Stretch::of(range, blocks, &statistic, &coarse);
         let mut stretches: Vec<Stretch> = long.iter().map(|(range, _)| stretch(range)).collect();
         let settled = Steadiness::of(stretches.iter());
         // The ends of hand-held rests are not refined, because tremor limits their accuracy.
         for (rest, (_, within)) in stretches.iter_mut().zip(&long) {
             if settled.unsteadiness(rest) < UNSTEADY {
-                let range = onset(rest.blocks.clone(), within, blocks);
+                let range = onset(rest.blocks.clone(), within, blocks, &coarse);
                 if range != rest.blocks {
                     *rest = stretch(&range);
                 }
             }
         }
         let steadiness = Steadiness::of(stretches.iter());
-        let rests: Vec<Rest> = stretches
+        let mut rests: Vec<Rest> = stretches
             .iter()
             .map(|stretch| Rest {
                 unsteadiness: steadiness.unsteadiness(stretch),
                 ..rest(recording, stretch, block_samples, steadiness.colour(stretch))
             })
             .collect();
+        let colour = &steadiness.steady_colour;
+        let colour = &of_rounded(colour, &coarse);
+        let rounding = roundings(recording, &rests, &coarse, colour);
+        for rest in &mut rests {
+            let [a, b, c, d, e, f] = rounding;
+            (rest.angular_rate.rounding, rest.specific_force.rounding) = ([a, b, c], [d, e, f]);
+        }
         let sample_variance = floor * averaged;
-        let density =
-            steadiness.noise_variance(&stretches).unwrap_or(sample_variance).map(|variance| (variance * dt_s).sqrt());
+        let mut variance = steadiness.noise_variance(&stretches).unwrap_or(sample_variance);
+        // The scatter at rest depends on where the mean lies between two levels. Moves sweep over many levels.
+        for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
+            variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
+        }
+        let density = variance.map(|variance| (variance * dt_s).sqrt());
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
         Ok(Self {
             noise_density: NoiseDensity {
@@ -157,6 +176,7 @@ impl Segments {
                 window_s: (WINDOW_BLOCKS * block_samples) as f64 * dt_s,
             },
             rests,
+            rounding,
         })
     }
 }
@@ -173,6 +193,12 @@ impl Threshold {
 }
 
 impl Segments {
+    /// Reports axes whose noise is so far below the step of the converter that rounding decides on the error of the mean
+    /// of a rest.
+    pub fn noise_below_lsb(&self, recording: &Recording<'_>) -> Option<Finding> {
+        noise_below_lsb(recording, &self.rests, &self.rounding)
+    }
+
     /// Replaces means and noise of the raw samples by those of the corrected samples, in SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;
@@ -185,7 +211,8 @@ impl Segments {
                 (&mut rest.specific_force, &calibration.accelerometer),
                 (&mut rest.angular_rate, &calibration.gyroscope),
             ] {
-                mean.variance_of_mean = turned(triad, mean.variance_of_mean.map(f64::sqrt));
+                mean.variance_of_mean = turned(triad, mean.whole_variance().map(f64::sqrt));
+                mean.rounding = Default::default();
             }
         }
         let noise = &mut self.noise_density;
@@ -234,6 +261,7 @@ fn rest(recording: &Recording<'_>, stretch: &Stretch, block_samples: usize, colo
     let triad = |offset: usize| RestMean {
         mean: mean.fixed_rows::<3>(offset).into_owned(),
         variance_of_mean: variance_of_mean.fixed_rows::<3>(offset).into_owned(),
+        rounding: Default::default(),
     };
     Rest {
         first,

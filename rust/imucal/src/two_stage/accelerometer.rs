@@ -83,7 +83,7 @@ pub(crate) fn fit(
 /// Whether the ellipsoid is much larger than the noise of the means. The means of a single pose also determine an
 /// ellipsoid, whose size is that of the noise.
 fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
-    let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.variance_of_mean.max().sqrt()).collect();
+    let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.whole_variance().max().sqrt()).collect();
     let noise = stats::median(&mut noise);
     start.sensitivity.try_inverse().is_some_and(|inverse| noise * inverse.norm() < NOISE_OVER_SIZE * gravity_mps2)
 }

@@ -10,7 +10,7 @@ use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
 
 use crate::frame::SYMMETRIC;
 use crate::rests::moves::{Ends, Move};
-use crate::rests::rest::Rest;
+use crate::rests::rest::{Rest, RestMean, rounding_covariance};
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
 
@@ -51,7 +51,19 @@ pub(crate) fn covariance(
         }
     };
     let scaled = Mat::from_fn(21, map.ncols(), |i, column| map[(i, column)] * deviation(column));
-    &scaled * scaled.transpose()
+    let mut covariance = &scaled * scaled.transpose();
+    // The errors of rounding are common to rests with equal readings.
+    let forces: Vec<&RestMean> = rests.iter().map(|rest| &rest.specific_force).collect();
+    let rates: Vec<&RestMean> = rests.iter().map(|rest| &rest.angular_rate).collect();
+    for (first, means, axis) in
+        [(0, &forces), (3 * k, &rates)].into_iter().flat_map(|(f, m)| [0, 1, 2].map(|a| (f, m, a)))
+    {
+        if let Some(own) = rounding_covariance(means, axis) {
+            let by = Mat::from_fn(21, k, |i, rest| map[(i, first + 3 * rest + axis)]);
+            covariance += &by * own * by.transpose();
+        }
+    }
+    covariance
 }
 
 /// Fills the derivatives of the nine accelerometer parameters with respect to the errors of the mean forces.

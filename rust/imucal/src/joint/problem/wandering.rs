@@ -1,4 +1,4 @@
-//! Whitening for biases that vary between rests.
+//! Whitening for errors that several rests share: biases that vary between rests, and rounding.
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -8,18 +8,29 @@ use crate::error::Error;
 use crate::joint::lanes::Lanes;
 use crate::joint::linear::Linear;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
+use crate::rests::rest::{Rest, RestMean, rounding_covariance};
+use crate::rounding::Rounding;
 
 /// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
-/// model.md (28).
+/// model.md (28), and of the errors that rounding leaves in the means of the rests, model.md (37).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. D contains the whitened derivatives with respect to the bias of each
-    /// rest.
+    /// rest, or to the error of its means.
     factor: Mat<f64>,
 }
 
 impl Wandering {
-    pub(crate) fn new(joint: &Joint<'_>, linear: &Linear, unit: &UnitWander) -> Result<Self, Error> {
+    /// `None` if the biases are constant and rounding leaves no error.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the biases vary and there are too many rests to factor their covariance. The errors of
+    /// rounding are then neglected.
+    pub(crate) fn new(joint: &Joint<'_>, linear: &Linear, unit: Option<&UnitWander>) -> Result<Option<Self>, Error> {
         let rows = linear.lines.len() + 3 * linear.rates.len();
+        let is_rounded = rows <= MOST_ROWS && joint.is_rounded();
+        if unit.is_none() && !is_rounded {
+            return Ok(None);
+        }
         if rows > MOST_ROWS {
             return Err(Error::Input(format!(
                 "{} rests are too many to take the bias instability and the random walk into account: leave the unit's \
@@ -28,26 +39,16 @@ impl Wandering {
             )));
         }
         let mut covariance = Mat::<f64>::identity(rows, rows);
-        let [by_gyroscope, by_accelerometer] = joint.by_biases_of_rests(linear);
-        let prepared = joint.prepared;
-        for (index, recording) in prepared.recordings.iter().enumerate() {
-            let (places, spans) = prepared.rests_of(index);
-            for (sensor, wander, by_bias) in [
-                (Sensor::Gyroscope, &unit.gyroscope, &by_gyroscope),
-                (Sensor::Accelerometer, &unit.accelerometer, &by_accelerometer),
-            ] {
-                let raw = joint.raw_scale(sensor, &linear.model.parameters());
-                for axis in 0..3 {
-                    let own = wander.of_rests(axis, &spans, recording.span_s());
-                    let by = Mat::from_fn(rows, places.len(), |row, k| raw * by_bias[(row, 3 * places[k] + axis)]);
-                    covariance += &by * own * by.transpose();
-                }
-            }
+        if let Some(unit) = unit {
+            covariance += joint.varying_biases(linear, unit, rows);
+        }
+        if is_rounded {
+            covariance += joint.rounding(linear, rows);
         }
         let factor = covariance.llt(faer::Side::Lower).map_err(|_| {
             Error::Fit("the wandering of the biases outgrows all else: check bias_instability and random_walk".into())
         })?;
-        Ok(Self { factor: factor.L().to_owned() })
+        Ok(Some(Self { factor: factor.L().to_owned() }))
     }
 
     /// Whitens the rows of norms, moves and mean rates of a matrix.
@@ -80,5 +81,63 @@ impl Wandering {
         let mut white = right.clone();
         self.factor.as_ref().solve_lower_triangular_in_place(&mut white);
         white
+    }
+}
+
+impl Joint<'_> {
+    /// Covariance of the whitened residuals due to biases that vary between rests.
+    fn varying_biases(&self, linear: &Linear, unit: &UnitWander, rows: usize) -> Mat<f64> {
+        let mut covariance = Mat::<f64>::zeros(rows, rows);
+        let [by_gyroscope, by_accelerometer] = self.by_biases_of_rests(linear);
+        let prepared = self.prepared;
+        for (index, recording) in prepared.recordings.iter().enumerate() {
+            let (places, spans) = prepared.rests_of(index);
+            for (sensor, wander, by_bias) in [
+                (Sensor::Gyroscope, &unit.gyroscope, &by_gyroscope),
+                (Sensor::Accelerometer, &unit.accelerometer, &by_accelerometer),
+            ] {
+                let raw = self.raw_scale(sensor, &linear.model.parameters());
+                for axis in 0..3 {
+                    let own = wander.of_rests(axis, &spans, recording.span_s());
+                    let by = Mat::from_fn(rows, places.len(), |row, k| raw * by_bias[(row, 3 * places[k] + axis)]);
+                    covariance += &by * own * by.transpose();
+                }
+            }
+        }
+        covariance
+    }
+
+    /// Whether rounding leaves an error in the means of any rest in use.
+    fn is_rounded(&self) -> bool {
+        let is_coarse = |mean: &RestMean| mean.rounding.iter().any(Rounding::is_coarse);
+        let rests = self.prepared.rests.iter().zip(self.prepared.used).filter(|(_, used)| **used);
+        rests.into_iter().any(|(k, _)| is_coarse(&k.rest.angular_rate) || is_coarse(&k.rest.specific_force))
+    }
+
+    /// Covariance of the whitened residuals due to rounding at the rests. An error of a mean rate affects only its own
+    /// residual and not the moves, in which rounding averages down.
+    fn rounding(&self, linear: &Linear, rows: usize) -> Mat<f64> {
+        let [_, by_force] = self.by_biases_of_rests(linear);
+        let mut by_rate = Mat::<f64>::zeros(rows, 3 * self.prepared.rests.len());
+        for (place, (rest, _)) in linear.rates.iter().enumerate() {
+            for (row, axis) in (0..3).flat_map(|row| (0..=row).map(move |axis| (row, axis))) {
+                let row_of_all = linear.lines.len() + 3 * place + row;
+                by_rate[(row_of_all, 3 * rest + axis)] = self.weights.rates[*rest][(row, axis)];
+            }
+        }
+        let mut covariance = Mat::<f64>::zeros(rows, rows);
+        let used: Vec<usize> = linear.rates.iter().map(|(rest, _)| *rest).collect();
+        let means: [(&Mat<f64>, fn(&Rest) -> &RestMean); 2] =
+            [(&by_rate, |rest| &rest.angular_rate), (&by_force, |rest| &rest.specific_force)];
+        for (by, mean_of) in means {
+            let means: Vec<&RestMean> = used.iter().map(|k| mean_of(&self.prepared.rests[*k].rest)).collect();
+            for axis in 0..3 {
+                if let Some(own) = rounding_covariance(&means, axis) {
+                    let by = Mat::from_fn(rows, used.len(), |row, place| by[(row, 3 * used[place] + axis)]);
+                    covariance += &by * own * by.transpose();
+                }
+            }
+        }
+        covariance
     }
 }

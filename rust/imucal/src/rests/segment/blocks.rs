@@ -194,6 +194,9 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
     blocks.iter().map(Block::mean).sum::<Vector6<f64>>() / blocks.len() as f64
 }
 
+/// Minimum factor of noise that counts as filtered. The estimated factor of white noise is hardly ever above it.
+const FILTERED: f64 = 1.7;
+
 /// Data for the factor by which the variance of a mean exceeds that of white noise (c in model.md (10)): the Allan
 /// variance of neighbouring 0.25 s means, divided by the value that the variance of single samples predicts for white
 /// noise.
@@ -201,13 +204,15 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
 pub(super) struct Colour {
     /// Sum over all pairs of the ratio of the Allan variance to the variance expected for white noise.
     sum: Vector6<f64>,
-    /// Number of pairs of neighbouring means.
-    pairs: f64,
+    /// Number of pairs of neighbouring means whose samples are not all equal.
+    pairs: Vector6<f64>,
+    /// Number of samples per mean.
+    samples: f64,
 }
 
 impl Colour {
     pub(super) fn none() -> Self {
-        Self { sum: Vector6::zeros(), pairs: 0.0 }
+        Self { sum: Vector6::zeros(), pairs: Vector6::zeros(), samples: 1.0 }
     }
 
     /// Data from a rest in which single samples have the variance `variance`.
@@ -216,11 +221,12 @@ impl Colour {
         let mut before = None;
         for group in blocks.chunks_exact(GROUP_BLOCKS) {
             let samples = group.iter().map(Block::count).sum::<usize>() as f64;
+            colour.samples = samples;
             let now = mean(group);
             if let Some(before) = before.replace(now) {
                 let excess = |d: f64, v: f64| if v > 0.0 { 0.5 * d * d * samples / v } else { 0.0 };
                 colour.sum += (now - before).zip_map(variance, excess);
-                colour.pairs += 1.0;
+                colour.pairs += variance.map(|v| f64::from(u8::from(v > 0.0)));
             }
         }
         colour
@@ -229,12 +235,28 @@ impl Colour {
     pub(super) fn add(&mut self, other: &Self) {
         self.sum += other.sum;
         self.pairs += other.pairs;
+        self.samples = self.samples.max(other.samples);
+    }
+
+    /// The factor for long means from that of the means used here.
+    ///
+    /// Noise behind a low-pass filter is correlated across the edges of neighbouring means, so their differences are too
+    /// small. With the noise bandwidth B and means over the time tau, the ratio is `1 - 1.5 / (pi^2 tau B)`, and
+    /// `1 / B = 2 c dt`. Nearly white noise is not changed.
+    fn without_edges(&self, factor: f64) -> f64 {
+        let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
+        if factor < FILTERED {
+            return factor;
+        }
+        (1.0 - (1.0 - 4.0 * edges * factor).max(0.0).sqrt()) / (2.0 * edges)
     }
 
     /// The factor c of each channel. It is set to one (white noise) if there are fewer than 20 pairs, because the
     /// estimate would be too uncertain.
     pub(super) fn factor(&self) -> Vector6<f64> {
-        self.sum.map(|total| if self.pairs >= 20.0 && total > 0.0 { total / self.pairs } else { 1.0 })
+        self.sum.zip_map(&self.pairs, |total, pairs| {
+            if pairs >= 20.0 && total > 0.0 { self.without_edges(total / pairs) } else { 1.0 }
+        })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 
 use super::WINDOW_BLOCKS;
 use super::blocks::Block;
@@ -43,13 +43,16 @@ struct Inner {
 }
 
 impl Inner {
-    fn of(blocks: &[Block]) -> Self {
+    /// `coarse` contains the step of each channel whose noise is below its step, otherwise zero. A slight change of the
+    /// rate then changes the mean of a block by up to a step.
+    fn of(blocks: &[Block], coarse: &Vector6<f64>) -> Self {
         let rates: Vec<Vector3<f64>> = blocks.iter().map(rate).collect();
         let count = rates.len() as f64;
         let mean = rates.iter().sum::<Vector3<f64>>() / count;
         let scatter = rates.iter().map(|rate| square(rate - mean)).sum::<Vector3<f64>>() / (count - 1.0);
         // The lower bound prevents rounding errors from being detected as rotation in simulated data without noise.
-        Self { mean, variance: scatter.map(|v| v.max(1e-18)), count }
+        let rounding = coarse.fixed_rows::<3>(0).map(|step| (step * step / 12.0).max(1e-18));
+        Self { mean, variance: scatter.sup(&rounding), count }
     }
 
     /// chi2 (three degrees of freedom) of `sum`, the sum over `n` blocks of the rate minus the mean rate.
@@ -71,14 +74,14 @@ fn square(v: Vector3<f64>) -> Vector3<f64> {
 ///
 /// Up to half a second at each end is compared with the inner part. Blocks whose accumulated rotation has a probability
 /// below 1e-5 under the null hypothesis are assigned to the move.
-pub(super) fn settle(mut range: Range<usize>, blocks: &[Block]) -> Range<usize> {
+pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6<f64>) -> Range<usize> {
     const EDGE: usize = WINDOW_BLOCKS;
     // Quantile of chi2 with three degrees of freedom that is exceeded with a probability of 1e-5.
     const LIMIT: f64 = 25.9;
     if range.len() < 3 * EDGE {
         return range;
     }
-    let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE]);
+    let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE], coarse);
     let turning = |edge: &mut dyn Iterator<Item = &Block>| {
         let mut sum = Vector3::zeros();
         let mut worst = (LIMIT, 0);
@@ -106,7 +109,12 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block]) -> Range<usize> 
 /// from 0.2 s inside the rest, reaches ten times its noise. The last five sixths of that time are assigned to the move;
 /// in the first sixth the angle is below a twentieth of its noise. Nothing is removed if the angle does not increase
 /// further, as after a jolt, or if the move began before the first accumulated block.
-pub(super) fn onset(range: Range<usize>, within: &Range<usize>, blocks: &[Block]) -> Range<usize> {
+pub(super) fn onset(
+    range: Range<usize>,
+    within: &Range<usize>,
+    blocks: &[Block],
+    coarse: &Vector6<f64>,
+) -> Range<usize> {
     // Blocks inside the rest at which the accumulation of the angle begins (0.2 s).
     const EDGE: usize = 4;
     // Maximum number of blocks outside the rest over which the angle is accumulated (1 s).
@@ -118,7 +126,7 @@ pub(super) fn onset(range: Range<usize>, within: &Range<usize>, blocks: &[Block]
     if range.len() < 2 * WINDOW_BLOCKS {
         return range;
     }
-    let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE]);
+    let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE], coarse);
     // Number of blocks at one end that remain in the rest. The blocks are given in order from the inside outwards.
     let still = |outwards: &mut dyn Iterator<Item = &Block>| {
         let rates: Vec<_> = outwards.take(EDGE + REACH).map(|block| rate(block) - inner.mean).collect();
@@ -162,7 +170,7 @@ mod tests {
     }
 
     fn found_end(found_before: usize, blocks: &[Block]) -> usize {
-        onset(0..found_before, &(0..blocks.len()), blocks).end
+        onset(0..found_before, &(0..blocks.len()), blocks, &Vector6::zeros()).end
     }
 
     #[test]
@@ -187,7 +195,10 @@ mod tests {
         let forwards = blocks(|time| 0.005 * (time + 1.3).max(0.0).powi(2));
         let backwards: Vec<Block> = forwards.iter().rev().copied().collect();
         let all = 0..forwards.len();
-        let (at_end, at_start) = (onset(0..STILL, &all, &forwards), onset(STILL..2 * STILL, &all, &backwards));
+        let (at_end, at_start) = (
+            onset(0..STILL, &all, &forwards, &Vector6::zeros()),
+            onset(STILL..2 * STILL, &all, &backwards, &Vector6::zeros()),
+        );
         assert!(at_end.end < STILL);
         assert_eq!((at_end.start, at_start.end), (0, 2 * STILL));
         assert_eq!(2 * STILL - at_start.start, at_end.end);
@@ -198,6 +209,6 @@ mod tests {
         let jolt = blocks(|time| if (0.0..1.0).contains(&time) { (40.0 * time).sin() } else { 0.0 });
         assert_eq!(found_end(STILL, &jolt), STILL);
         let turning = blocks(|time| 0.005 * time.max(0.0).powi(2));
-        assert_eq!(onset(0..STILL, &(0..STILL), &turning), 0..STILL);
+        assert_eq!(onset(0..STILL, &(0..STILL), &turning, &Vector6::zeros()), 0..STILL);
     }
 }

@@ -22,10 +22,12 @@ pub(super) struct Stretch {
     scatter: f64,
     /// Data from which the factor c of coloured noise (model.md (10)) is computed.
     colour: Colour,
+    /// Variance by which rounding changes a mean, raw units squared; zero for channels whose noise exceeds their step.
+    rounding: Vector6<f64>,
 }
 
 impl Stretch {
-    pub(super) fn of(range: &Range<usize>, blocks: &[Block], statistic: &[f64]) -> Self {
+    pub(super) fn of(range: &Range<usize>, blocks: &[Block], statistic: &[f64], coarse: &Vector6<f64>) -> Self {
         let own = &blocks[range.clone()];
         let third = own.len() / 3;
         let parts = [&own[..third], &own[third..own.len() - third], &own[own.len() - third..]].map(merge);
@@ -35,6 +37,7 @@ impl Stretch {
             thirds: (third > 0).then_some([parts[0], parts[2]]),
             scatter: unsteadiness(range, statistic),
             colour: Colour::of(own, &whole.variance()),
+            rounding: coarse.map(|step| step * step / 12.0),
             whole,
         }
     }
@@ -49,7 +52,8 @@ impl Stretch {
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
-        let variance = (first.variance() + last.variance()).component_mul(colour) / first.count() as f64;
+        let noise = (first.variance() + last.variance()).component_mul(colour) / first.count() as f64;
+        let variance = noise + self.rounding * 2.0;
         (3..6).filter(|&c| variance[c] > 0.0).map(|c| change[c] * change[c] / variance[c]).sum::<f64>() / 15.0
     }
 }

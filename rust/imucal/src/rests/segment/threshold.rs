@@ -8,20 +8,34 @@ use pulp::{Arch, Simd, WithSimd};
 use super::WINDOW_BLOCKS;
 use super::edges::trim;
 use crate::numerics::stats::quantile_of;
+use crate::rounding::LEAST_SCATTER;
 
-/// Returns the statistic of each window and the noise floor of each channel (a variance, raw units squared).
+/// Returns the statistic of each window, the noise floor of each channel (a variance, raw units squared), and the step
+/// of each channel whose noise is below its step, otherwise zero.
 ///
 /// `variances` contains the variance of each channel in each window, `steps` the smallest step (resolution) of each
-/// channel.
-pub(super) fn window_statistic(variances: &[Vec<f64>; 6], steps: &Vector6<f64>) -> (Vec<f64>, Vector6<f64>) {
+/// channel, divided by the root of the number of samples per mean. `step_of` finds the step of a channel.
+pub(super) fn window_statistic(
+    variances: &[Vec<f64>; 6],
+    steps: &Vector6<f64>,
+    step_of: impl Fn(usize) -> Option<f64>,
+) -> (Vec<f64>, Vector6<f64>, Vector6<f64>) {
     // With a coarse converter a channel may be constant throughout a rest, so the floor is at least the variance of
     // rounding. A channel that is constant throughout the recording has no finite step. Its floor is infinite, so it
     // does not contribute to the statistic.
-    let rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
+    let mut rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
+    let mut coarse = Vector6::zeros();
     let mut floor = Vector6::from_fn(|channel, _| {
         let of_channel = &variances[channel];
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&of_channel[k..k + to.len()]);
-        quantile_of(of_channel.len(), write, 0.05).max(rounding[channel])
+        let quietest = quantile_of(of_channel.len(), write, 0.05);
+        let may_be_coarse = steps[channel].is_finite() && quietest < (LEAST_SCATTER * steps[channel]).powi(2);
+        if let Some(step) = may_be_coarse.then(|| step_of(channel)).flatten() {
+            // Two levels that are equally frequent have this variance, however small the noise is.
+            rounding[channel] = steps[channel] * steps[channel] / 4.0;
+            coarse[channel] = step;
+        }
+        quietest.max(rounding[channel])
     });
     let mut statistic = vec![0.0; variances[0].len()];
     let (mut before, mut in_quiet) = (Vec::new(), Vec::new());
@@ -44,7 +58,7 @@ pub(super) fn window_statistic(variances: &[Vec<f64>; 6], steps: &Vector6<f64>) 
         });
         before = quiet;
     }
-    (statistic, floor)
+    (statistic, floor, coarse)
 }
 
 /// The windows whose statistic is at most `limit`, as index ranges of consecutive windows.

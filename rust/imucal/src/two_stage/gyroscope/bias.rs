@@ -31,7 +31,7 @@ pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
     for axis in 0..3 {
         let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
         // Lower bound for simulated data without noise, whose variances are zero.
-        let variances: Vec<f64> = rests.iter().map(|r| r.angular_rate.variance_of_mean[axis].max(1e-30)).collect();
+        let variances: Vec<f64> = rests.iter().map(|r| r.angular_rate.whole_variance()[axis].max(1e-30)).collect();
         let kept = kept(&means, &variances);
         let pick = |values: &[f64]| kept.iter().map(|&k| values[k]).collect::<Vec<f64>>();
         let mean = random_effects_mean(&pick(&means), &pick(&variances));

@@ -1,0 +1,149 @@
+//! Rounding at the rests of a recording: the noise below the step of each axis, and the finding that reports it.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector6;
+
+use crate::check::CHANNELS;
+use crate::finding::{Finding, general};
+use crate::numerics::stats::median;
+use crate::recording::{RawUnit, Recording, Samples};
+use crate::rests::rest::Rest;
+use crate::rounding::{Levels, Rounding};
+
+/// Maximum difference of a reading to the next larger one whose levels are counted together with it, in steps. The
+/// gyroscope reads nearly the same at all rests. Counted as separate means, these readings would make a wide transition
+/// between two levels, and therefore a large noise, seem more likely.
+const SAME_READING: f64 = 0.15;
+/// Minimum share of the samples at a level more than 1.5 steps from the mean. Fewer samples come from a jolt or a faulty
+/// transmission, and a single one of them would decide on the noise.
+const FOREIGN: f64 = 1e-3;
+
+/// Ratio of c - 1 before rounding to that of the rounded samples at best, where the mean lies in the middle between two
+/// levels. Rounding keeps only the sign of the noise there, and the sign is less correlated than the noise.
+const SIGN: f64 = 1.28;
+
+/// Factors c of model.md (10) of the noise before rounding, for channels whose noise is below the step. The rounded
+/// samples of a channel are the less correlated, the farther its mean is from the middle between two levels. The filters
+/// of the axes of a triad are equal, so the largest factor of a triad is the best.
+pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
+    let coarse = |channel: &usize| steps[*channel] > 0.0;
+    Vector6::from_fn(|channel, _| {
+        let triad = channel / 3 * 3..channel / 3 * 3 + 3;
+        let largest = triad.filter(coarse).map(|other| colour[other]).fold(1.0, f64::max);
+        if coarse(&channel) { 1.0 + SIGN * (largest - 1.0) } else { colour[channel] }
+    })
+}
+
+/// Rounding of the six channels, in the order gyroscope x, y, z, accelerometer x, y, z. `steps` contains the step of
+/// each channel whose noise is below it, otherwise zero; `colour` the factor c of model.md (10).
+pub(super) fn roundings(
+    recording: &Recording<'_>,
+    rests: &[Rest],
+    steps: &Vector6<f64>,
+    colour: &Vector6<f64>,
+) -> [Rounding; 6] {
+    let of_channel = |channel: usize| {
+        let (rows, axis) = of_channel(recording, channel);
+        let step = Some(steps[channel]).filter(|step| *step > 0.0)?;
+        Some((step, levels(rows, axis, rests, step, colour[channel])))
+    };
+    let [[a, b, c], [d, e, f]] =
+        [0, 3].map(|first| Rounding::of_levels([0, 1, 2].map(|axis| of_channel(first + axis))));
+    [a, b, c, d, e, f]
+}
+
+fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samples<'a>, usize) {
+    let rows = if channel < 3 { recording.angular_rate } else { recording.specific_force };
+    (rows, channel % 3)
+}
+
+/// Numbers of independent samples at each level, for groups of rests with nearly equal means.
+fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64) -> Vec<Levels> {
+    let Some(zero) = rests.first().map(|rest| rows.at(rest.first)[axis]) else { return Vec::new() };
+    let mut readings: Vec<(f64, BTreeMap<i64, f64>)> = rests
+        .iter()
+        .map(|rest| {
+            let mut counts = BTreeMap::new();
+            for value in rows.slice(rest.first..rest.end).axis(axis) {
+                *counts.entry(((value - zero) / step).round() as i64).or_insert(0.0) += 1.0 / colour;
+            }
+            let (sum, weight) =
+                counts.iter().fold((0.0, 0.0), |(sum, all), (level, count)| (sum + *level as f64 * count, all + count));
+            (sum / weight, counts)
+        })
+        .collect();
+    readings.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // The last mean of each group, and its levels.
+    let mut groups: Vec<(f64, BTreeMap<i64, f64>)> = Vec::new();
+    for (mean, counts) in readings {
+        match groups.last_mut().filter(|(last, _)| mean - last < SAME_READING) {
+            Some((last, all)) => {
+                *last = mean;
+                counts.into_iter().for_each(|(level, count)| *all.entry(level).or_insert(0.0) += count);
+            }
+            None => groups.push((mean, counts)),
+        }
+    }
+    groups
+        .into_iter()
+        .map(|(_, counts)| {
+            let all: f64 = counts.values().sum();
+            let mean = counts.iter().map(|(level, count)| *level as f64 * count).sum::<f64>() / all;
+            let is_own = |(level, count): &(i64, f64)| (*level as f64 - mean).abs() < 1.5 || *count > FOREIGN * all;
+            Levels { mean, counts: counts.into_iter().filter(is_own).collect() }
+        })
+        .collect()
+}
+
+/// Reports axes whose noise is so far below the step of the converter that rounding, and not noise, decides on the
+/// error of the mean of a rest.
+pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], rounding: &[Rounding; 6]) -> Option<Finding> {
+    let mut samples: Vec<f64> = rests.iter().map(|rest| (rest.end - rest.first) as f64).collect();
+    let samples = if samples.is_empty() { 1.0 } else { median(&mut samples) };
+    // Channels are listed as in the columns, accelerometer first.
+    let of = |column: usize| rounding[(column + 3) % 6];
+    let decides = |column: &usize| {
+        let Rounding { step, noise, error_variance } = of(*column);
+        // The mean of white noise of one sample in addition to the rounding of the samples.
+        error_variance > (noise * noise).max(step * step / 12.0) / samples
+    };
+    let columns: Vec<usize> = (0..6).filter(decides).collect();
+    let worst = columns.iter().copied().min_by(|a, b| {
+        let relative = |column: usize| of(column).noise / of(column).step;
+        relative(*a).total_cmp(&relative(*b))
+    })?;
+    let lsb = |column: usize| match (column < 3, if column < 3 { recording.accel_unit } else { recording.gyro_unit }) {
+        (_, RawUnit::Lsb) => format!("{} lsb", general(of(column).step, 3)),
+        (true, RawUnit::Si) => {
+            format!("{} mg", general(of(column).step / imucal_core::STANDARD_GRAVITY_MPS2 * 1e3, 3))
+        }
+        (false, RawUnit::Si) => format!("{} deg/s", general(of(column).step.to_degrees(), 3)),
+    };
+    let parts: Vec<String> = columns
+        .iter()
+        .map(|&column| {
+            let Rounding { step, noise, error_variance } = of(column);
+            format!(
+                "{} has a step of {} and noise of {:.2} steps, so rounding leaves an error of {:.2} steps rms in the \
+                 mean of a rest",
+                CHANNELS[column],
+                lsb(column),
+                noise / step,
+                error_variance.sqrt() / step
+            )
+        })
+        .collect();
+    Some(Finding {
+        columns: columns.iter().map(|&column| CHANNELS[column].to_owned()).collect(),
+        count: recording.len(),
+        value: of(worst).noise / of(worst).step,
+        unit: "lsb",
+        message: parts.join("; "),
+        way_out: "this error does not average down and is contained in the standard deviations; to reduce it, use a \
+                  smaller range or a wider filter bandwidth, so that the noise of a sample exceeds half a step, or \
+                  add dither (slight vibration) at rest"
+            .into(),
+        ..Finding::warning("noise_below_lsb", recording.name)
+    })
+}

@@ -1,0 +1,247 @@
+//! Error of the mean of rounded samples (model.md (37)).
+//!
+//! A converter rounds every reading to a multiple of its step q (LSB). If the noise of a sample is far above q, rounding
+//! adds white noise of variance q^2 / 12. If it is below q, the mean of a rest keeps an error that depends only on the
+//! true mean m and does not average down:
+//!
+//! ```text
+//! d(m) = q sum_h (-1)^h / (pi h) exp(-2 pi^2 h^2 s^2) sin(2 pi h m / q),      s = sigma / q
+//! E d^2 = q^2 sum_h exp(-4 pi^2 h^2 s^2) / (2 pi^2 h^2)                       over all m
+//! cov(d_k, d_l) = rms_k rms_l cos(2 pi D) exp(-2 D^2),                        D = (mean_k - mean_l) / q
+//! ```
+//!
+//! (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and 5.) Rests with equal readings
+//! therefore share one error. The scatter of rounded samples is not sigma, so sigma is estimated from the shares of the
+//! levels that occur at rest.
+
+pub(crate) mod step;
+
+use std::f64::consts::{PI, SQRT_2};
+
+use statrs::function::erf::erfc;
+
+/// Scatter of rounded samples, in steps, from which rounding needs no treatment. The noise is then above 0.58 steps, the
+/// error of a mean below 3e-4 steps, and the scatter of the samples contains q^2 / 12.
+pub(crate) const LEAST_SCATTER: f64 = 0.65;
+/// Distance of two readings, in steps, at which the correlation of their errors has fallen to exp(-1/2), apart from the
+/// cosine. Errors of readings more than a step apart count as independent, because their phases are not known well
+/// enough.
+const CORRELATED: f64 = 0.5;
+/// Limits of the standard deviations of the noise that are tried, in steps. At the lower limit nearly all samples of a
+/// rest are equal, at the upper limit rounding leaves no error.
+const NOISE: [f64; 2] = [0.02, 1.0];
+/// Number of standard deviations of the noise that are tried; consecutive values differ by 14 %.
+const NOISES: usize = 31;
+/// Number of true means over which the likelihood is averaged.
+const MEANS: usize = 24;
+/// Maximum distance of the true mean from the mean of the samples, in steps.
+const REACH: f64 = 0.75;
+/// Decrease of the log likelihood from its maximum at which it is negligible.
+const NEGLIGIBLE: f64 = 12.0;
+/// Standard deviation of the logarithm of the ratio of the noises of two axes of a triad.
+const SIMILAR: f64 = 0.3;
+/// Maximum relative difference of two steps that count as equal.
+const EQUAL_STEPS: f64 = 1e-3;
+/// Rounding of one axis in one recording, raw units. All numbers are zero if the noise is so far above the step that
+/// rounding leaves no error in means, or if the values have no step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Rounding {
+    /// Step of the converter (LSB).
+    pub step: f64,
+    /// Standard deviation of the noise of one sample before rounding.
+    pub noise: f64,
+    /// Variance of the error that rounding leaves in the mean of a rest. It does not depend on the duration of the rest.
+    pub error_variance: f64,
+}
+
+/// Numbers of samples at each level, for readings of nearly equal mean.
+#[derive(Clone, Debug)]
+pub(crate) struct Levels {
+    /// Mean of the readings, steps.
+    pub(crate) mean: f64,
+    /// Each level, in steps, and its number of independent samples.
+    pub(crate) counts: Vec<(i64, f64)>,
+}
+
+impl Rounding {
+    /// Rounding with a known noise, for predictions. `None` if it leaves no error.
+    pub(crate) fn of_noise(step: f64, noise: f64) -> Option<Self> {
+        let coarse = step > 0.0 && (noise / step).hypot(1.0 / 12f64.sqrt()) < LEAST_SCATTER;
+        coarse.then(|| Self { step, noise, error_variance: step * step * error_variance(noise / step) })
+    }
+
+    /// Rounding of the axes of a triad with these steps. `None` for an axis whose noise is not below its step.
+    ///
+    /// The noise of each axis is estimated from the levels that occur at rest: all standard deviations are weighted by
+    /// their likelihood, for true means that are not known. Axes of a triad have similar noise, so the levels of the
+    /// other axes contribute. If only one level occurs on all of them, every small noise is as likely as the next, and
+    /// the variance of the error is the mean over all of them.
+    pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [Self; 3] {
+        let noises: [f64; NOISES] = std::array::from_fn(tried_noise);
+        let likelihoods = axes.each_ref().map(|axis| {
+            let (step, groups) = axis.as_ref()?;
+            let log = noises.map(|noise| groups.iter().map(|levels| levels.log_likelihood(noise)).sum::<f64>());
+            let largest = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            Some((*step, log.map(|log| (log - largest).exp())))
+        });
+        std::array::from_fn(|axis| {
+            let Some((step, own)) = likelihoods[axis] else { return Self::default() };
+            let mut weights = own;
+            for (_, other) in likelihoods
+                .iter()
+                .enumerate()
+                .filter(|(k, _)| *k != axis)
+                .filter_map(|(_, l)| l.as_ref())
+                .filter(|(other, _)| (other / step - 1.0).abs() < EQUAL_STEPS)
+            {
+                let similar = |k: usize| -> f64 {
+                    let apart = |j: usize| (noises[j] / noises[k]).ln() / SIMILAR;
+                    (0..NOISES).map(|j| other[j] * (-0.5 * apart(j).powi(2)).exp()).sum()
+                };
+                weights = std::array::from_fn(|k| weights[k] * similar(k));
+            }
+            let all: f64 = weights.iter().sum();
+            let mean = |of: &dyn Fn(f64) -> f64| (0..NOISES).map(|k| weights[k] * of(noises[k])).sum::<f64>() / all;
+            Self {
+                step,
+                noise: step * mean(&|noise| noise * noise).sqrt(),
+                error_variance: step * step * mean(&error_variance),
+            }
+        })
+    }
+
+    /// Whether rounding leaves an error in means.
+    pub fn is_coarse(&self) -> bool {
+        self.error_variance > 0.0
+    }
+
+    /// Whether the error of a mean exceeds 3 % of a step. Means of a few samples of a slow force then have errors that do
+    /// not look like noise.
+    pub(crate) fn is_not_white_in_moves(&self) -> bool {
+        self.error_variance > (0.03 * self.step).powi(2)
+    }
+
+    /// Variance of one sample while the true value sweeps over many steps: noise and rounding are then independent.
+    pub(crate) fn sweeping_variance(&self, colour: f64) -> f64 {
+        self.noise * self.noise * colour + self.step * self.step / 12.0
+    }
+
+    /// Covariance of the errors of two readings.
+    pub(crate) fn covariance(&self, reading: f64, other: &Self, other_reading: f64) -> f64 {
+        let product = self.error_variance * other.error_variance;
+        // Recordings with different ranges have independent errors.
+        if product == 0.0 || (self.step / other.step - 1.0).abs() > EQUAL_STEPS {
+            return 0.0;
+        }
+        let apart = (reading - other_reading) / self.step;
+        product.sqrt() * (2.0 * PI * apart).cos() * (-0.5 * (apart / CORRELATED).powi(2)).exp()
+    }
+}
+
+/// The standard deviations of the noise that are tried, in steps, at equal ratios.
+fn tried_noise(k: usize) -> f64 {
+    NOISE[0] * (NOISE[1] / NOISE[0]).powf(k as f64 / (NOISES - 1) as f64)
+}
+
+/// Mean square of the error over all true means, in steps squared, for noise of this standard deviation in steps.
+fn error_variance(noise: f64) -> f64 {
+    // The terms fall at least as 1 / h^2. At the smallest noise the 60 terms reach the limit 1 / 12 to 3 %.
+    let term = |h: f64| (-4.0 * (PI * h * noise).powi(2)).exp() / (2.0 * (PI * h).powi(2));
+    (1..=60).map(|h| term(f64::from(h))).sum()
+}
+
+impl Levels {
+    /// Log likelihood of the levels for noise of this standard deviation: the mean of its maximum over the true mean and
+    /// of the logarithm of its average. With two levels, the maximum is the same for every small noise, and the average
+    /// is proportional to the noise, because a mean near the middle between the levels is then more likely.
+    fn log_likelihood(&self, noise: f64) -> f64 {
+        let of_mean = |mean: f64| -> f64 {
+            // Differences of small numbers, so that the logarithm stays exact far from the mean.
+            let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
+            let share = |level: i64| {
+                let distance = (mean - level as f64).abs();
+                beyond(distance - 0.5) - beyond(distance + 0.5)
+            };
+            self.counts.iter().map(|(level, count)| count * share(*level).max(f64::MIN_POSITIVE).ln()).sum()
+        };
+        // The logarithm of the likelihood is concave, so a search by thirds finds its maximum.
+        let (mut low, mut high) = (self.mean - REACH, self.mean + REACH);
+        for _ in 0..40 {
+            let third = (high - low) / 3.0;
+            if of_mean(low + third) < of_mean(high - third) { low += third } else { high -= third }
+        }
+        let best = (low + high) / 2.0;
+        let largest = of_mean(best);
+        // Ends of the interval outside which the likelihood is negligible.
+        let end = |far: f64| {
+            let (mut inside, mut outside) = (best, far);
+            for _ in 0..24 {
+                let middle = (inside + outside) / 2.0;
+                if largest - of_mean(middle) < NEGLIGIBLE { inside = middle } else { outside = middle }
+            }
+            outside
+        };
+        let (first, last) = (end(self.mean - REACH), end(self.mean + REACH));
+        let mean = |k: usize| first + (last - first) * (k as f64 + 0.5) / MEANS as f64;
+        let sum: f64 = (0..MEANS).map(|k| (of_mean(mean(k)) - largest).exp()).sum();
+        largest + 0.5 * (sum * (last - first) / MEANS as f64).ln()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_variance_of_the_error_has_the_known_limits() {
+        assert!((error_variance(1e-3) - 1.0 / 12.0).abs() < 1e-3);
+        for noise in [0.25, 0.4, 0.6] {
+            let first = (-2.0 * (PI * noise).powi(2)).exp() / (SQRT_2 * PI);
+            assert!((error_variance(noise).sqrt() / first - 1.0).abs() < 1e-3, "{noise}");
+        }
+    }
+
+    /// Numbers of samples at each level, as expected for 300 samples of each mean.
+    fn levels(means: &[f64], noise: f64) -> Vec<Levels> {
+        let of_mean = |&mean: &f64| {
+            let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
+            let share = |level: i64| beyond(level as f64 - 0.5 - mean) - beyond(level as f64 + 0.5 - mean);
+            let counts: Vec<(i64, f64)> = (-5..6)
+                .map(|level| (level, (300.0 * share(level)).round()))
+                .filter(|(_, count)| *count > 0.0)
+                .collect();
+            let all: f64 = counts.iter().map(|(_, count)| count).sum();
+            Levels { mean: counts.iter().map(|(level, count)| *level as f64 * count).sum::<f64>() / all, counts }
+        };
+        means.iter().map(of_mean).collect()
+    }
+
+    #[test]
+    fn the_noise_is_that_of_the_levels() {
+        let means: Vec<f64> = (0..20).map(|k| (f64::from(k) * 0.618).fract()).collect();
+        for noise in [0.06, 0.15, 0.25, 0.4] {
+            let [found, _, _] = Rounding::of_levels([Some((2.0, levels(&means, noise))), None, None]);
+            assert!((found.noise / (2.0 * noise) - 1.0).abs() < 0.2, "{noise}: {found:?}");
+            assert!((found.error_variance / (4.0 * error_variance(noise)) - 1.0).abs() < 0.4, "{noise}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn a_single_level_leaves_an_error_near_the_bound_unless_another_axis_shows_the_noise() {
+        let single = || Some((1.0, levels(&[0.02], 0.01)));
+        let [alone, ..] = Rounding::of_levels([single(), None, None]);
+        assert!((0.04..1.0 / 12.0).contains(&alone.error_variance), "{alone:?}");
+        let other = Some((1.0, levels(&[0.3, 0.45], 0.15)));
+        let [beside, ..] = Rounding::of_levels([single(), other, None]);
+        assert!(beside.noise > 1.2 * alone.noise && beside.error_variance < alone.error_variance, "{beside:?}");
+    }
+
+    #[test]
+    fn rests_with_equal_readings_share_the_error() {
+        let rounding = Rounding { step: 0.5, noise: 0.1, error_variance: 0.01 };
+        let covariance = |apart: f64| rounding.covariance(3.0, &rounding, 3.0 + apart) / 0.01;
+        assert!((covariance(0.0) - 1.0).abs() < 1e-12);
+        assert!(covariance(0.25) < -0.5 && covariance(5.0).abs() < 1e-12);
+        assert_eq!(rounding.covariance(3.0, &Rounding { step: 1.0, ..rounding }, 3.0), 0.0);
+    }
+}
