@@ -24,8 +24,8 @@ pub(crate) fn processors() -> usize {
     *COUNT.get_or_init(|| thread::available_parallelism().map_or(1, NonZeroUsize::get))
 }
 
-/// Results of `work` for all indices below `count`, in the order of the indices. A cancelled calculation ends before the
-/// next index.
+/// Results of `work` for all indices below `count`, in the order of the indices. A cancelled calculation ends before
+/// the next index.
 pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
     if threads <= 1 {
         let one = |index| {

@@ -1,5 +1,5 @@
-//! Recordings from arbitrary bytes, and what is done with them. A function that returns has passed: no input may cause a
-//! panic or an endless loop.
+//! Recordings from arbitrary bytes, and what is done with them. A function that returns has passed: no input may cause
+//! a panic or an endless loop.
 
 #![allow(dead_code, clippy::expect_used, reason = "a test, of which each target of cargo-fuzz uses one function")]
 
@@ -105,8 +105,8 @@ impl Columns {
         }
     }
 
-    /// Changes a range of samples: byte 0 is the kind of change, 1 the channel, 2 to 3 the first sample, 4 to 5 the number
-    /// of samples, and 6 to 13 a value.
+    /// Changes a range of samples: byte 0 is the kind of change, 1 the channel, 2 to 3 the first sample, 4 to 5 the
+    /// number of samples, and 6 to 13 a value.
     fn change(&mut self, bytes: &[u8]) {
         let short = |at: usize| usize::from(u16::from_le_bytes([bytes[at], bytes[at + 1]]));
         let len = self.time_s.len().max(1);
