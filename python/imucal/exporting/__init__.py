@@ -159,7 +159,14 @@ def export(
             f"{form.name} needs noise figures, which a calibration does not contain: give a recording of the "
             "unit at rest (--noise REC)"
         )
-    written = form.write(along_columns(calibration), noise)
+    try:
+        written = form.write(along_columns(calibration), noise)
+    except InputError:
+        # A format without a rotation has the body frame along the columns, which both sensors must share.
+        axes = Axes.parse(calibration.axes)
+        if calibration.axes == UNCHANGED or not axes.are_alike:
+            raise
+        written = form.write(along_columns(calibration, with_body=True), noise)
     if calibration.axes != UNCHANGED:
         written = replace(written, notes=(*written.notes, axes_note(calibration)))
     return Export(

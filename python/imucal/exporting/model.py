@@ -47,18 +47,20 @@ def inverse(triad: Triad) -> FloatArray:
     return found
 
 
-def along_columns(calibration: Calibration) -> Calibration:
+def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calibration:
     """The calibration for raw samples along the axes of the recorded columns, before any change of `axes`.
 
-    Firmware and other programs get these samples. The body frame of the corrected samples stays the same. The
-    result has no covariance, because that is of the parameters along the changed axes.
+    Firmware and other programs get these samples. The body frame of the corrected samples stays the same, or
+    is along the columns as well (`with_body`). The result has no covariance, because that is of the
+    parameters along the changed axes.
     """
     if calibration.axes == UNCHANGED:
         return calibration
     axes = Axes.parse(calibration.axes)
 
     def before(triad: Triad, matrix: FloatArray) -> Triad:
-        return Triad(matrix.T @ triad.sensitivity, matrix.T @ triad.bias)
+        body = axes.accel if with_body else np.eye(3)
+        return Triad(matrix.T @ triad.sensitivity @ body, matrix.T @ triad.bias)
 
     return replace(
         calibration,
