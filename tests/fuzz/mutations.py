@@ -3,6 +3,7 @@
 import json
 import random
 import struct
+from copy import deepcopy
 
 # Numbers at the ends of the ranges of lengths, offsets and values.
 INTEGERS = [
@@ -160,7 +161,7 @@ def _part(content, chance):
 def _change_value(document, chance):
     places = list(_places(document))
     if not places:
-        return chance.choice(VALUES)
+        return deepcopy(chance.choice(VALUES))
     container, key = chance.choice(places)
     action = chance.randrange(10)
     value = container[key]
@@ -176,7 +177,8 @@ def _change_value(document, chance):
             # A copy, so that the document stays a tree.
             container[key] = json.loads(json.dumps(other[place]))
     else:
-        container[key] = chance.choice(VALUES)
+        # A copy, because a later change must not change the list of values.
+        container[key] = deepcopy(chance.choice(VALUES))
     return document
 
 
