@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::RestReport;
 use super::uncertainty::chi2_with;
-use crate::numerics::stats::rms;
+use crate::numerics::stats::{median, p_value, rms};
 use crate::preintegration::integrate_rotation;
 use crate::recording::Recording;
 use crate::rests::moves::{Ends, Move};
@@ -50,11 +50,26 @@ impl Judged<'_> {
     }
 
     fn group(&self, group: ResidualGroup, z: &[f64], changes: &[Vec<f64>]) -> GroupMisfit {
-        let rms = match group {
-            ResidualGroup::RestNorms => rms(self.rests.iter().map(|rest| rest.norm_error_mps2)),
-            _ => rms(self.ends.iter().zip(self.rotations).map(|(ends, rotation)| ends.residual(rotation).norm())),
+        // Residuals of one rest or of one move.
+        let size = if group == ResidualGroup::RestNorms { 1 } else { 2 };
+        let errors: Vec<f64> = match group {
+            ResidualGroup::RestNorms => self.rests.iter().map(|rest| rest.norm_error_mps2).collect(),
+            _ => {
+                let moves = self.ends.iter().zip(self.rotations);
+                moves.map(|(ends, rotation)| ends.residual(rotation).norm()).collect()
+            }
         };
-        GroupMisfit { group, rms, chi2: chi2_with(z, changes), degrees_of_freedom: z.len() as f64 }
+        let kept = without_outliers(z, size);
+        let of_kept = |values: &[f64]| -> Vec<f64> {
+            kept.iter().flat_map(|&k| values[size * k..size * (k + 1)].iter().copied()).collect()
+        };
+        let changes: Vec<Vec<f64>> = changes.iter().map(|change| of_kept(change)).collect();
+        GroupMisfit {
+            group,
+            rms: rms(kept.iter().map(|&k| errors[k])),
+            chi2: chi2_with(&of_kept(z), &changes),
+            degrees_of_freedom: (size * kept.len()) as f64,
+        }
     }
 
     /// Change of |f| at each rest, divided by its noise, if `triad` corrects the accelerometer.
@@ -85,6 +100,40 @@ impl Judged<'_> {
     }
 }
 
+/// The rests or moves, with `size` residuals each, that do not contradict all others. As in a calibration, a few
+/// disturbed ones are accidents, such as rests detected in a slow part of a move.
+fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
+    let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
+    // A large but uniform scatter excludes nothing. The median of chi2 is 0.455 and 1.386 for one and two residuals.
+    let expected = if size == 1 { 0.455 } else { 1.386 };
+    let scale = (median(&mut chi2.clone()) / expected).max(1.0);
+    let mut order: Vec<usize> = (0..chi2.len()).collect();
+    order.sort_by(|&a, &b| chi2[b].total_cmp(&chi2[a]));
+    let most = (MAX_OUTLIER_SHARE * chi2.len() as f64) as usize;
+    let is_outlier = |k: &&usize| p_value(chi2[**k] / scale, size) < OUTLIER_SIGNIFICANCE;
+    let outliers: Vec<usize> = order.iter().take(most).take_while(is_outlier).copied().collect();
+    (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
+}
+
+/// Maximum share of rests, or of moves, that are outliers; as in a calibration.
+const MAX_OUTLIER_SHARE: f64 = 0.1;
+/// p-value below which a rest or move contradicts all others; as in a calibration.
+const OUTLIER_SIGNIFICANCE: f64 = 1e-5;
 /// Size of gravity by which a change of the accelerometer's bias becomes a change of the direction of gravity, m/s^2.
 /// Local gravity differs from it by less than 1 %.
 const GRAVITY_MPS2: f64 = imucal_core::STANDARD_GRAVITY_MPS2;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_outliers_are_left_out_and_a_uniform_scatter_is_not() {
+        let mut z = vec![1.0; 40];
+        z[7] = 30.0;
+        assert_eq!(without_outliers(&z, 2), (0..20).filter(|k| *k != 3).collect::<Vec<_>>());
+        assert_eq!(without_outliers(&[30.0; 40], 2).len(), 20);
+        z[11..21].fill(30.0);
+        assert_eq!(without_outliers(&z, 2).len(), 18);
+    }
+}
