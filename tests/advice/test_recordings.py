@@ -279,6 +279,13 @@ ADVISED = [
     Advised("empty", "no sample", lambda r: r.between(0.0, 0.0), "record rests in many poses", again),
     # Samples
     Advised("non_finite", "NaN", rate(nan_at(slice(300, 310))), "drop these rows", without_numbers),
+    Advised(
+        "value_impossible",
+        "one sample of 1e153",
+        rate(lambda w: np.where(np.arange(len(w))[:, None] == 3000, 1e153, w)),
+        "leave out these rows",
+        lambda r, _: without(r, 3000),
+    ),
     Advised("stuck_axis", "dead", rate(lambda w: w * [1, 0, 1]), "wiring|record|check", again),
     Advised(
         "counts_unsigned",
