@@ -116,6 +116,7 @@ def calibrate(
     if not judges:
         return result
     found = evaluated(result.calibration, judges, options.min_rest_s)
+    _core.require_independent(unit_data, outcome.rest_ranges, judges, found.rest_ranges)
     return result_of(outcome, unit_data, options, own, judges, found, serial_number)
 
 

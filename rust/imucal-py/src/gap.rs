@@ -4,7 +4,7 @@ mod residuals;
 
 use std::sync::Arc;
 
-use imucal::calibrate::{EffectChoice, UserEffects, diagnosis};
+use imucal::calibrate::{EffectChoice, Options, UserEffects, diagnosis};
 use imucal::error::Error;
 use imucal::gap as library;
 use imucal::recording::Recording;
@@ -156,13 +156,14 @@ impl Search {
 struct Sets<'a> {
     recordings: &'a [Recording<'a>],
     control: &'a [Recording<'a>],
+    options: &'a Options<'a>,
 }
 
 impl Sets<'_> {
     fn fit(&self, py: Python<'_>, fit: library::Fit) -> PyResult<Py<GapFit>> {
         let diagnosis = diagnosis::diagnose(&fit.outcome, self.recordings);
         let control = fit.control.map(|control| Py::new(py, Evaluation::new(py, control.evaluation, self.control)?));
-        let outcome = Py::new(py, Outcome::new(py, fit.outcome, diagnosis, self.recordings)?)?;
+        let outcome = Py::new(py, Outcome::new(py, fit.outcome, diagnosis, self.recordings, self.options)?)?;
         Py::new(py, GapFit { effects: fit.effects, outcome, control: control.transpose()? })
     }
 
@@ -251,7 +252,7 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
         library::find_gap(&recordings, &control, &options, &gap_options)
     })?;
     let library::Gap { verdict, faults, analysis } = found;
-    let sets = Sets { recordings: &recordings, control: &control };
+    let sets = Sets { recordings: &recordings, control: &control, options: &options };
     Ok(GapResult {
         verdict: verdict.name(),
         faults: faults.iter().map(|fault| finding(py, fault)).collect::<PyResult<_>>()?,

@@ -112,7 +112,7 @@ mod _core {
             Ok((outcome, diagnosis))
         };
         let (outcome, diagnosis) = interruptible(py, work)?;
-        Outcome::new(py, outcome, diagnosis, &recordings)
+        Outcome::new(py, outcome, diagnosis, &recordings, &options)
     }
 
     /// Predicts, before any fit, the standard deviation of each parameter that the recordings of one unit determine,
@@ -164,6 +164,26 @@ mod _core {
         };
         let evaluation = interruptible(py, work)?;
         Evaluation::new(py, evaluation, &recordings)
+    }
+
+    /// Refuses control recordings that are a part or an altered copy of a calibration recording. `rests` and
+    /// `control_rests` are the index ranges, first and end, of the rests of each recording.
+    #[pyfunction]
+    fn require_independent(
+        py: Python<'_>,
+        recordings: Vec<RecordingColumns<'_>>,
+        rests: Vec<Vec<(usize, usize)>>,
+        control: Vec<RecordingColumns<'_>>,
+        control_rests: Vec<Vec<(usize, usize)>>,
+    ) -> PyResult<()> {
+        let recordings = RecordingColumns::views(py, &recordings)?;
+        let control = RecordingColumns::views(py, &control)?;
+        let ranges = |rests: Vec<Vec<(usize, usize)>>| -> Vec<Vec<std::ops::Range<usize>>> {
+            rests.into_iter().map(|rests| rests.into_iter().map(|(first, end)| first..end).collect()).collect()
+        };
+        let (rests, control_rests) = (ranges(rests), ranges(control_rests));
+        let check = || library::calibrate::require_independent((&recordings, &rests), (&control, &control_rests));
+        py.detach(check).to_python(py)
     }
 
     /// The reason for a poor verdict from the figures of merit of the `"calibration set"` or `"control set"`; None if

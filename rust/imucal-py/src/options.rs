@@ -1,6 +1,6 @@
 //! Options of a calibration, converted from Python.
 
-use imucal::calibrate::{BiasWander, EffectChoice, Options, UnitWander};
+use imucal::calibrate::{BiasWander, EffectChoice, Options, References, UnitWander};
 use imucal::error::Error;
 use imucal::frame::Frame;
 use pyo3::prelude::*;
@@ -34,6 +34,8 @@ impl Wander {
 #[derive(FromPyObject)]
 pub(crate) struct CalibrateOptions<'py> {
     gravity_mps2: f64,
+    gravity_sigma_mps2: Option<f64>,
+    clock_ppm: Option<f64>,
     frame: String,
     min_rest_s: f64,
     exclude_saturated: bool,
@@ -55,6 +57,10 @@ impl CalibrateOptions<'_> {
         let effects = self.effects.iter().map(choice).collect::<Result<_, Error>>();
         Ok(Options {
             gravity_mps2: self.gravity_mps2,
+            references: References {
+                gravity_sigma_mps2: self.gravity_sigma_mps2.unwrap_or(0.0),
+                clock_ppm: self.clock_ppm.unwrap_or(0.0),
+            },
             frame: frame_named(&self.frame).to_python(py)?,
             min_rest_s: self.min_rest_s,
             exclude_saturated: self.exclude_saturated,

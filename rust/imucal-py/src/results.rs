@@ -1,5 +1,7 @@
 //! Results of the library as immutable Python objects.
 
+use std::ops::Range;
+
 use imucal::calibrate;
 use imucal::calibrate::diagnosis;
 use imucal::error::Error;
@@ -39,6 +41,11 @@ fn words_of(verdict: &verdict::Verdict) -> Vec<String> {
 
 fn residuals(py: Python<'_>, groups: &[verdict::GroupMisfit]) -> PyResult<Vec<Fields>> {
     groups.iter().map(|group| fields(py, GroupMisfit::from(group))).collect()
+}
+
+fn ranges(rests: &[evaluate::RestReport], recordings: &[Recording<'_>]) -> Vec<Vec<(usize, usize)>> {
+    let of_recording = |ranges: Vec<Range<usize>>| ranges.into_iter().map(|rest| (rest.start, rest.end)).collect();
+    calibrate::rest_ranges(rests, recordings.len()).into_iter().map(of_recording).collect()
 }
 
 /// An estimated effect.
@@ -91,6 +98,8 @@ pub(crate) struct Outcome {
     /// Evaluation of each rest, with its goodness of fit under noise alone.
     rests: Vec<Fields>,
     moves: Vec<Fields>,
+    /// Index ranges, first and end, of the rests of each recording.
+    rest_ranges: Vec<Vec<(usize, usize)>>,
     thresholds: Vec<Fields>,
     accel_noise_density: Vector,
     gyro_noise_density: Vector,
@@ -144,6 +153,7 @@ impl Outcome {
         o: calibrate::Outcome,
         diagnosis: Vec<diagnosis::Diagnosis>,
         recordings: &[Recording<'_>],
+        options: &calibrate::Options<'_>,
     ) -> PyResult<Self> {
         let with = |item: Fields, misfit| {
             item.bind(py).update(Misfit::from(misfit).into_pyobject(py)?.as_mapping())?;
@@ -153,7 +163,7 @@ impl Outcome {
         let moves = o.moves.iter().map(|m| with(fields(py, Move::new(recordings, m))?, m.misfit));
         let size = o.values.len();
         let verdict = o.verdict();
-        let covariance: Vec<f64> = o.covariance.concat();
+        let covariance = o.covariance_with_references(&options.references, options.gravity_mps2).concat();
         Ok(Self {
             accel_sensitivity: matrix(py, o.calibration.accelerometer.sensitivity())?,
             accel_bias: vector(py, o.calibration.accelerometer.bias()),
@@ -163,6 +173,7 @@ impl Outcome {
             covariance: PyArray1::from_vec(py, covariance).reshape([size, size])?.unbind(),
             rests: rests.collect::<PyResult<_>>()?,
             moves: moves.collect::<PyResult<_>>()?,
+            rest_ranges: ranges(&o.rests, recordings),
             thresholds: o.thresholds.iter().map(|t| fields(py, Threshold::from(t))).collect::<PyResult<_>>()?,
             accel_noise_density: vector(py, &o.noise_density.specific_force),
             gyro_noise_density: vector(py, &o.noise_density.angular_rate),
@@ -220,6 +231,8 @@ pub(crate) struct Evaluation {
     residuals: Vec<Fields>,
     rests: Vec<Fields>,
     moves: Vec<Fields>,
+    /// Index ranges, first and end, of the rests of each recording.
+    rest_ranges: Vec<Vec<(usize, usize)>>,
     carried: Vec<Py<Carried>>,
     findings: Vec<Py<PyAny>>,
 }
@@ -235,6 +248,7 @@ impl Evaluation {
             residuals: residuals(py, &e.groups)?,
             rests: e.rests.iter().map(|rest| fields(py, Rest::new(recordings, rest))).collect::<PyResult<_>>()?,
             moves: e.moves.iter().map(|m| fields(py, Move::new(recordings, m))).collect::<PyResult<_>>()?,
+            rest_ranges: ranges(&e.rests, recordings),
             carried: e.carried.into_iter().map(|c| Carried::new(py, c)).collect::<PyResult<_>>()?,
             findings: e.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
         })

@@ -3,11 +3,13 @@
 //! jointly, and determine the uncertainty of the result.
 
 mod checked;
+mod control;
 mod cross_validation;
 pub mod diagnosis;
 mod jointly;
 mod outcome;
 mod prospect;
+mod references;
 mod two_stages;
 mod unit_data;
 mod user_effects;
@@ -29,9 +31,11 @@ use crate::joint::{Kinds, Prepared};
 pub use crate::parameters::{parameter_names, parameter_values};
 use crate::recording::Recording;
 pub use checked::Checked;
+pub use control::{require_independent, rest_ranges};
 pub use cross_validation::CrossValidation;
 pub use outcome::Outcome;
 pub use prospect::{Prospect, prospect};
+pub use references::References;
 pub(crate) use user_effects::views;
 pub use user_effects::{BriefCorrection, CorrectedSamples, SampledField, UserEffects};
 
@@ -44,6 +48,8 @@ pub const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 pub struct Options<'a> {
     /// Local gravity, m/s^2. All accelerometer scales are inversely proportional to it.
     pub gravity_mps2: f64,
+    /// Standard deviations of local gravity and of the clock.
+    pub references: References,
     /// Body frame of the result.
     pub frame: Frame,
     /// Minimum duration of a rest, s.
@@ -90,10 +96,20 @@ pub struct ModelOptions<'a> {
 impl<'a> Options<'a> {
     /// All options except those of the model. Effects require the joint fit, so `joint` is set for them.
     fn without_model(&self) -> Options<'static> {
-        let &Self { gravity_mps2, frame, min_rest_s, exclude_saturated, accel_nominal, gyro_nominal, wander, .. } =
-            self;
+        let &Self {
+            gravity_mps2,
+            references,
+            frame,
+            min_rest_s,
+            exclude_saturated,
+            accel_nominal,
+            gyro_nominal,
+            wander,
+            ..
+        } = self;
         Options {
             gravity_mps2,
+            references,
             frame,
             min_rest_s,
             exclude_saturated,
@@ -159,6 +175,7 @@ impl Default for Options<'_> {
     fn default() -> Self {
         Self {
             gravity_mps2: STANDARD_GRAVITY_MPS2,
+            references: References::default(),
             frame: Frame::Symmetric,
             min_rest_s: crate::rests::MIN_REST_S,
             exclude_saturated: false,
@@ -209,6 +226,7 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
         )));
     }
     options.check_model()?;
+    options.references.check()?;
     options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
     // The data cannot distinguish a wrong gravity from a wrong scale, so values that do not occur on Earth are errors.
     let [least, most] = GRAVITY_ON_EARTH_MPS2;

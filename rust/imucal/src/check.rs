@@ -16,7 +16,10 @@ mod example;
 mod gains;
 mod gaps;
 mod gravity_sign;
+mod independence;
 mod kinematics;
+mod noise_search;
+mod noise_tape;
 mod part;
 mod plateau;
 mod plausible;
@@ -35,6 +38,7 @@ mod values;
 use survey::Survey;
 
 pub use gains::check_gains;
+pub use independence::{AtRest, at_rest, check_control, check_independent};
 pub use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};
 pub use rails::saturated_samples;

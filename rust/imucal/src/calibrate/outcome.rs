@@ -37,7 +37,8 @@ pub struct Outcome {
     pub names: Vec<String>,
     /// Values of the parameters, in the same order. Raw units for the triads, SI units for the effects.
     pub values: Vec<f64>,
-    /// Covariance of the parameters, by rows.
+    /// Covariance of the parameters, by rows, for a known gravity and clock
+    /// ([`covariance_with_references`](Self::covariance_with_references) contains their uncertainty).
     pub covariance: Vec<Vec<f64>>,
     /// Reports of all rests.
     pub rests: Vec<RestReport>,

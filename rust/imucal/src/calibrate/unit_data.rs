@@ -5,7 +5,7 @@ use std::ops::Range;
 use imucal_core::sensor::Triad;
 
 use super::{Options, check_options};
-use crate::check;
+use crate::check::{self, at_rest};
 use crate::error::Error;
 use crate::evaluate::{RestReport, rest_report};
 use crate::finding::{Finding, Severity};
@@ -71,12 +71,13 @@ impl<'a> UnitData<'a> {
             .iter()
             .map(|recording| Segments::find(recording, options.min_rest_s))
             .collect::<Result<_, _>>()?;
-        for (recording, segments) in recordings.iter().zip(&segments) {
-            let ranges: Vec<_> = segments.rests.iter().map(|rest| rest.first..rest.end).collect();
-            findings.extend(check::check_rests(recording, &ranges, options.gravity_mps2));
+        let ranges: Vec<Vec<Range<usize>>> = segments.iter().map(Segments::ranges).collect();
+        for ((recording, ranges), segments) in recordings.iter().zip(&ranges).zip(&segments) {
+            findings.extend(check::check_rests(recording, ranges, options.gravity_mps2));
             findings.extend(segments.check_noise(recording));
             findings.extend(segments.noise_below_lsb(recording));
         }
+        findings.extend(check::check_independent(&at_rest(recordings, &ranges)));
         refuse_errors(&findings)?;
         let rests = rests_of(&segments);
         let saturated = saturated_stretches(recordings, &findings);

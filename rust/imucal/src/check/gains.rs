@@ -5,6 +5,7 @@
 //! In counts it can have any value, but axes of one chip have equal gains.
 
 use imucal_core::calibration::Calibration;
+use imucal_core::sensor::Triad;
 
 use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
@@ -16,21 +17,59 @@ const GAIN: [f64; 2] = [0.75, 1.25];
 /// Maximum ratio of the largest to the smallest gain of axes in counts, from the limits of [`GAIN`]: axes of one chip.
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
+/// Smallest deviation from 1 of a gain that all axes of a gyroscope share, which is reported. Clocks of quartz stay far
+/// below it; the internal oscillators of sensors, and rates that were guessed, do not.
+const COMMON_GAIN: f64 = 0.01;
+
+/// Largest deviation of one axis from the common gain, relative to the deviation of the common gain from 1. Scale errors
+/// of the axes of a sensor are independent, so they rarely agree this well by themselves.
+const COMMON_SHARE: f64 = 1.0 / 3.0;
+
 /// Findings `accel_units` and `gyro_units` (errors) for an axis in SI units with an implausible gain, and
-/// `gains_differ` (a warning) for axes in counts with different gains. `recording` is the first recording of the unit.
+/// `gains_differ` (a warning) for axes in counts with different gains, and `gyro_common_gain` (a warning) for axes of a
+/// gyroscope in SI units that share a gain. `recording` is the first recording of the unit.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
     let accelerometer = (recording.accel_unit, &calibration.accelerometer, ACCEL, "accel_units");
     let gyroscope = (recording.gyro_unit, &calibration.gyroscope, GYRO, "gyro_units");
-    [accelerometer, gyroscope]
+    let gains_of = |triad: &Triad<f64>| [0, 1, 2].map(|axis| triad.sensitivity().row(axis).norm());
+    let mut findings: Vec<Finding> = [accelerometer, gyroscope]
         .into_iter()
-        .filter_map(|(unit, triad, columns, code)| {
-            let gains = [0, 1, 2].map(|axis| triad.sensitivity().row(axis).norm());
-            match unit {
-                RawUnit::Si => odd_gains(recording, gains, columns, code),
-                RawUnit::Lsb => different_gains(recording, gains, columns),
-            }
+        .filter_map(|(unit, triad, columns, code)| match unit {
+            RawUnit::Si => odd_gains(recording, gains_of(triad), columns, code),
+            RawUnit::Lsb => different_gains(recording, gains_of(triad), columns),
         })
-        .collect()
+        .collect();
+    if recording.gyro_unit == RawUnit::Si && findings.is_empty() {
+        findings.extend(common_gain(recording, gains_of(&calibration.gyroscope)));
+    }
+    findings
+}
+
+fn common_gain(recording: &Recording, gains: [f64; 3]) -> Option<Finding> {
+    let mean = gains.iter().sum::<f64>() / 3.0;
+    let apart = gains.iter().map(|gain| (gain - mean).abs()).fold(0.0, f64::max);
+    if (mean - 1.0).abs() <= COMMON_GAIN || apart > COMMON_SHARE * (mean - 1.0).abs() {
+        return None;
+    }
+    let percent = 100.0 * (mean - 1.0).abs();
+    let (sense, stamps) = if mean > 1.0 { ("above", "long") } else { ("below", "short") };
+    Some(Finding {
+        columns: names(GYRO),
+        count: recording.len(),
+        value: mean,
+        unit: "ratio",
+        message: format!(
+            "the gains of all three gyroscope axes ({}) are {percent:.1} % {sense} 1: a common factor points to the \
+             clock or to the unit, not to the sensor",
+            gains.map(|gain| format!("{gain:.4}")).join(", ")
+        ),
+        way_out: format!(
+            "compare the duration of the recording with another clock, because time stamps that are {percent:.1} % too \
+             {stamps} give this gain; check the sensitivity by which counts were converted; if both are right, the \
+             gain is that of the sensor"
+        ),
+        ..Finding::warning("gyro_common_gain", recording.name)
+    })
 }
 
 fn odd_gains(recording: &Recording, gains: [f64; 3], columns: [&str; 3], code: &'static str) -> Option<Finding> {
@@ -120,6 +159,23 @@ mod tests {
             assert_eq!((findings.len(), findings[0].code), (1, "gains_differ"));
             assert_eq!((findings[0].severity, findings[0].columns[0].as_str()), (Severity::Warning, column));
             assert!((findings[0].value - ratio).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_gain_that_all_gyroscope_axes_share_is_a_warning() {
+        let columns = Columns::tumbling();
+        let of =
+            |recording: &Recording<'_>, gains| check_gains(recording, &Calibration::new(triad([1.0; 3]), triad(gains)));
+        for gains in [[1.02, 1.021, 1.018], [0.96, 0.97, 0.965]] {
+            let findings = of(&columns.recording(), gains);
+            assert_eq!((findings.len(), findings[0].code), (1, "gyro_common_gain"));
+            assert_eq!(findings[0].severity, Severity::Warning);
+            let lsb = Recording { gyro_unit: RawUnit::Lsb, ..columns.recording() };
+            assert!(of(&lsb, gains).is_empty());
+        }
+        for gains in [[1.009, 1.009, 1.009], [1.03, 1.0, 1.015], [0.97, 1.03, 1.02]] {
+            assert!(of(&columns.recording(), gains).is_empty());
         }
     }
 }

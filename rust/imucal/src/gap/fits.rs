@@ -8,7 +8,9 @@ use imucal_core::effects::Effect;
 use nalgebra::Vector3;
 
 use super::options::{GapOptions, Progress};
-use crate::calibrate::{Checked, CorrectedSamples, EffectChoice, ModelOptions, Outcome, WarmStart};
+use crate::calibrate::{
+    Checked, CorrectedSamples, EffectChoice, ModelOptions, Outcome, WarmStart, require_independent, rest_ranges,
+};
 use crate::correct::{correct, require_surroundings};
 use crate::error::Error;
 use crate::evaluate::{Evaluation, Uncertainty, evaluate, evaluate_corrected};
@@ -88,6 +90,9 @@ impl<'a> Fits<'a> {
             None => self.checked.calibrate(&model, warm_start)?,
         };
         let control = (!self.control.is_empty()).then(|| self.judge(&outcome)).transpose()?;
+        if let Some(control) = control.as_ref().filter(|_| self.made.is_empty()) {
+            self.require_independent(&outcome, control)?;
+        }
         if let Some(control) = &control
             && !control.evaluation.figures.chi2_per_dof.is_finite()
         {
@@ -114,6 +119,14 @@ impl<'a> Fits<'a> {
             (_, RecordingSet::Control) => corrected_by(&outcome.calibration, self.control),
             (_, RecordingSet::Calibration) => corrected_by(&outcome.calibration, self.checked.recordings()),
         }
+    }
+
+    /// Refuses control recordings that are copies of calibration recordings.
+    fn require_independent(&self, outcome: &Outcome, control: &Control) -> Result<(), Error> {
+        let recordings = self.checked.recordings();
+        let rests = rest_ranges(&outcome.rests, recordings.len());
+        let control_rests = rest_ranges(&control.evaluation.rests, self.control.len());
+        require_independent((recordings, &rests), (self.control, &control_rests))
     }
 
     /// Evaluates a calibration on the control recordings, which no fit uses.

@@ -199,6 +199,11 @@ impl Segments {
         noise_below_lsb(recording, &self.rests, &self.rounding)
     }
 
+    /// Index ranges of the rests.
+    pub(crate) fn ranges(&self) -> Vec<Range<usize>> {
+        self.rests.iter().map(|rest| rest.first..rest.end).collect()
+    }
+
     /// Replaces means and noise of the raw samples by those of the corrected samples, in SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;

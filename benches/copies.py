@@ -1,0 +1,206 @@
+"""Altered copies of a recording as its control, and independent control recordings: `python -m copies`.
+
+A copy has to be refused with `control_not_independent`, in whatever way it was altered. An independent recording
+of the same unit has to be accepted, also if the same program ran on the same stand.
+
+`--seeds N` sets the number of seeds of each alteration (20), `--pairs N` the number of independent pairs of each
+condition (100).
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+from scipy.interpolate import interp1d
+from scipy.spatial.transform import Rotation
+
+import imucal
+import imucal._core as _core
+
+GRAVITY_MPS2 = 9.80665
+MIN_REST_S = 1.0
+# The seeds of the control runs are the seeds of the calibration runs plus this number.
+CONTROL_SEEDS = 100_000
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Time, s, specific force and angular rate of a recording, and random numbers for the alteration."""
+
+    time_s: np.ndarray
+    force: np.ndarray
+    rate: np.ndarray
+    random: np.random.Generator
+
+    @staticmethod
+    def of(recording: imucal.Recording, seed: int) -> "Columns":
+        values = (recording.time_s, recording.specific_force, recording.angular_rate)
+        return Columns(*(np.array(value, dtype=float) for value in values), np.random.default_rng(seed))
+
+    def at(self, samples) -> tuple:
+        return self.time_s[samples], self.force[samples], self.rate[samples]
+
+    def map(self, change) -> tuple:
+        return self.time_s, change(self.force), change(self.rate)
+
+    def resampled(self, share: float, kind: str = "linear") -> tuple:
+        """The recording at `share` times its rate, interpolated."""
+        step = (self.time_s[1] - self.time_s[0]) / share
+        time_s = np.arange(self.time_s[0] + 0.3 * step, self.time_s[-1], step)
+        return (time_s, *(interp1d(self.time_s, rows, kind, axis=0)(time_s) for rows in (self.force, self.rate)))
+
+    def filtered(self, filter, every: int) -> tuple:
+        coefficients = signal.butter(4, 0.9 / every)
+        return tuple(
+            rows[::every]
+            for rows in (
+                self.time_s,
+                *(filter(*coefficients, rows - rows[0], axis=0) + rows[0] for rows in (self.force, self.rate)),
+            )
+        )
+
+    def with_noise(self, share: float) -> tuple:
+        def noisy(rows):
+            sigma = share * np.median(np.abs(np.diff(rows, axis=0)))
+            return rows + self.random.normal(scale=sigma, size=rows.shape)
+
+        return self.map(noisy)
+
+
+def digits(count: int) -> Callable:
+    def rounded(rows):
+        power = 10.0 ** (count - 1 - np.floor(np.log10(np.maximum(np.abs(rows), 1e-12))))
+        return np.round(rows * power) / power
+
+    return rounded
+
+
+def half(copy: Columns) -> tuple:
+    start = copy.random.integers(len(copy.time_s) // 2)
+    return copy.at(slice(start, start + len(copy.time_s) // 2))
+
+
+def without_some(copy: Columns) -> tuple:
+    kept = copy.random.random(len(copy.time_s)) > 0.003
+    return copy.at(kept)
+
+
+ALTERATIONS: dict[str, Callable[[Columns], tuple]] = {
+    "half of it": half,
+    "a fifth of it": lambda c: c.at(slice(len(c.time_s) // 3, len(c.time_s) // 3 + len(c.time_s) // 5)),
+    "every second sample": lambda c: c.at(slice(c.random.integers(2), None, 2)),
+    "every third sample": lambda c: c.at(slice(c.random.integers(3), None, 3)),
+    "single precision": lambda c: c.map(lambda rows: rows.astype(np.float32).astype(float)),
+    "rounded to 3 decimals": lambda c: c.map(lambda rows: np.round(rows, 3)),
+    "rounded to 4 decimals": lambda c: c.map(lambda rows: np.round(rows, 4)),
+    "rounded to 3 digits": lambda c: c.map(digits(3)),
+    "rounded to 4 digits": lambda c: c.map(digits(4)),
+    "1e-12 added": lambda c: c.map(lambda rows: rows + 1e-12),
+    "another bias": lambda c: (c.time_s, c.force + 0.1, c.rate - 0.01),
+    "shifted in time": lambda c: (c.time_s + c.random.uniform(0.1, 30), c.force, c.rate),
+    "begins later": lambda c: c.at(slice(c.random.integers(1, 300), None)),
+    "0.8 times the rate": lambda c: c.resampled(0.8),
+    "0.937 times the rate": lambda c: c.resampled(0.937),
+    "half the rate": lambda c: c.resampled(0.5),
+    "1.2 times the rate, cubic": lambda c: c.resampled(1.2, "cubic"),
+    "twice the rate": lambda c: c.resampled(2.0),
+    "a gain of 1.001": lambda c: c.map(lambda rows: 1.001 * rows),
+    "g and deg/s": lambda c: (c.time_s, c.force / GRAVITY_MPS2, np.degrees(c.rate)),
+    "axes exchanged": lambda c: c.map(lambda rows: rows[:, [1, 2, 0]]),
+    "gyroscope axes exchanged": lambda c: (c.time_s, c.force, c.rate[:, [1, 2, 0]]),
+    "accelerometer reversed": lambda c: (c.time_s, -c.force, c.rate),
+    "turned": lambda c: c.map(Rotation.from_rotvec(c.random.normal(size=3)).apply),
+    "noise of a third added": lambda c: c.with_noise(0.3),
+    "noise of the same size added": lambda c: c.with_noise(1.0),
+    "filtered and decimated": lambda c: c.filtered(signal.lfilter, 2),
+    "filtered without delay, decimated": lambda c: c.filtered(signal.filtfilt, 2),
+    "samples lost": without_some,
+}
+
+
+def conditions() -> dict[str, Callable[[int], imucal.Recording]]:
+    """One unit under each condition; the seed changes the noise, and the motion of a hand."""
+    program = imucal.Program.random(seed=5)
+    shaking = imucal.Stand(vibration_deg=0.01, vibration_mm=0.02, vibration_hz=21.3)
+    simulate = imucal.simulate
+    return {
+        "stand, the same program": lambda seed: simulate(program, seed=seed, rate_hz=100.0).recording,
+        "stand, another program": lambda seed: simulate("random", seed=seed, rate_hz=100.0).recording,
+        "stand that vibrates": lambda seed: simulate(program, seed=seed, stand=shaking, rate_hz=100.0).recording,
+        "stand and hum of 12.5 Hz": lambda seed: with_hum(simulate(program, seed=seed, rate_hz=100.0).recording),
+        "hand": lambda seed: simulate("tumble", seed=seed, unit="bmi088", rate_hz=100.0).recording,
+        "hand at 50 Hz": lambda seed: simulate("tumble", seed=seed, unit="mpu6050", rate_hz=50.0).recording,
+        "coarse counts": lambda seed: rounded(simulate(program, seed=seed, rate_hz=100.0).recording, 0.05, 0.01),
+        "coarser counts": lambda seed: rounded(simulate(program, seed=seed, rate_hz=100.0).recording, 0.3, 0.05),
+        "low-pass filter of 5 Hz": lambda seed: (
+            simulate(program, seed=seed, unit="mpu6050", filter_hz=5.0, rate_hz=100.0).recording
+        ),
+    }  # fmt: skip
+
+
+def with_hum(recording: imucal.Recording) -> imucal.Recording:
+    """A periodic vibration with harmonics, with the same phase in every recording, ten times the noise."""
+    columns = Columns.of(recording, 0)
+    harmonics = np.arange(1, 6)
+    wave = (np.sin(2 * np.pi * 12.5 * np.outer(columns.time_s, harmonics)) / harmonics).sum(axis=1)
+    force, rate = np.outer(wave, [0.05, 0.025, 0.015]), np.outer(wave, [0.003, 0.01, 0.005])
+    return imucal.Recording(columns.time_s, columns.force + force, columns.rate + rate, name=recording.name)
+
+
+def rounded(recording: imucal.Recording, force_mps2: float, rate_radps: float) -> imucal.Recording:
+    columns = Columns.of(recording, 0)
+    force, rate = np.round(columns.force / force_mps2), np.round(columns.rate / rate_radps)
+    return imucal.Recording(columns.time_s, force * force_mps2, rate * rate_radps, name=recording.name)
+
+
+def altered(recording: imucal.Recording, alteration: str, seed: int) -> imucal.Recording:
+    return imucal.Recording(*ALTERATIONS[alteration](Columns.of(recording, seed)), name="copy")
+
+
+def common_noise(recording: imucal.Recording, control: imucal.Recording) -> float | None:
+    """The correlation of a refused control recording in standard deviations; None if it is accepted."""
+    pair = (recording, control)
+    try:
+        _core.require_independent([recording], [rests(recording)], [control], [rests(control)])
+    except imucal.InputError as error:
+        (finding,) = error.findings
+        assert finding.code == "control_not_independent", f"{finding} of {pair}"
+        return float(finding.value)
+    return None
+
+
+def rests(recording: imucal.Recording) -> list[tuple[int, int]]:
+    """Rests in units of the altered copy: their first sample, and the sample after the last."""
+    found = _core.inspect(recording, GRAVITY_MPS2, MIN_REST_S).rests
+    return [tuple(map(int, np.searchsorted(recording.time_s, rest) + [0, 1])) for rest in found]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--pairs", type=int, default=100)
+    given = parser.parse_args()
+    made = conditions()
+    print("independent pairs refused")
+    for name, make in made.items():
+        refused = sum(
+            common_noise(make(seed), make(seed + CONTROL_SEEDS)) is not None for seed in range(given.pairs)
+        )
+        print(f"  {name:36} {refused} of {given.pairs}", flush=True)
+    print("copies refused, and the smallest correlation of a copy in standard deviations")
+    for name in ("stand, the same program", "hand at 50 Hz", "hand", "coarse counts", "low-pass filter of 5 Hz"):
+        print(f"  {name}")
+        for alteration in ALTERATIONS:
+            found = []
+            for seed in range(given.seeds):
+                recording = made[name](seed)
+                found.append(common_noise(recording, altered(recording, alteration, seed)))
+            known = [sigmas for sigmas in found if sigmas is not None]
+            least = f"{min(known):.0f}" if known else "-"
+            print(f"    {alteration:34} {len(known)} of {len(found)}, {least}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,244 @@
+//! Search for a part of one recording's noise in other recordings, over all lags.
+//!
+//! Both signals are divided by the magnitude of their spectrum (phase transform: Knapp and Carter, The generalized
+//! correlation method for estimation of time delay, 1976). Every frequency then has the same weight, so a strong periodic
+//! vibration that two independent recordings share contributes no more than the few frequencies that it occupies. For
+//! independent noise the sum over m frequencies and n signals has the variance m n at every lag.
+
+use std::sync::Arc;
+
+use realfft::num_complex::Complex;
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+
+use super::noise_tape::{SIGNALS, Tape};
+
+/// Samples in a block of the searched recording.
+const BLOCK: usize = 4096;
+/// Samples in a template, at the rate of the searched recording. Templates are short, so that two clocks, or a clock that
+/// was written with other digits, stay within one sample over a template.
+pub(super) const TEMPLATE: usize = 2048;
+/// Lags that one block gives.
+const LAGS: usize = BLOCK - TEMPLATE;
+/// Share of a block or template at each end that is tapered, so that its edges do not spread periodic vibration over all
+/// frequencies.
+const TAPER: f64 = 0.05;
+/// Distance in samples from the largest correlation from which another large correlation contradicts a copy. Lost samples
+/// give a copy several lags within this distance; periodic signals correlate at every lag.
+const NEAR: usize = 64;
+
+/// Correlations of the three signals that depend on the order of the axes, and of the one that does not.
+const KINDS: [std::ops::Range<usize>; 2] = [0..3, 3..SIGNALS];
+
+/// A part of a recording's noise, to be searched for.
+pub(super) struct Template {
+    /// Index of the recording.
+    pub(super) recording: usize,
+    /// Index of its first sample in the recording.
+    pub(super) first: usize,
+    /// Samples of the recording that it covers.
+    pub(super) samples: usize,
+    /// Index of the tape that is searched.
+    pub(super) tape: usize,
+    /// End of the searched part of the tape. The template begins before it, so it does not meet itself.
+    pub(super) until: usize,
+    /// Conjugate whitened spectrum of each signal; empty for a signal that is zero.
+    spectra: [Vec<Complex<f32>>; SIGNALS],
+}
+
+/// The largest correlation of a template, in standard deviations for independent noise.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Peak {
+    pub(super) sigmas: f32,
+    /// Position on the tape at which the template begins; negative before the start of the tape.
+    pub(super) at: isize,
+    /// Largest correlation farther away than [`NEAR`].
+    pub(super) elsewhere: f32,
+}
+
+pub(super) struct Transform {
+    forward: Arc<dyn RealToComplex<f32>>,
+    inverse: Arc<dyn ComplexToReal<f32>>,
+    block_taper: Vec<f32>,
+    template_taper: Vec<f32>,
+    buffer: Vec<f32>,
+    product: Vec<Complex<f32>>,
+    scratch: Vec<Complex<f32>>,
+}
+
+impl Transform {
+    pub(super) fn new() -> Self {
+        let mut planner = RealFftPlanner::new();
+        let (forward, inverse) = (planner.plan_fft_forward(BLOCK), planner.plan_fft_inverse(BLOCK));
+        let scratch = forward.get_scratch_len().max(inverse.get_scratch_len());
+        Self {
+            block_taper: taper(BLOCK),
+            template_taper: taper(TEMPLATE),
+            buffer: vec![0.0; BLOCK],
+            product: vec![Complex::default(); BLOCK / 2 + 1],
+            scratch: vec![Complex::default(); scratch],
+            forward,
+            inverse,
+        }
+    }
+
+    /// The template that begins `first` samples after the start of `range`, which is a recording's range on the tape
+    /// `from`. `ratio` is the rate of the searched tape divided by that of the recording.
+    ///
+    /// A second difference is the change of slope of the samples' linear interpolation. Spreading it over the two nearest
+    /// samples of another rate gives the second difference of the interpolated samples.
+    pub(super) fn template(
+        &mut self,
+        from: &Tape,
+        (recording, range): (usize, &std::ops::Range<usize>),
+        first: usize,
+        ratio: f64,
+        (tape, until): (usize, usize),
+    ) -> Template {
+        let samples = samples_of(ratio).min(range.len() - first);
+        let spectra = std::array::from_fn(|k| {
+            let signal = &from.signals[k][range.start + first..][..samples];
+            self.buffer.fill(0.0);
+            for (i, value) in signal.iter().enumerate() {
+                let position = i as f64 * ratio;
+                let (at, share) = (position as usize, position.fract() as f32);
+                self.buffer[at] += value * (1.0 - share);
+                self.buffer[at + 1] += value * share;
+            }
+            for (value, taper) in self.buffer.iter_mut().zip(&self.template_taper) {
+                *value *= taper;
+            }
+            let mut spectrum = self.whitened();
+            spectrum.iter_mut().for_each(|value| value.im = -value.im);
+            spectrum
+        });
+        Template { recording, first, samples, tape, until, spectra }
+    }
+
+    /// The peak of each template in the tape that it searches.
+    pub(super) fn search(&mut self, tapes: &[Tape], templates: &[Template]) -> Vec<[Peak; 2]> {
+        let mut tops: Vec<[Vec<Peak>; 2]> = templates.iter().map(|_| Default::default()).collect();
+        for (index, tape) in tapes.iter().enumerate() {
+            let here = |template: &&Template| template.tape == index;
+            let until = templates.iter().filter(here).map(|template| template.until).max().unwrap_or(0);
+            for first in (0..until + TEMPLATE).step_by(LAGS) {
+                let first = first as isize - TEMPLATE as isize;
+                let spectra: [Vec<Complex<f32>>; SIGNALS] =
+                    std::array::from_fn(|k| self.block(&tape.signals[k], first));
+                for (template, tops) in templates.iter().zip(&mut tops) {
+                    if !here(&template) || first >= template.until as isize {
+                        continue;
+                    }
+                    for (kind, tops) in KINDS.iter().zip(tops) {
+                        let lags = LAGS.min((template.until as isize - first) as usize);
+                        let pair = (&spectra[kind.clone()], &template.spectra[kind.clone()]);
+                        tops.extend(self.correlate(pair, (first, lags)));
+                    }
+                }
+            }
+        }
+        tops.iter().map(|kinds| kinds.each_ref().map(|tops| highest(tops))).collect()
+    }
+
+    /// Whitened spectrum of a block of a signal; the block may begin before the signal and end after it.
+    fn block(&mut self, signal: &[f32], first: isize) -> Vec<Complex<f32>> {
+        let clipped = |at: isize| at.clamp(0, signal.len() as isize) as usize;
+        let (start, end) = (clipped(first), clipped(first + BLOCK as isize));
+        self.buffer.fill(0.0);
+        if start < end {
+            let offset = (start as isize - first) as usize;
+            let place = offset..offset + end - start;
+            let tapers = &self.block_taper[place.clone()];
+            for ((value, sample), taper) in self.buffer[place].iter_mut().zip(&signal[start..end]).zip(tapers) {
+                *value = sample * taper;
+            }
+        }
+        self.whitened()
+    }
+
+    /// Spectrum of the buffer with the magnitude 1 at every frequency; empty if the buffer is zero.
+    fn whitened(&mut self) -> Vec<Complex<f32>> {
+        if self.buffer.iter().all(|value| *value == 0.0) {
+            return Vec::new();
+        }
+        let mut spectrum = vec![Complex::default(); BLOCK / 2 + 1];
+        let length = self.forward.get_scratch_len();
+        let done = self.forward.process_with_scratch(&mut self.buffer, &mut spectrum, &mut self.scratch[..length]);
+        if done.is_err() {
+            return Vec::new();
+        }
+        for value in &mut spectrum {
+            let squared = value.norm_sqr();
+            let inverse = if squared > 0.0 { 1.0 / squared.sqrt() } else { 0.0 };
+            *value = Complex::new(value.re * inverse, value.im * inverse);
+        }
+        spectrum
+    }
+
+    /// The largest correlation of a block with a template at the first `lags` lags; `first` is the position of the block
+    /// on the tape. `None` if block and template have no signal in common.
+    fn correlate(
+        &mut self,
+        (block, template): (&[Vec<Complex<f32>>], &[Vec<Complex<f32>>]),
+        (first, lags): (isize, usize),
+    ) -> Option<Peak> {
+        self.product.fill(Complex::default());
+        let mut signals = 0;
+        for (block, template) in block.iter().zip(template) {
+            signals += usize::from(!block.is_empty() && !template.is_empty());
+            for ((sum, block), template) in self.product.iter_mut().zip(block).zip(template) {
+                *sum += block * template;
+            }
+        }
+        if signals == 0 {
+            return None;
+        }
+        // The sums at the frequencies 0 and rate/2 are real apart from rounding, as the transform requires.
+        self.product[0].im = 0.0;
+        self.product[BLOCK / 2].im = 0.0;
+        let length = self.inverse.get_scratch_len();
+        self.inverse.process_with_scratch(&mut self.product, &mut self.buffer, &mut self.scratch[..length]).ok()?;
+        let lags = &self.buffer[..lags];
+        let top = largest(lags);
+        let at = lags.iter().position(|value| value.abs() == top)?;
+        let elsewhere =
+            largest(&lags[..at.saturating_sub(NEAR)]).max(largest(&lags[(at + NEAR + 1).min(lags.len())..]));
+        let sigma = ((signals * BLOCK) as f32).sqrt();
+        Some(Peak { sigmas: top / sigma, at: first + at as isize, elsewhere: elsewhere / sigma })
+    }
+}
+
+/// Largest magnitude; the maxima of eight interleaved sequences are independent, so that the compiler uses vectors.
+fn largest(values: &[f32]) -> f32 {
+    let larger = |most: f32, value: f32| if value.abs() > most { value.abs() } else { most };
+    let (fulls, rest) = values.as_chunks::<8>();
+    let mut most = [0.0_f32; 8];
+    for full in fulls {
+        (0..8).for_each(|k| most[k] = larger(most[k], full[k]));
+    }
+    most.iter().chain(rest).copied().fold(0.0, larger)
+}
+
+/// Samples of a recording in a template, if the rate of the searched tape is `ratio` times that of the recording.
+pub(super) fn samples_of(ratio: f64) -> usize {
+    ((TEMPLATE - 2) as f64 / ratio) as usize + 1
+}
+
+/// The highest peak of all blocks, and the highest correlation away from it.
+fn highest(tops: &[Peak]) -> Peak {
+    let Some(&top) = tops.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)) else { return Peak::default() };
+    let others = tops.iter().filter(|other| other.at.abs_diff(top.at) > NEAR).map(|other| other.sigmas);
+    Peak { elsewhere: others.fold(top.elsewhere, f32::max), ..top }
+}
+
+/// A window of ones with raised cosines at both ends.
+fn taper(length: usize) -> Vec<f32> {
+    let edge = (TAPER * length as f64) as usize;
+    let weight = |i: usize| {
+        let from_end = i.min(length - 1 - i);
+        if from_end >= edge {
+            return 1.0;
+        }
+        ((from_end as f32 + 0.5) / edge as f32 * std::f32::consts::FRAC_PI_2).sin().powi(2)
+    };
+    (0..length).map(weight).collect()
+}

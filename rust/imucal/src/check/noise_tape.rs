@@ -1,0 +1,198 @@
+//! Noise of recordings at rest, as signals that identify a recording.
+//!
+//! The noise of a sensor never repeats, but motion does: one stand runs one program many times. Only samples at rest are
+//! therefore used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann window, so that
+//! periodic vibration (mains, motors) stays within few frequencies. Each axis is divided by its scale and clipped, which
+//! removes units and gains and limits shocks.
+
+use std::ops::Range;
+
+use crate::recording::Recording;
+
+/// Number of signals: three sums of one accelerometer axis and one gyroscope axis, and the sum of all squares. The sum of
+/// squares does not depend on the order and the signs of the axes.
+pub(super) const SIGNALS: usize = 4;
+
+/// Maximum absolute value of a scaled second difference, in units of its scale.
+const CLIP: f32 = 3.0;
+/// Quantile of the absolute second differences that gives the scale. An axis of which at least a fifth of the second
+/// differences is not zero has noise; rounding to coarse counts leaves fewer.
+const SCALE_QUANTILE: f64 = 0.8;
+/// Value of the normal distribution at this quantile of the absolute value, so that the scale is a standard deviation.
+const SCALE_OF_NORMAL: f64 = 1.28;
+/// Minimum scale relative to the largest reading. Smaller differences are rounding errors of the arithmetic.
+const MIN_SCALE: f64 = 1e-9;
+/// Maximum number of samples from which a scale is estimated; its error is then below 3 %.
+const SCALE_SAMPLES: usize = 4096;
+/// Relative difference of sampling rates up to which two recordings have the same rate. Clocks of one unit agree to
+/// about 1e-4, and the sampling rates that people choose differ by more.
+const SAME_RATE: f64 = 2e-3;
+
+/// A recording with the index ranges of its rests.
+#[derive(Clone, Copy)]
+pub struct AtRest<'a> {
+    /// The recording.
+    pub recording: &'a Recording<'a>,
+    /// Index ranges of the rests, in ascending order.
+    pub rests: &'a [Range<usize>],
+}
+
+/// The recordings with the ranges of their rests, one list for each recording.
+pub fn at_rest<'a>(recordings: &'a [Recording<'a>], rests: &'a [Vec<Range<usize>>]) -> Vec<AtRest<'a>> {
+    recordings.iter().zip(rests).map(|(recording, rests)| AtRest { recording, rests }).collect()
+}
+
+/// Signals of recordings of one sampling rate, one after another.
+pub(super) struct Tape {
+    pub(super) rate_hz: f64,
+    pub(super) signals: [Vec<f32>; SIGNALS],
+    /// Index of each recording and its range on the tape.
+    pub(super) parts: Vec<(usize, Range<usize>)>,
+}
+
+/// Place of a recording on the tapes.
+#[derive(Clone)]
+pub(super) struct OnTape {
+    pub(super) tape: usize,
+    pub(super) range: Range<usize>,
+}
+
+impl Tape {
+    /// Tapes of all recordings, in the given order, and the place of each recording.
+    pub(super) fn of(recordings: &[AtRest<'_>], order: &[usize]) -> (Vec<Self>, Vec<OnTape>) {
+        let mut tapes: Vec<Self> = Vec::new();
+        let mut places = vec![OnTape { tape: 0, range: 0..0 }; recordings.len()];
+        for &index in order {
+            let rate_hz = mean_rate_hz(recordings[index].recording.time_s);
+            let known = tapes.iter().position(|tape| is_same_rate(tape.rate_hz, rate_hz));
+            let tape = known.unwrap_or_else(|| {
+                tapes.push(Self { rate_hz, signals: std::array::from_fn(|_| Vec::new()), parts: Vec::new() });
+                tapes.len() - 1
+            });
+            let range = tapes[tape].append(&recordings[index]);
+            tapes[tape].parts.push((index, range.clone()));
+            places[index] = OnTape { tape, range };
+        }
+        (tapes, places)
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.signals[0].len()
+    }
+
+    fn append(&mut self, at_rest: &AtRest<'_>) -> Range<usize> {
+        let AtRest { recording, rests } = *at_rest;
+        let start = self.len();
+        for signal in &mut self.signals {
+            signal.resize(start + recording.len(), 0.0);
+        }
+        let scales = Axes::of(at_rest);
+        let inner = |rest: &Range<usize>| inner(rest, recording);
+        let (mut energy, mut count) = (0.0_f64, 0_usize);
+        for samples in rests.iter().map(inner) {
+            for (i, taper) in samples.clone().zip(hann(samples.len())) {
+                let scaled = scales.second_difference(recording, i);
+                for axis in 0..3 {
+                    self.signals[axis][start + i] = taper * (scaled[axis] + scaled[3 + axis]);
+                }
+                let squares: f32 = scaled.iter().map(|value| value * value).sum();
+                self.signals[3][start + i] = squares;
+                energy += f64::from(squares);
+                count += 1;
+            }
+        }
+        let mean = (energy / count.max(1) as f64) as f32;
+        for samples in rests.iter().map(inner) {
+            let squares = &mut self.signals[3][start + samples.start..][..samples.len()];
+            for (squares, taper) in squares.iter_mut().zip(hann(samples.len())) {
+                *squares = taper * (*squares - mean);
+            }
+        }
+        start..self.len()
+    }
+}
+
+/// Hann window of `length` samples, by the recurrence of the cosine, which is much faster than the cosine itself.
+fn hann(length: usize) -> impl Iterator<Item = f32> {
+    let step = std::f64::consts::TAU / length.max(1) as f64;
+    let twice = 2.0 * step.cos();
+    let (mut before, mut cosine) = ((-0.5 * step).cos(), (0.5 * step).cos());
+    (0..length).map(move |_| {
+        let weight = (0.5 - 0.5 * cosine) as f32;
+        (before, cosine) = (cosine, twice * cosine - before);
+        weight
+    })
+}
+
+pub(super) fn is_same_rate(first_hz: f64, second_hz: f64) -> bool {
+    (first_hz / second_hz - 1.0).abs() < SAME_RATE
+}
+
+/// Mean sampling rate without gaps, Hz: steps of more than three times the median do not count.
+fn mean_rate_hz(time_s: &[f64]) -> f64 {
+    let stride = (time_s.len() / SCALE_SAMPLES).max(1);
+    let mut steps: Vec<f64> = time_s.windows(2).step_by(stride).map(|pair| pair[1] - pair[0]).collect();
+    if steps.is_empty() {
+        return 0.0;
+    }
+    let middle = steps.len() / 2;
+    let longest = 3.0 * *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for step in time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step < longest) {
+        sum += step;
+        count += 1;
+    }
+    count as f64 / sum
+}
+
+/// Inverse scale of the noise of each axis, accelerometer first; zero for an axis without noise.
+struct Axes([f64; 6]);
+
+impl Axes {
+    fn of(at_rest: &AtRest<'_>) -> Self {
+        let AtRest { recording, rests } = *at_rest;
+        let inner = |rest: &Range<usize>| inner(rest, recording);
+        let all: usize = rests.iter().map(|rest| inner(rest).len()).sum();
+        let stride = (all / SCALE_SAMPLES).max(1);
+        let mut differences: [Vec<f64>; 6] = Default::default();
+        let mut largest = [0.0_f64; 6];
+        for i in rests.iter().flat_map(inner).step_by(stride) {
+            let (middle, difference) = (row(recording, i), second_difference(recording, i));
+            for axis in 0..6 {
+                largest[axis] = largest[axis].max(middle[axis].abs());
+                differences[axis].push(difference[axis].abs());
+            }
+        }
+        Self(std::array::from_fn(|axis| {
+            let values = &mut differences[axis];
+            if values.is_empty() {
+                return 0.0;
+            }
+            let place = (SCALE_QUANTILE * (values.len() - 1) as f64) as usize;
+            let scale = *values.select_nth_unstable_by(place, f64::total_cmp).1 / SCALE_OF_NORMAL;
+            if scale > MIN_SCALE * largest[axis] { 1.0 / scale } else { 0.0 }
+        }))
+    }
+
+    /// Scaled and clipped second difference of each axis.
+    fn second_difference(&self, recording: &Recording<'_>, sample: usize) -> [f32; 6] {
+        let difference = second_difference(recording, sample);
+        std::array::from_fn(|axis| ((difference[axis] * self.0[axis]) as f32).clamp(-CLIP, CLIP))
+    }
+}
+
+/// The samples of a rest that have a second difference, which the first and the last sample of a recording do not have.
+fn inner(rest: &Range<usize>, recording: &Recording<'_>) -> Range<usize> {
+    let start = rest.start.max(1);
+    start..rest.end.min(recording.len().saturating_sub(1)).max(start)
+}
+
+fn row(recording: &Recording<'_>, sample: usize) -> [f64; 6] {
+    let ([fx, fy, fz], [wx, wy, wz]) = (recording.specific_force.at(sample), recording.angular_rate.at(sample));
+    [fx, fy, fz, wx, wy, wz]
+}
+
+fn second_difference(recording: &Recording<'_>, sample: usize) -> [f64; 6] {
+    let (before, middle, after) = (row(recording, sample - 1), row(recording, sample), row(recording, sample + 1));
+    std::array::from_fn(|axis| before[axis] - 2.0 * middle[axis] + after[axis])
+}
