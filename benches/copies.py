@@ -1,10 +1,10 @@
 """Altered copies of a recording as its control, and independent control recordings: `python -m copies`.
 
-A copy has to be refused with `control_not_independent`, in whatever way it was altered. An independent recording
-of the same unit has to be accepted, also if the same program ran on the same stand.
+A copy has to be refused with `control_not_independent`, in whatever way it was altered. An independent
+recording of the same unit has to be accepted, also if the same program ran on the same stand.
 
-`--seeds N` sets the number of seeds of each alteration (20), `--pairs N` the number of independent pairs of each
-condition (100).
+`--seeds N` sets the number of seeds of each alteration (20), `--pairs N` the number of independent pairs of
+each condition (100). The figures are in docs/results/copies.md.
 """
 
 import argparse
@@ -49,7 +49,10 @@ class Columns:
         """The recording at `share` times its rate, interpolated."""
         step = (self.time_s[1] - self.time_s[0]) / share
         time_s = np.arange(self.time_s[0] + 0.3 * step, self.time_s[-1], step)
-        return (time_s, *(interp1d(self.time_s, rows, kind, axis=0)(time_s) for rows in (self.force, self.rate)))
+        return (
+            time_s,
+            *(interp1d(self.time_s, rows, kind, axis=0)(time_s) for rows in (self.force, self.rate)),
+        )
 
     def filtered(self, filter, every: int) -> tuple:
         coefficients = signal.butter(4, 0.9 / every)
@@ -57,7 +60,10 @@ class Columns:
             rows[::every]
             for rows in (
                 self.time_s,
-                *(filter(*coefficients, rows - rows[0], axis=0) + rows[0] for rows in (self.force, self.rate)),
+                *(
+                    filter(*coefficients, rows - rows[0], axis=0) + rows[0]
+                    for rows in (self.force, self.rate)
+                ),
             )
         )
 
@@ -124,20 +130,24 @@ def conditions() -> dict[str, Callable[[int], imucal.Recording]]:
     """One unit under each condition; the seed changes the noise, and the motion of a hand."""
     program = imucal.Program.random(seed=5)
     shaking = imucal.Stand(vibration_deg=0.01, vibration_mm=0.02, vibration_hz=21.3)
-    simulate = imucal.simulate
+
+    def on_stand(seed: int, **arguments) -> imucal.Recording:
+        return imucal.simulate(program, seed=seed, rate_hz=100.0, **arguments).recording
+
+    def by_hand(seed: int, unit: str, rate_hz: float) -> imucal.Recording:
+        return imucal.simulate("tumble", seed=seed, unit=unit, rate_hz=rate_hz).recording
+
     return {
-        "stand, the same program": lambda seed: simulate(program, seed=seed, rate_hz=100.0).recording,
-        "stand, another program": lambda seed: simulate("random", seed=seed, rate_hz=100.0).recording,
-        "stand that vibrates": lambda seed: simulate(program, seed=seed, stand=shaking, rate_hz=100.0).recording,
-        "stand and hum of 12.5 Hz": lambda seed: with_hum(simulate(program, seed=seed, rate_hz=100.0).recording),
-        "hand": lambda seed: simulate("tumble", seed=seed, unit="bmi088", rate_hz=100.0).recording,
-        "hand at 50 Hz": lambda seed: simulate("tumble", seed=seed, unit="mpu6050", rate_hz=50.0).recording,
-        "coarse counts": lambda seed: rounded(simulate(program, seed=seed, rate_hz=100.0).recording, 0.05, 0.01),
-        "coarser counts": lambda seed: rounded(simulate(program, seed=seed, rate_hz=100.0).recording, 0.3, 0.05),
-        "low-pass filter of 5 Hz": lambda seed: (
-            simulate(program, seed=seed, unit="mpu6050", filter_hz=5.0, rate_hz=100.0).recording
-        ),
-    }  # fmt: skip
+        "stand, the same program": on_stand,
+        "stand, another program": lambda seed: imucal.simulate("random", seed=seed, rate_hz=100.0).recording,
+        "stand that vibrates": lambda seed: on_stand(seed, stand=shaking),
+        "stand and hum of 12.5 Hz": lambda seed: with_hum(on_stand(seed)),
+        "hand": lambda seed: by_hand(seed, "bmi088", 100.0),
+        "hand at 50 Hz": lambda seed: by_hand(seed, "mpu6050", 50.0),
+        "coarse counts": lambda seed: rounded(on_stand(seed), 0.05, 0.01),
+        "coarser counts": lambda seed: rounded(on_stand(seed), 0.3, 0.05),
+        "low-pass filter of 5 Hz": lambda seed: on_stand(seed, unit="mpu6050", filter_hz=5.0),
+    }
 
 
 def with_hum(recording: imucal.Recording) -> imucal.Recording:
@@ -161,12 +171,11 @@ def altered(recording: imucal.Recording, alteration: str, seed: int) -> imucal.R
 
 def common_noise(recording: imucal.Recording, control: imucal.Recording) -> float | None:
     """The correlation of a refused control recording in standard deviations; None if it is accepted."""
-    pair = (recording, control)
     try:
         _core.require_independent([recording], [rests(recording)], [control], [rests(control)])
     except imucal.InputError as error:
         (finding,) = error.findings
-        assert finding.code == "control_not_independent", f"{finding} of {pair}"
+        assert finding.code == "control_not_independent", str(finding)
         return float(finding.value)
     return None
 
@@ -174,7 +183,10 @@ def common_noise(recording: imucal.Recording, control: imucal.Recording) -> floa
 def rests(recording: imucal.Recording) -> list[tuple[int, int]]:
     """Rests in units of the altered copy: their first sample, and the sample after the last."""
     found = _core.inspect(recording, GRAVITY_MPS2, MIN_REST_S).rests
-    return [tuple(map(int, np.searchsorted(recording.time_s, rest) + [0, 1])) for rest in found]
+    return [
+        (int(np.searchsorted(recording.time_s, start)), int(np.searchsorted(recording.time_s, end)) + 1)
+        for start, end in found
+    ]
 
 
 def main() -> None:
@@ -190,7 +202,13 @@ def main() -> None:
         )
         print(f"  {name:36} {refused} of {given.pairs}", flush=True)
     print("copies refused, and the smallest correlation of a copy in standard deviations")
-    for name in ("stand, the same program", "hand at 50 Hz", "hand", "coarse counts", "low-pass filter of 5 Hz"):
+    for name in (
+        "stand, the same program",
+        "hand at 50 Hz",
+        "hand",
+        "coarse counts",
+        "low-pass filter of 5 Hz",
+    ):
         print(f"  {name}")
         for alteration in ALTERATIONS:
             found = []

@@ -61,7 +61,7 @@ def test_a_copy_among_several_control_recordings_is_named(made, run):
 def test_gap_refuses_a_copy_as_control(run):
     gap = imucal.find_gap(run, control=copies.altered(run, "rounded to 4 decimals", SEED))
     assert gap.verdict == "data_fault"
-    assert [fault.code for fault in gap.faults] == ["control_not_independent"]
+    assert [effect["name"] for effect in gap.effects] == ["control_not_independent"]
 
 
 def test_recordings_that_are_calibrated_together_are_independent(made, run):

@@ -23,6 +23,7 @@ from imucal.calibration.figures import figures_text
 from imucal.calibration.file import document_of, fields_of, require_consistent
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance, require_serial_number
+from imucal.calibration.references import References
 from imucal.calibration.triad import Parameter
 from imucal.calibration.verdict import Verdict, saved_verdict
 from imucal.document.atomic import write_text
@@ -47,6 +48,7 @@ class Calibration(SensorModel):
     effects                   effects from the catalogue and user-defined effects, with their values
     user_effects              definitions of the user-defined effects
     axes                      the `axes` with which the recordings were read
+    references                how local gravity and the clock are known
     covariance                (P, P) of the parameters in `covariance_names`, or None
     noise                     noise figures; each name ends with the unit
     temperature_range_degc    lowest and highest temperature of the recordings, or None
@@ -56,6 +58,7 @@ class Calibration(SensorModel):
     reasons          why the verdict is not good
     """
 
+    references: References = field(default_factory=References)
     covariance: FloatArray | None = None
     covariance_names: tuple[str, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict)

@@ -22,7 +22,7 @@ __all__ = ["origins_of", "require_covariance", "require_written_again"]
 
 WAY_OUT: Final = "correct one of them, or calibrate again"
 # Fields that older files do not have.
-OPTIONAL: Final = frozenset({"reference_temperature_degc", "operator", "verdict", "reasons"})
+OPTIONAL: Final = frozenset({"reference_temperature_degc", "operator", "references", "verdict", "reasons"})
 # Standard deviations are often written with three digits.
 STD_ROUNDING: Final = 1e-3
 # A value may differ by this share of its standard deviation, which no use of it can notice.

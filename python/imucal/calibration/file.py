@@ -22,6 +22,7 @@ from imucal.calibration.plausibility import (
     require_temperature_range,
 )
 from imucal.calibration.provenance import Provenance
+from imucal.calibration.references import References
 from imucal.calibration.report import (
     require_date,
     require_figures,
@@ -84,6 +85,7 @@ def document_of(
             "raw_units": {"accelerometer": model.accel_unit, "gyroscope": model.gyro_unit},
             "axes": model.axes,
             "gravity_mps2": model.gravity_mps2,
+            "references": others["references"],
             "accelerometer": {
                 "T": model.accelerometer.sensitivity,
                 "bias": model.accelerometer.bias,
@@ -169,6 +171,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
         "gyro_unit": gyro_unit,
         "axes": node.get("axes").text() if "axes" in node.mapping() else UNCHANGED,
         "gravity_mps2": require_gravity(node.get("gravity_mps2")),
+        "references": References.of_file(node),
         "effects": tuple(values for values, _ in effects),
         "user_effects": tuple(effect for _, effect in effects if isinstance(effect, UserEffect)),
         "covariance": covariance.get("matrix").array(len(names), len(names)) if names else None,

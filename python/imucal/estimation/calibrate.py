@@ -13,6 +13,7 @@ from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures
 from imucal.calibration.provenance import Provenance, require_serial_number
+from imucal.calibration.references import References, references_of
 from imucal.calibration.triad import Frame, Triad, as_frame
 from imucal.calibration.verdict import ResidualFit, verdict_of, worst
 from imucal.document.json_document import now
@@ -31,7 +32,6 @@ from imucal.estimation.user_effects import UserEffectSource
 from imucal.recording.one_unit import of_one_unit, require_other_data
 from imucal.recording.recording import Recording, as_recordings
 from imucal.rig.unit import Unit
-from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["calibrate", "result_of"]
 
@@ -43,7 +43,11 @@ def calibrate(
     recordings: Recording | Sequence[Recording],
     *,
     control: Recording | Sequence[Recording] | None = None,
-    gravity_mps2: float = STANDARD_GRAVITY_MPS2,
+    gravity_mps2: float | None = None,
+    gravity_sigma_mps2: float | None = None,
+    latitude_deg: float | None = None,
+    height_m: float | None = None,
+    clock_ppm: float | None = None,
     frame: Frame | str = "symmetric",
     min_rest_s: float = _core.MIN_REST_S,
     exclude_saturated: bool = False,
@@ -58,7 +62,13 @@ def calibrate(
     """Calibrate one unit from one or more of its recordings.
 
     control            recordings that are not fitted and only used to judge the result
-    gravity_mps2       local gravity, m/s^2; the accelerometer scales are proportional to it
+    gravity_mps2       local gravity, m/s^2, with which the accelerometer scales change inversely; None:
+                       normal gravity at `latitude_deg` and `height_m`, or standard gravity 9.80665
+    gravity_sigma_mps2 standard deviation of local gravity, m/s^2, to include in those of the scales; None:
+                       that of normal gravity with `latitude_deg`, otherwise none
+    latitude_deg, height_m   geodetic latitude, deg, and height, m, of the place
+    clock_ppm          standard deviation of the rate of the clock that gives the time stamps, 1e-6, to
+                       include in those of the gyroscope scales, which are proportional to the time stamps
     frame              body frame of the result: "symmetric" or "triangular"
     min_rest_s         minimum duration of a rest, s
     exclude_saturated  exclude rests and moves with saturated samples instead of refusing the recording
@@ -95,8 +105,11 @@ def calibrate(
             "effects"
         )
     require_serial_number(serial_number)
+    gravity, references = references_of(gravity_mps2, gravity_sigma_mps2, clock_ppm, latitude_deg, height_m)
     options = Options(
-        gravity_mps2=float(gravity_mps2),
+        gravity_mps2=gravity,
+        gravity_sigma_mps2=references.gravity_sigma_mps2,
+        clock_ppm=references.clock_ppm,
         frame=body_frame,
         min_rest_s=float(min_rest_s),
         exclude_saturated=exclude_saturated,
@@ -112,12 +125,14 @@ def calibrate(
     require_other_data(unit_data, judges)
     source = UserEffectSource(own, unit_data, judges) if own else None
     outcome = _core.calibrate(unit_data, options, source)
-    result = result_of(outcome, unit_data, options, own, judges, serial_number=serial_number)
+    result = result_of(
+        outcome, unit_data, options, own, judges, serial_number=serial_number, references=references
+    )
     if not judges:
         return result
     found = evaluated(result.calibration, judges, options.min_rest_s)
     _core.require_independent(unit_data, outcome.rest_ranges, judges, found.rest_ranges)
-    return result_of(outcome, unit_data, options, own, judges, found, serial_number)
+    return result_of(outcome, unit_data, options, own, judges, found, serial_number, references)
 
 
 def result_of(
@@ -128,6 +143,7 @@ def result_of(
     judges: Sequence[Recording] = (),
     found: _core.Evaluation | None = None,
     serial_number: str | None = None,
+    references: References | None = None,
 ) -> CalibrationResult:
     """The result of a calibration by the compiled library.
 
@@ -147,6 +163,7 @@ def result_of(
         gyro_unit=unit_data[0].gyro_unit,
         axes=unit_data[0].axes,
         gravity_mps2=options.gravity_mps2,
+        references=references or References(),
         effects=tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects),
         user_effects=own,
         covariance=outcome.covariance,

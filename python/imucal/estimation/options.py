@@ -38,6 +38,8 @@ class Options:
 
     gravity_mps2: float
     min_rest_s: float
+    gravity_sigma_mps2: float | None = None
+    clock_ppm: float | None = None
     frame: Frame = "symmetric"
     exclude_saturated: bool = False
     accel_nominal: float | None = None

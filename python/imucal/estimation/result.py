@@ -78,7 +78,7 @@ class CalibrationResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Exclusions, widened uncertainties, effects and badly determined parameters, one sentence each."""
+        """Exclusions, widened uncertainties, effects, badly determined parameters, and assumptions."""
         notes = [
             f"rest {index} ({rest.start_s:.2f} s to {rest.end_s:.2f} s) of {rest.recording} "
             f"excluded: {rest.excluded}"
@@ -122,6 +122,7 @@ class CalibrationResult:
             for effect in self.fit.effects
         ]
         notes += [f"{item.message}: {item.way_out}" for item in self.diagnosis]
+        notes += self.calibration.references.notes(self.calibration.gravity_mps2)
         return tuple(notes)
 
     def _widened(self) -> list[tuple[str, float | None]]:

@@ -18,6 +18,7 @@ import numpy as np
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.model import SensorModel
+from imucal.calibration.references import References
 from imucal.calibration.triad import Triad
 from imucal.effects.definition import UserEffect, by_name
 from imucal.effects.table import find
@@ -87,8 +88,17 @@ def find_gap(
         judges = with_own_names(judges)
         require_other_data(unit_data, judges)
         require_judges(_nominal(unit_data[0]), judges)
-    options = Options(gravity_mps2=gravity, min_rest_s=min_rest_s, exclude_saturated=exclude_saturated)
-    question = Question(unit_data, judges, options, wanted, named, calibration, stage)
+    references = References("standard" if gravity_mps2 is None else "given")
+    if calibration is not None and gravity_mps2 is None:
+        references = calibration.references
+    options = Options(
+        gravity_mps2=gravity,
+        gravity_sigma_mps2=references.gravity_sigma_mps2,
+        clock_ppm=references.clock_ppm,
+        min_rest_s=min_rest_s,
+        exclude_saturated=exclude_saturated,
+    )
+    question = Question(unit_data, judges, options, wanted, named, calibration, references, stage)
     return gap_of(question, question.answer())
 
 

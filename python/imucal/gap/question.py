@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration
+from imucal.calibration.references import References
 from imucal.effects.definition import UserEffect
 from imucal.estimation.options import Options
 from imucal.estimation.user_effects import UserEffectSource
@@ -25,6 +26,7 @@ class Question:
     candidates    names of candidate effects from the catalogue; None for all effects
     definitions   user-defined effects by name
     calibration   calibration to compare with; None to compare with the fit without effects
+    references    how local gravity and the clock are known
     stage         callback with a description of each step before it starts
     """
 
@@ -34,6 +36,7 @@ class Question:
     candidates: Sequence[str] | None
     definitions: Mapping[str, UserEffect]
     calibration: Calibration | None
+    references: References
     stage: Callable[[str], None]
 
     @property

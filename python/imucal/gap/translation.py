@@ -97,7 +97,15 @@ def gap_of(question: Question, found: _core.GapResult) -> Gap:
 def _result(question: Question, fit: _core.GapFit) -> CalibrationResult:
     own = tuple(question.definitions[name] for name in fit.effects if name in question.definitions)
     options = replace(question.options, folds=_core.GAP_FOLDS if not question.control else None)
-    return result_of(fit.outcome, question.recordings, options, own, question.control, fit.control)
+    return result_of(
+        fit.outcome,
+        question.recordings,
+        options,
+        own,
+        question.control,
+        fit.control,
+        references=question.references,
+    )
 
 
 def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:

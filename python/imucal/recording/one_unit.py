@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucal.errors import InputError
+from imucal.finding import Finding
 from imucal.recording.recording import Recording, as_recordings
 
 __all__ = ["of_one_unit", "require_different", "require_other_data", "with_own_names"]
@@ -58,10 +59,24 @@ def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recordin
     for judge in judges:
         for recording in unit_data:
             if _is_same_run(judge, recording):
-                raise InputError(
+                message = (
                     f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, "
-                    "which the calibration is made of: give another recording of the unit, or use folds"
+                    "which the calibration is made of"
                 )
+                way_out = "give another recording of the unit, or use folds"
+                finding = Finding(
+                    "control_not_independent",
+                    "error",
+                    judge.name,
+                    (),
+                    None,
+                    len(judge),
+                    float(len(judge)),
+                    "samples",
+                    message,
+                    way_out,
+                )
+                raise InputError(f"{message} [{finding.code}]: {way_out}", [finding])
 
 
 def require_different(judges: Sequence[Recording]) -> None:

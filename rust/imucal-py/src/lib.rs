@@ -51,7 +51,9 @@ mod _core {
     #[pymodule_export]
     use super::results::{Carried, EffectEstimate, Estimate, Evaluation, HeldOut, Inspection, Outcome, Prospect};
     #[pymodule_export]
-    use super::simulation::{Simulation, earth_rate_radps, gravity_mps2, grid_program, random_program, simulate};
+    use super::simulation::{
+        Simulation, earth_rate_radps, gravity_mps2, grid_program, normal_gravity_sigma_mps2, random_program, simulate,
+    };
     use super::user_effects::PythonEffects;
 
     #[pymodule_export]

@@ -204,6 +204,12 @@ pub(crate) fn gravity_mps2(latitude_deg: f64, height_m: f64) -> f64 {
     earth::gravity_mps2(latitude_deg.to_radians(), height_m)
 }
 
+/// Standard deviation of actual gravity about normal gravity, m/s^2.
+#[pyfunction]
+pub(crate) fn normal_gravity_sigma_mps2(height_is_known: bool) -> f64 {
+    earth::normal_gravity_sigma_mps2(height_is_known)
+}
+
 /// Rotation rate of the Earth, rad/s, in the world frame (x north, y west, z up).
 #[pyfunction]
 pub(crate) fn earth_rate_radps(py: Python<'_>, latitude_deg: f64) -> Py<PyArray1<f64>> {

@@ -13,7 +13,6 @@ from imucal.cli.options import (
     MIN_REST_S,
     Control,
     ExcludeSaturated,
-    Gravity,
     JsonPath,
     LimitsPath,
     MinRest,
@@ -28,7 +27,6 @@ from imucal.cli.options import (
 from imucal.cli.output import Output, prepare_report, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
-from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["calibrate"]
 
@@ -39,7 +37,37 @@ def calibrate(
     reading: Reading,
     control: Control = None,
     output: Annotated[Path | None, writing_option("Calibration file to write.")] = None,
-    gravity: Gravity = STANDARD_GRAVITY_MPS2,
+    gravity: Annotated[
+        float | None,
+        typer.Option(
+            "--gravity",
+            metavar="MPS2",
+            help="Local gravity, m/s^2; 9.80665 is assumed without it and without --latitude.",
+        ),
+    ] = None,
+    gravity_sigma: Annotated[
+        float | None,
+        typer.Option(
+            "--gravity-sigma",
+            metavar="MPS2",
+            help="Standard deviation of local gravity, included in those of the accelerometer scales.",
+        ),
+    ] = None,
+    latitude: Annotated[
+        float | None,
+        typer.Option("--latitude", metavar="DEG", help="Latitude, for normal gravity instead of --gravity."),
+    ] = None,
+    height: Annotated[
+        float | None, typer.Option("--height", metavar="M", help="Height of the place, with --latitude.")
+    ] = None,
+    clock_ppm: Annotated[
+        float | None,
+        typer.Option(
+            "--clock-ppm",
+            metavar="PPM",
+            help="Standard deviation of the clock's rate, included in those of the gyroscope scales.",
+        ),
+    ] = None,
     frame: Annotated[str, typer.Option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
     min_rest_s: MinRest = MIN_REST_S,
     exclude_saturated: ExcludeSaturated = False,
@@ -98,6 +126,10 @@ def calibrate(
             unit_data,
             control=judges,
             gravity_mps2=gravity,
+            gravity_sigma_mps2=gravity_sigma,
+            latitude_deg=latitude,
+            height_m=height,
+            clock_ppm=clock_ppm,
             frame=frame,
             min_rest_s=min_rest_s,
             exclude_saturated=exclude_saturated,

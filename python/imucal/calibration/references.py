@@ -1,0 +1,165 @@
+"""The references of a calibration, local gravity and the clock of the time stamps, and their uncertainty.
+
+Every parameter is determined relative to gravity and to the time stamps. An error of either is invisible in
+the data: it changes all scales of a sensor together (docs/model.md (36)).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final, Literal, cast, get_args
+
+import imucal._core as _core
+from imucal.document.json_document import Node
+from imucal.errors import FormatError, InputError
+from imucal.units import STANDARD_GRAVITY_MPS2
+
+__all__ = ["References", "references_of"]
+
+Origin = Literal["standard", "given", "latitude"]
+
+# Lowest and highest gravity on the surface of the Earth, m/s^2 (Hirt and others, Geophys. Res. Lett. 40,
+# 2013, doi 10.1002/grl.50838).
+ON_EARTH_MPS2: Final = (9.764, 9.834)
+# Heights above the ellipsoid, m, for which normal gravity is computed: from the Dead Sea to the summits.
+HEIGHTS_M: Final = (-500.0, 9000.0)
+LATITUDES_DEG: Final = (-90.0, 90.0)
+# Largest difference of gravity in a file from normal gravity at its place, m/s^2: rounding to seven digits.
+GRAVITY_ROUNDING_MPS2: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """How gravity and the clock of a calibration are known.
+
+    gravity_from        "standard" (9.80665 m/s^2 was assumed), "given", or "latitude" (normal gravity)
+    gravity_sigma_mps2  standard deviation of local gravity in the covariance, m/s^2; None if it is not in it
+    clock_ppm           standard deviation of the rate of the clock in the covariance, 1e-6; None if it is
+                        not in it
+    latitude_deg, height_m   place of normal gravity; None if not given
+    """
+
+    gravity_from: Origin = "standard"
+    gravity_sigma_mps2: float | None = None
+    clock_ppm: float | None = None
+    latitude_deg: float | None = None
+    height_m: float | None = None
+
+    def notes(self, gravity_mps2: float) -> list[str]:
+        """What the standard deviations do not contain, and how to add it, one sentence each."""
+        return [*self._of_gravity(gravity_mps2), *self._of_clock()]
+
+    def _of_gravity(self, gravity_mps2: float) -> list[str]:
+        if self.gravity_sigma_mps2 is not None:
+            return []
+        if self.gravity_from == "given":
+            ppm = 1e6 * 1e-3 / gravity_mps2
+            return [
+                f"local gravity {gravity_mps2:.6g} m/s^2 is taken as exact: an error of 0.001 m/s^2 changes "
+                f"all accelerometer scales by {ppm:.0f} ppm; --gravity-sigma includes it in the standard "
+                "deviations"
+            ]
+        least, most = (100.0 * (value / gravity_mps2 - 1.0) for value in ON_EARTH_MPS2)
+        return [
+            f"standard gravity {gravity_mps2:.6g} m/s^2 is assumed: on the Earth it is {ON_EARTH_MPS2[0]} to "
+            f"{ON_EARTH_MPS2[1]} m/s^2, so all accelerometer scales may be wrong by the same {least:.2f} to "
+            f"{most:+.2f} %, which is not in the standard deviations; give --latitude and --height, or "
+            "--gravity and --gravity-sigma"
+        ]
+
+    def _of_clock(self) -> list[str]:
+        if self.clock_ppm is not None:
+            return []
+        return [
+            "the clock of the time stamps is taken as exact: all gyroscope scales are wrong by the same "
+            "share as the clock, about 20 to 100 ppm for a quartz crystal and 1 to 2 % for the oscillator of "
+            "a sensor, which is not in the standard deviations; --clock-ppm includes it"
+        ]
+
+    @staticmethod
+    def of_file(node: Node) -> References:
+        """The references in a calibration file; older files and files of other programs may lack them.
+
+        Raises FormatError for a place whose normal gravity is not that of the file.
+        """
+        if "references" not in node.mapping():
+            return References("given")
+        section = node.get("references")
+
+        def number(name: str, least: float = 0.0, most: float = math.inf) -> float | None:
+            item = section.get(name)
+            if item.value is None:
+                return None
+            value = item.number()
+            if not least <= value <= most:
+                raise FormatError(f"{node.file}: {item.path} is {value:g}, not from {least:g} to {most:g}")
+            return value
+
+        origin = section.get("gravity_from").text(get_args(Origin))
+        references = References(
+            cast(Origin, origin),
+            number("gravity_sigma_mps2"),
+            number("clock_ppm"),
+            number("latitude_deg", *LATITUDES_DEG),
+            number("height_m", *HEIGHTS_M),
+        )
+        if origin == "latitude":
+            latitude = section.get("latitude_deg").number()
+            gravity = float(_core.gravity_mps2(latitude, references.height_m or 0.0))
+            given = node.get("gravity_mps2").number()
+            if abs(gravity - given) > GRAVITY_ROUNDING_MPS2:
+                raise FormatError(
+                    f"{node.file}: $.gravity_mps2 is {given}, but $.references (place) gives "
+                    f"{gravity:.7g}: correct the wrong one"
+                )
+        return references
+
+
+def references_of(
+    gravity_mps2: float | None,
+    gravity_sigma_mps2: float | None,
+    clock_ppm: float | None,
+    latitude_deg: float | None,
+    height_m: float | None,
+) -> tuple[float, References]:
+    """Local gravity, m/s^2, and the references, from the arguments of `calibrate`.
+
+    Raises InputError for arguments that contradict each other or lie outside their range.
+    """
+    sigma, clock = _number("gravity_sigma_mps2", gravity_sigma_mps2), _number("clock_ppm", clock_ppm)
+    if latitude_deg is None:
+        if height_m is not None:
+            raise InputError(
+                "height_m is given without latitude_deg, which gravity depends on more: give both"
+            )
+        if gravity_mps2 is not None:
+            return float(gravity_mps2), References("given", sigma, clock)
+        return STANDARD_GRAVITY_MPS2, References("standard", sigma, clock)
+    if gravity_mps2 is not None:
+        raise InputError(
+            f"gravity_mps2 is {gravity_mps2} and latitude_deg is {latitude_deg}: give gravity if known, "
+            "otherwise the place"
+        )
+    latitude = _within("latitude_deg", latitude_deg, LATITUDES_DEG)
+    height = None if height_m is None else _within("height_m", height_m, HEIGHTS_M)
+    if sigma is None:
+        sigma = float(_core.normal_gravity_sigma_mps2(height is not None))
+    gravity = float(_core.gravity_mps2(latitude, height or 0.0))
+    return gravity, References("latitude", sigma, clock, latitude, height)
+
+
+def _number(name: str, value: Any) -> float | None:
+    """A number or None; the library judges its range."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"{name} is {value!r}: a number is needed")
+    return float(value)
+
+
+def _within(name: str, value: Any, limits: tuple[float, float]) -> float:
+    number = _number(name, value)
+    if number is None or math.isnan(number) or not limits[0] <= number <= limits[1]:
+        raise InputError(f"{name} is {value!r}: from {limits[0]:g} to {limits[1]:g} is needed")
+    return number
