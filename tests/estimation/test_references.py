@@ -174,3 +174,13 @@ def test_a_wrong_rate_is_a_gain_that_all_gyroscope_axes_share():
     assert "time stamps that are 2.0 % too long" in finding.way_out
     mended = imucal.calibrate(made(1.02 / finding.value))
     assert not [f for f in mended.findings if f.code == "gyro_common_gain"]
+
+
+def test_uncertain_references_do_not_excuse_a_control_recording():
+    recording, other = simulated(SEED).recording, simulated(SEED + 1).recording
+    exact = imucal.calibrate(recording, control=other)
+    uncertain = imucal.calibrate(recording, control=other, gravity_sigma_mps2=0.05, clock_ppm=1e4)
+    assert uncertain.control.to_dict()["rests"] == exact.control.to_dict()["rests"]
+    assert (uncertain.verdict, exact.verdict) == ("good", "good")
+    for ours, theirs in zip(uncertain.control.residuals, exact.control.residuals, strict=True):
+        assert ours.ratio == pytest.approx(theirs.ratio, rel=1e-6)

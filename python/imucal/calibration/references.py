@@ -10,7 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final, Literal, cast, get_args
 
+import numpy as np
+
 import imucal._core as _core
+from imucal.arrays import FloatArray
 from imucal.document.json_document import Node
 from imucal.errors import FormatError, InputError
 from imucal.units import STANDARD_GRAVITY_MPS2
@@ -49,6 +52,16 @@ class References:
     def notes(self, gravity_mps2: float) -> list[str]:
         """What the standard deviations do not contain, and how to add it, one sentence each."""
         return [*self._of_gravity(gravity_mps2), *self._of_clock()]
+
+    def covariance_of_base(self, gravity_mps2: float, values: FloatArray) -> FloatArray:
+        """The part of the covariance of the 21 base parameters that is due to the references (model.md (36)).
+
+        values   (21,) the parameters: accelerometer bias and sensitivity, gyroscope bias and sensitivity
+        """
+        by_gravity, by_clock = np.zeros(len(values)), np.zeros(len(values))
+        by_gravity[3:9] = (self.gravity_sigma_mps2 or 0.0) / gravity_mps2 * values[3:9]
+        by_clock[12:21] = 1e-6 * (self.clock_ppm or 0.0) * values[12:21]
+        return np.outer(by_gravity, by_gravity) + np.outer(by_clock, by_clock)
 
     def _of_gravity(self, gravity_mps2: float) -> list[str]:
         if self.gravity_sigma_mps2 is not None:

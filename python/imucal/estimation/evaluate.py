@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration, require_calibration
@@ -169,7 +171,10 @@ def _covariance(calibration: Calibration) -> FloatArray | None:
     names = [parameter.name for parameter in calibration.parameters[:BASE]]
     if calibration.covariance is None or list(calibration.covariance_names[:BASE]) != names:
         return None
-    return calibration.covariance[:BASE, :BASE]
+    # Both recordings were made with the same gravity and clock, so errors of these cancel in the residuals.
+    values = np.array([parameter.value for parameter in calibration.parameters[:BASE]])
+    common = calibration.references.covariance_of_base(calibration.gravity_mps2, values)
+    return calibration.covariance[:BASE, :BASE] - common
 
 
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
