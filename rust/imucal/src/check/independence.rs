@@ -2,7 +2,7 @@
 //!
 //! A control recording that is an altered copy of a calibration recording contains the noise to which the model was
 //! fitted, so its figures are too good. The noise at rest identifies a recording: for independent recordings the largest
-//! correlation over all lags is below 10 standard deviations, for altered copies it is above 20 (benches/copies.py).
+//! correlation over all lags is below 10 standard deviations, for altered copies it is above 20 (docs/results/copies.md).
 
 use std::ops::Range;
 
