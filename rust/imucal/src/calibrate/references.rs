@@ -1,9 +1,9 @@
 //! Uncertainty of the two references of a calibration: local gravity and the clock of the samples.
 //!
-//! Rests and moves fix every parameter relative to gravity and to the time stamps, so an error of a reference is invisible
-//! in the data. It changes all parameters together. Let gravity have the relative error e and the unit of time the
-//! relative error d. Gravity is the only reference for lengths: a length is an acceleration times a time squared. A
-//! parameter with the unit m^a s^b therefore has the relative error
+//! Rests and moves fix every parameter relative to gravity and to the time stamps, so an error of a reference is
+//! invisible in the data. It changes all parameters together. Let gravity have the relative error e and the unit of
+//! time the relative error d. Gravity is the only reference for lengths: a length is an acceleration times a time
+//! squared. A parameter with the unit m^a s^b therefore has the relative error
 //!
 //! ```text
 //! a e + (2 a + b) d                                                                           model.md (37)
@@ -28,7 +28,8 @@ pub struct References {
 
 /// Largest standard deviation of gravity, m/s^2: half its range on the Earth, with a margin.
 const MAX_GRAVITY_SIGMA_MPS2: f64 = 0.1;
-/// Largest standard deviation of a clock, 1e-6: 10 %, above which the check of the gyroscope's unit refuses a recording.
+/// Largest standard deviation of a clock, 1e-6: 10 %, above which the check of the gyroscope's unit refuses a
+/// recording.
 const MAX_CLOCK_PPM: f64 = 1e5;
 
 impl References {
@@ -152,7 +153,8 @@ mod tests {
         }
     }
 
-    /// Another gravity and another unit of time change the estimate as the derivatives say, with effects of several units.
+    /// Another gravity and another unit of time change the estimate as the derivatives say, with effects of several
+    /// units.
     #[test]
     fn derivatives_are_those_of_the_fit() {
         let program = Program::random(&RandomMoves { moves: 25, ..RandomMoves::default() }, 1).unwrap();

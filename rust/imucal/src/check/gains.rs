@@ -21,8 +21,8 @@ const MOST_APART: f64 = GAIN[1] / GAIN[0];
 /// below it; the internal oscillators of sensors, and rates that were guessed, do not.
 const COMMON_GAIN: f64 = 0.01;
 
-/// Largest deviation of one axis from the common gain, relative to the deviation of the common gain from 1. Scale errors
-/// of the axes of a sensor are independent, so they rarely agree this well by themselves.
+/// Largest deviation of one axis from the common gain, relative to the deviation of the common gain from 1. Scale
+/// errors of the axes of a sensor are independent, so they rarely agree this well by themselves.
 const COMMON_SHARE: f64 = 1.0 / 3.0;
 
 /// Findings `accel_units` and `gyro_units` (errors) for an axis in SI units with an implausible gain, and

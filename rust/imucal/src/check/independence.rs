@@ -1,8 +1,9 @@
 //! Check that recordings are independent: that none is a copy or a part of another one, also if it was altered.
 //!
 //! A control recording that is an altered copy of a calibration recording contains the noise to which the model was
-//! fitted, so its figures are too good. The noise at rest identifies a recording: for independent recordings the largest
-//! correlation over all lags is below 10 standard deviations, for altered copies it is above 20 (docs/results/copies.md).
+//! fitted, so its figures are too good. The noise at rest identifies a recording: for independent recordings the
+//! largest correlation over all lags is below 10 standard deviations, for altered copies it is above 20
+//! (docs/results/copies.md).
 
 use std::ops::Range;
 

@@ -1,9 +1,9 @@
 //! Search for a part of one recording's noise in other recordings, over all lags.
 //!
 //! Both signals are divided by the magnitude of their spectrum (phase transform: Knapp and Carter, The generalized
-//! correlation method for estimation of time delay, 1976). Every frequency then has the same weight, so a strong periodic
-//! vibration that two independent recordings share contributes no more than the few frequencies that it occupies. For
-//! independent noise the sum over m frequencies and n signals has the variance m n at every lag.
+//! correlation method for estimation of time delay, 1976). Every frequency then has the same weight, so a strong
+//! periodic vibration that two independent recordings share contributes no more than the few frequencies that it
+//! occupies. For independent noise the sum over m frequencies and n signals has the variance m n at every lag.
 
 use std::sync::Arc;
 
@@ -14,16 +14,16 @@ use super::noise_tape::{SIGNALS, Tape};
 
 /// Samples in a block of the searched recording.
 const BLOCK: usize = 4096;
-/// Samples in a template, at the rate of the searched recording. Templates are short, so that two clocks, or a clock that
-/// was written with other digits, stay within one sample over a template.
+/// Samples in a template, at the rate of the searched recording. Templates are short, so that two clocks, or a clock
+/// that was written with other digits, stay within one sample over a template.
 pub(super) const TEMPLATE: usize = 2048;
 /// Lags that one block gives.
 const LAGS: usize = BLOCK - TEMPLATE;
-/// Share of a block or template at each end that is tapered, so that its edges do not spread periodic vibration over all
-/// frequencies.
+/// Share of a block or template at each end that is tapered, so that its edges do not spread periodic vibration over
+/// all frequencies.
 const TAPER: f64 = 0.05;
-/// Distance in samples from the largest correlation from which another large correlation contradicts a copy. Lost samples
-/// give a copy several lags within this distance; periodic signals correlate at every lag.
+/// Distance in samples from the largest correlation from which another large correlation contradicts a copy. Lost
+/// samples give a copy several lags within this distance; periodic signals correlate at every lag.
 const NEAR: usize = 64;
 
 /// Correlations of the three signals that depend on the order of the axes, and of the one that does not.
@@ -84,8 +84,8 @@ impl Transform {
     /// The template that begins `first` samples after the start of `range`, which is a recording's range on the tape
     /// `from`. `ratio` is the rate of the searched tape divided by that of the recording.
     ///
-    /// A second difference is the change of slope of the samples' linear interpolation. Spreading it over the two nearest
-    /// samples of another rate gives the second difference of the interpolated samples.
+    /// A second difference is the change of slope of the samples' linear interpolation. Spreading it over the two
+    /// nearest samples of another rate gives the second difference of the interpolated samples.
     pub(super) fn template(
         &mut self,
         from: &Tape,
@@ -174,8 +174,8 @@ impl Transform {
         spectrum
     }
 
-    /// The largest correlation of a block with a template at the first `lags` lags; `first` is the position of the block
-    /// on the tape. `None` if block and template have no signal in common.
+    /// The largest correlation of a block with a template at the first `lags` lags; `first` is the position of the
+    /// block on the tape. `None` if block and template have no signal in common.
     fn correlate(
         &mut self,
         (block, template): (&[Vec<Complex<f32>>], &[Vec<Complex<f32>>]),

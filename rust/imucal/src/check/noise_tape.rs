@@ -1,16 +1,16 @@
 //! Noise of recordings at rest, as signals that identify a recording.
 //!
-//! The noise of a sensor never repeats, but motion does: one stand runs one program many times. Only samples at rest are
-//! therefore used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann window, so that
-//! periodic vibration (mains, motors) stays within few frequencies. Each axis is divided by its scale and clipped, which
-//! removes units and gains and limits shocks.
+//! The noise of a sensor never repeats, but motion does: one stand runs one program many times. Only samples at rest
+//! are therefore used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann window, so
+//! that periodic vibration (mains, motors) stays within few frequencies. Each axis is divided by its scale and clipped,
+//! which removes units and gains and limits shocks.
 
 use std::ops::Range;
 
 use crate::recording::Recording;
 
-/// Number of signals: three sums of one accelerometer axis and one gyroscope axis, and the sum of all squares. The sum of
-/// squares does not depend on the order and the signs of the axes.
+/// Number of signals: three sums of one accelerometer axis and one gyroscope axis, and the sum of all squares. The sum
+/// of squares does not depend on the order and the signs of the axes.
 pub(super) const SIGNALS: usize = 4;
 
 /// Maximum absolute value of a scaled second difference, in units of its scale.

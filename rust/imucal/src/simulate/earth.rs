@@ -33,14 +33,14 @@ pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
     at_zero * (1.0 - height * (first - 3.0 * height))
 }
 
-/// Standard deviation of actual gravity about normal gravity, m/s^2: 50 mGal. The rms of the gravity anomalies of the model
-/// EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012); mountains have more.
+/// Standard deviation of actual gravity about normal gravity, m/s^2: 50 mGal. The rms of the gravity anomalies of the
+/// model EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012); mountains have more.
 const ANOMALY_MPS2: f64 = 5e-4;
 /// Standard deviation of an unknown height of a place on land, m.
 const UNKNOWN_HEIGHT_M: f64 = 500.0;
 
-/// Standard deviation of actual gravity about normal gravity, m/s^2, at a known height, or at the height 0 instead of an
-/// unknown one.
+/// Standard deviation of actual gravity about normal gravity, m/s^2, at a known height, or at the height 0 instead of
+/// an unknown one.
 pub fn normal_gravity_sigma_mps2(height_is_known: bool) -> f64 {
     let by_height = gravity_mps2(0.0, 0.0) - gravity_mps2(0.0, UNKNOWN_HEIGHT_M);
     if height_is_known { ANOMALY_MPS2 } else { ANOMALY_MPS2.hypot(by_height) }
