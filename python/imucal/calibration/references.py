@@ -1,7 +1,7 @@
 """The references of a calibration, local gravity and the clock of the time stamps, and their uncertainty.
 
 Every parameter is determined relative to gravity and to the time stamps. An error of either is invisible in
-the data: it changes all scales of a sensor together (docs/model.md (37)).
+the data: it changes all scales of a sensor together (docs/model.md (38)).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class References:
         return [*self._of_gravity(gravity_mps2), *self._of_clock()]
 
     def covariance_of_base(self, gravity_mps2: float, values: FloatArray) -> FloatArray:
-        """The part of the covariance of the 21 base parameters that is due to the references (model.md (37)).
+        """The part of the covariance of the 21 base parameters that is due to the references (model.md (38)).
 
         values   (21,) the parameters: accelerometer bias and sensitivity, gyroscope bias and sensitivity
         """
