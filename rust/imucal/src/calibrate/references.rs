@@ -6,7 +6,7 @@
 //! squared. A parameter with the unit m^a s^b therefore has the relative error
 //!
 //! ```text
-//! a e + (2 a + b) d                                                                           model.md (37)
+//! a e + (2 a + b) d                                                                           model.md (38)
 //! ```
 //!
 //! An accelerometer sensitivity, raw unit per m/s^2, has -e; a gyroscope sensitivity, raw unit per rad/s, has d. Biases
