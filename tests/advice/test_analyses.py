@@ -116,7 +116,7 @@ def test_an_interrupted_recording_gives_the_noise_of_its_longest_part():
 
 @pytest.mark.parametrize(
     ("code", "bias", "density"),
-    [(of_code("noise_implausible"), 0.0, 1e-4), (of_code("bias_implausible"), 0.5, 1e-4)],
+    [(of_code("noise_implausible"), 0.0, 1e-4), (of_code("bias_implausible"), 3.0, 1e-4)],
 )
 def test_numbers_in_another_unit_are_named_after_it(code, bias, density):
     right = with_rate(
