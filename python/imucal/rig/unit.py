@@ -243,12 +243,12 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     instability = Figure.optional(node, "bias_instability", unit)
     density = Figure.optional(node, "noise_density", f"{unit}/sqrt(Hz)")
     one_sided = Figure.optional(node, "noise_density_one_sided", f"{unit}/sqrt(Hz)")
-    for twice, names in (
+    for twice, both in (
         ((floor, instability), "allan_floor and bias_instability"),
         ((density, one_sided), "noise_density and noise_density_one_sided"),
     ):
         if None not in twice:
-            raise FormatError(f"{node.file}: {node.path} has {names}: give one of them")
+            raise FormatError(f"{node.file}: {node.path} has {both}: give one of them")
     if one_sided is not None:
         density = one_sided * TWO_SIDED_PER_ONE_SIDED
     if floor is not None:

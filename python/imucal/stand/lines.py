@@ -12,7 +12,7 @@ import re
 from typing import Final
 
 from imucal.errors import InputError
-from imucal.io.columns import column_list
+from imucal.io.mapping import column_list
 from imucal.io.names import SKIP
 
 __all__ = ["LineDecoder"]

@@ -158,8 +158,8 @@ pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>])
 
 /// Evaluates `calibration` on recordings that were not used to estimate it.
 ///
-/// `uncertainty` is that of the calibration; without it, noise alone has to explain the residuals. `gravity_mps2` is the
-/// local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
+/// `uncertainty` is that of the calibration; without it, noise alone has to explain the residuals. `gravity_mps2` is
+/// the local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
 ///
 /// # Errors
 /// [`Error::Data`] for recordings with faults; [`Error::NotEnoughMotion`] if there is no rest.

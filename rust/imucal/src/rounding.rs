@@ -1,8 +1,8 @@
 //! Error of the mean of rounded samples (model.md (37)).
 //!
-//! A converter rounds every reading to a multiple of its step q (LSB). If the noise of a sample is far above q, rounding
-//! adds white noise of variance q^2 / 12. If it is below q, the mean of a rest keeps an error that depends only on the
-//! true mean m and does not average down:
+//! A converter rounds every reading to a multiple of its step q (LSB). If the noise of a sample is far above q,
+//! rounding adds white noise of variance q^2 / 12. If it is below q, the mean of a rest keeps an error that depends
+//! only on the true mean m and does not average down:
 //!
 //! ```text
 //! d(m) = q sum_h (-1)^h / (pi h) exp(-2 pi^2 h^2 s^2) sin(2 pi h m / q),      s = sigma / q
@@ -10,9 +10,9 @@
 //! cov(d_k, d_l) = rms_k rms_l cos(2 pi D) exp(-2 D^2),                        D = (mean_k - mean_l) / q
 //! ```
 //!
-//! (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and 5.) Rests with equal readings
-//! therefore share one error. The scatter of rounded samples is not sigma, so sigma is estimated from the shares of the
-//! levels that occur at rest.
+//! (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and 5.) Rests with equal
+//! readings therefore share one error. The scatter of rounded samples is not sigma, so sigma is estimated from the
+//! shares of the levels that occur at rest.
 
 pub(crate) mod step;
 
@@ -20,8 +20,8 @@ use std::f64::consts::{PI, SQRT_2};
 
 use statrs::function::erf::erfc;
 
-/// Scatter of rounded samples, in steps, from which rounding needs no treatment. The noise is then above 0.58 steps, the
-/// error of a mean below 3e-4 steps, and the scatter of the samples contains q^2 / 12.
+/// Scatter of rounded samples, in steps, from which rounding needs no treatment. The noise is then above 0.58 steps,
+/// the error of a mean below 3e-4 steps, and the scatter of the samples contains q^2 / 12.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
 /// Distance of two readings, in steps, at which the correlation of their errors has fallen to exp(-1/2), apart from the
 /// cosine. Errors of readings more than a step apart count as independent, because their phases are not known well
@@ -50,7 +50,8 @@ pub struct Rounding {
     pub step: f64,
     /// Standard deviation of the noise of one sample before rounding.
     pub noise: f64,
-    /// Variance of the error that rounding leaves in the mean of a rest. It does not depend on the duration of the rest.
+    /// Variance of the error that rounding leaves in the mean of a rest. It does not depend on the duration of the
+    /// rest.
     pub error_variance: f64,
 }
 
@@ -115,8 +116,8 @@ impl Rounding {
         self.error_variance > 0.0
     }
 
-    /// Whether the error of a mean exceeds 3 % of a step. Means of a few samples of a slow force then have errors that do
-    /// not look like noise.
+    /// Whether the error of a mean exceeds 3 % of a step. Means of a few samples of a slow force then have errors that
+    /// do not look like noise.
     pub(crate) fn is_not_white_in_moves(&self) -> bool {
         self.error_variance > (0.03 * self.step).powi(2)
     }
@@ -151,9 +152,9 @@ fn error_variance(noise: f64) -> f64 {
 }
 
 impl Levels {
-    /// Log likelihood of the levels for noise of this standard deviation: the mean of its maximum over the true mean and
-    /// of the logarithm of its average. With two levels, the maximum is the same for every small noise, and the average
-    /// is proportional to the noise, because a mean near the middle between the levels is then more likely.
+    /// Log likelihood of the levels for noise of this standard deviation: the mean of its maximum over the true mean
+    /// and of the logarithm of its average. With two levels, the maximum is the same for every small noise, and the
+    /// average is proportional to the noise, because a mean near the middle between the levels is then more likely.
     fn log_likelihood(&self, noise: f64) -> f64 {
         let of_mean = |mean: f64| -> f64 {
             // Differences of small numbers, so that the logarithm stays exact far from the mean.

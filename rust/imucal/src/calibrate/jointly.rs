@@ -22,8 +22,8 @@ use crate::two_stage::accelerometer::AccelerometerFit;
 /// likely to be wrong.
 const OUTLIERS: f64 = 0.1;
 /// Maximum bias instability of a gyroscope that is estimated from the scatter of the rates between rests and counts as
-/// noise, deg/h. Consumer sensors have 5 to 60 deg/h. A larger one is that of a bias which depends on something, such as
-/// the temperature, and is no noise.
+/// noise, deg/h. Consumer sensors have 5 to 60 deg/h. A larger one is that of a bias which depends on something, such
+/// as the temperature, and is no noise.
 const MAX_INSTABILITY_DEGPH: f64 = 100.0;
 /// Maximum number of fits until the set of outliers no longer changes.
 const MAX_ROUNDS: usize = 4;

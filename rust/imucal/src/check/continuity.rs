@@ -4,9 +4,9 @@
 //! d_i = w_i - w_(i-1)      m = (d_(i-1) + d_(i+1)) / 2      k = d_i . m / |m|^2
 //! ```
 //!
-//! In a smooth motion the change `d_i` of the rate `w` over a time step is the mean `m` of its neighbours: `k` is 1. If a
-//! sample between two rows was lost, the time between them is twice as long and `k` is 2. Noise and rough motion make `k`
-//! scatter about 1 without a second peak. Stamps that were recorded with the samples show the loss as a gap; evenly
+//! In a smooth motion the change `d_i` of the rate `w` over a time step is the mean `m` of its neighbours: `k` is 1. If
+//! a sample between two rows was lost, the time between them is twice as long and `k` is 2. Noise and rough motion make
+//! `k` scatter about 1 without a second peak. Stamps that were recorded with the samples show the loss as a gap; evenly
 //! numbered stamps hide it, and the gyroscope's sensitivity is then wrong by the share of lost samples.
 
 use nalgebra::Vector3;
@@ -34,8 +34,8 @@ const BETWEEN: [f64; 2] = [1.35, 1.65];
 const FEWEST: usize = 5;
 /// Minimum ratio of the number of values at 2 to the number of values between 1 and 2.
 const PEAK: usize = 3;
-/// Mean of `k` at repeated rows below which the rows are additional rows, for which it is 1; for samples that the sensor
-/// held it is 2.
+/// Mean of `k` at repeated rows below which the rows are additional rows, for which it is 1; for samples that the
+/// sensor held it is 2.
 const ADDITIONAL: f64 = 1.5;
 
 /// Reports lost samples and additional rows in a recording whose time stamps were made from the sample number.

@@ -5,8 +5,9 @@
 //! ```
 //!
 //! N is the covariance of the noise, C = L L^T that of the parameters of the calibration, and D the derivative of the
-//! residuals with respect to them. A column of D L is the change of the residuals by one column of L. With this chi2 the
-//! residuals on a long control recording do not exceed their noise only because the calibration is from a short one.
+//! residuals with respect to them. A column of D L is the change of the residuals by one column of L. With this chi2
+//! the residuals on a long control recording do not exceed their noise only because the calibration is from a short
+//! one.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;

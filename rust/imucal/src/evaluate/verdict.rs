@@ -10,8 +10,8 @@ use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, Uncor
 /// Standard deviation of the gravity direction after a move, from noise alone, above which a gyroscope is not judged,
 /// deg. Errors of scale and alignment that matter are below it; consumer sensors reach 0.1 deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
-/// Corrected rate above which a calibration is in wrong units, deg/s: range of the fastest MEMS gyroscopes on the market
-/// (ADXRS649).
+/// Corrected rate above which a calibration is in wrong units, deg/s: range of the fastest MEMS gyroscopes on the
+/// market (ADXRS649).
 const FASTEST_DEGPS: f64 = 20_000.0;
 /// Share of samples that may exceed [`FASTEST_DEGPS`]: single wrong samples say nothing about a calibration.
 const MAX_FAST_SHARE: f64 = 1e-3;

@@ -78,8 +78,8 @@ impl Rest {
 /// standard deviation of zero.
 pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
-/// Standard deviation of the norm of the mean force of a rest, m/s^2, from the scatter of the samples and from their rounding
-/// (model.md (5)).
+/// Standard deviation of the norm of the mean force of a rest, m/s^2, from the scatter of the samples and from their
+/// rounding (model.md (5)).
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
     let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
     v.component_mul(&v).dot(&rest.specific_force.whole_variance()).sqrt().max(FINEST_MPS2)

@@ -15,8 +15,8 @@ use crate::rounding::{Levels, Rounding};
 /// gyroscope reads nearly the same at all rests. Counted as separate means, these readings would make a wide transition
 /// between two levels, and therefore a large noise, seem more likely.
 const SAME_READING: f64 = 0.15;
-/// Minimum share of the samples at a level more than 1.5 steps from the mean. Fewer samples come from a jolt or a faulty
-/// transmission, and a single one of them would decide on the noise.
+/// Minimum share of the samples at a level more than 1.5 steps from the mean. Fewer samples come from a jolt or a
+/// faulty transmission, and a single one of them would decide on the noise.
 const FOREIGN: f64 = 1e-3;
 
 /// Ratio of c - 1 before rounding to that of the rounded samples at best, where the mean lies in the middle between two
@@ -24,8 +24,8 @@ const FOREIGN: f64 = 1e-3;
 const SIGN: f64 = 1.28;
 
 /// Factors c of model.md (10) of the noise before rounding, for channels whose noise is below the step. The rounded
-/// samples of a channel are the less correlated, the farther its mean is from the middle between two levels. The filters
-/// of the axes of a triad are equal, so the largest factor of a triad is the best.
+/// samples of a channel are the less correlated, the farther its mean is from the middle between two levels. The
+/// filters of the axes of a triad are equal, so the largest factor of a triad is the best.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {

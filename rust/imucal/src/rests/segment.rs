@@ -193,8 +193,8 @@ impl Threshold {
 }
 
 impl Segments {
-    /// Reports axes whose noise is so far below the step of the converter that rounding decides on the error of the mean
-    /// of a rest.
+    /// Reports axes whose noise is so far below the step of the converter that rounding decides on the error of the
+    /// mean of a rest.
     pub fn noise_below_lsb(&self, recording: &Recording<'_>) -> Option<Finding> {
         noise_below_lsb(recording, &self.rests, &self.rounding)
     }

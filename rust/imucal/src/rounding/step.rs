@@ -1,13 +1,14 @@
 //! Step (LSB) of the values of one axis, from the values alone.
 //!
-//! Values may be counts, counts times a scale, or such products rounded to float32 or to the decimals of a text file. An
-//! axis of a recording that was corrected for misalignment mixes the counts of three axes and has no step.
+//! Values may be counts, counts times a scale, or such products rounded to float32 or to the decimals of a text file.
+//! An axis of a recording that was corrected for misalignment mixes the counts of three axes and has no step.
 
 use crate::recording::Samples;
 
 /// Maximum number of samples that are examined.
 const MOST_SAMPLES: usize = 200_000;
-/// Relative accuracy of float32. Differences below this fraction of the largest value are rounding of the number format.
+/// Relative accuracy of float32. Differences below this fraction of the largest value are rounding of the number
+/// format.
 const FLOAT32: f64 = 3e-7;
 /// Largest distance of two neighbouring levels, in steps, that is compared with a multiple of the step.
 const FAR: f64 = 20.5;

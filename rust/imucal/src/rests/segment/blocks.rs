@@ -240,9 +240,9 @@ impl Colour {
 
     /// The factor for long means from that of the means used here.
     ///
-    /// Noise behind a low-pass filter is correlated across the edges of neighbouring means, so their differences are too
-    /// small. With the noise bandwidth B and means over the time tau, the ratio is `1 - 1.5 / (pi^2 tau B)`, and
-    /// `1 / B = 2 c dt`. Nearly white noise is not changed.
+    /// Noise behind a low-pass filter is correlated across the edges of neighbouring means, so their differences are
+    /// too small. With the noise bandwidth B and means over the time tau, the ratio is `1 - 1.5 / (pi^2 tau B)`, and `1
+    /// / B = 2 c dt`. Nearly white noise is not changed.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {
