@@ -12,6 +12,9 @@ use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 use super::noise_tape::{SIGNALS, Tape};
 
+/// Whitened Fourier transform of a block of one signal; empty if the block has no signal.
+type Spectrum = Vec<Complex<f32>>;
+
 /// Samples in a block of the searched recording.
 const BLOCK: usize = 4096;
 /// Samples in a template, at the rate of the searched recording. Templates are short, so that two clocks, or a clock
@@ -42,7 +45,7 @@ pub(super) struct Template {
     /// End of the searched part of the tape. The template begins before it, so it does not meet itself.
     pub(super) until: usize,
     /// Conjugate whitened spectrum of each signal; empty for a signal that is zero.
-    spectra: [Vec<Complex<f32>>; SIGNALS],
+    spectra: [Spectrum; SIGNALS],
 }
 
 /// The largest correlation of a template, in standard deviations for independent noise.
@@ -122,8 +125,7 @@ impl Transform {
             let until = templates.iter().filter(here).map(|template| template.until).max().unwrap_or(0);
             for first in (0..until + TEMPLATE).step_by(LAGS) {
                 let first = first as isize - TEMPLATE as isize;
-                let spectra: [Vec<Complex<f32>>; SIGNALS] =
-                    std::array::from_fn(|k| self.block(&tape.signals[k], first));
+                let spectra: [Spectrum; SIGNALS] = std::array::from_fn(|k| self.block(&tape.signals[k], first));
                 for (template, tops) in templates.iter().zip(&mut tops) {
                     if !here(&template) || first >= template.until as isize {
                         continue;
@@ -140,7 +142,7 @@ impl Transform {
     }
 
     /// Whitened spectrum of a block of a signal; the block may begin before the signal and end after it.
-    fn block(&mut self, signal: &[f32], first: isize) -> Vec<Complex<f32>> {
+    fn block(&mut self, signal: &[f32], first: isize) -> Spectrum {
         let clipped = |at: isize| at.clamp(0, signal.len() as isize) as usize;
         let (start, end) = (clipped(first), clipped(first + BLOCK as isize));
         self.buffer.fill(0.0);
@@ -156,7 +158,7 @@ impl Transform {
     }
 
     /// Spectrum of the buffer with the magnitude 1 at every frequency; empty if the buffer is zero.
-    fn whitened(&mut self) -> Vec<Complex<f32>> {
+    fn whitened(&mut self) -> Spectrum {
         if self.buffer.iter().all(|value| *value == 0.0) {
             return Vec::new();
         }
@@ -178,7 +180,7 @@ impl Transform {
     /// block on the tape. `None` if block and template have no signal in common.
     fn correlate(
         &mut self,
-        (block, template): (&[Vec<Complex<f32>>], &[Vec<Complex<f32>>]),
+        (block, template): (&[Spectrum], &[Spectrum]),
         (first, lags): (isize, usize),
     ) -> Option<Peak> {
         self.product.fill(Complex::default());

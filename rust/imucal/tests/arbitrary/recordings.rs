@@ -44,13 +44,13 @@ struct Columns {
 }
 
 /// All checks that need no rests.
-pub fn check(bytes: &[u8]) {
+pub(crate) fn check(bytes: &[u8]) {
     let columns = Columns::of(bytes);
     check_columns(&columns.recording());
 }
 
 /// The checks, the rests, and the checks of rests.
-pub fn inspect(bytes: &[u8]) {
+pub(crate) fn inspect(bytes: &[u8]) {
     let columns = Columns::of(bytes);
     let recording = columns.recording();
     check_columns(&recording);
@@ -61,7 +61,7 @@ pub fn inspect(bytes: &[u8]) {
 }
 
 /// The complete calibration.
-pub fn calibrate(bytes: &[u8]) {
+pub(crate) fn calibrate(bytes: &[u8]) {
     let columns = Columns::of(bytes);
     let _ = fit(&[columns.recording()], &Options::default());
 }

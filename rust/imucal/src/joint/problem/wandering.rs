@@ -8,7 +8,7 @@ use crate::error::Error;
 use crate::joint::lanes::Lanes;
 use crate::joint::linear::Linear;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
-use crate::rests::rest::{Rest, RestMean, rounding_covariance};
+use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
 /// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
@@ -127,10 +127,10 @@ impl Joint<'_> {
         }
         let mut covariance = Mat::<f64>::zeros(rows, rows);
         let used: Vec<usize> = linear.rates.iter().map(|(rest, _)| *rest).collect();
-        let means: [(&Mat<f64>, fn(&Rest) -> &RestMean); 2] =
-            [(&by_rate, |rest| &rest.angular_rate), (&by_force, |rest| &rest.specific_force)];
-        for (by, mean_of) in means {
-            let means: Vec<&RestMean> = used.iter().map(|k| mean_of(&self.prepared.rests[*k].rest)).collect();
+        let rests = || used.iter().map(|k| &self.prepared.rests[*k].rest);
+        let rates: Vec<&RestMean> = rests().map(|rest| &rest.angular_rate).collect();
+        let forces: Vec<&RestMean> = rests().map(|rest| &rest.specific_force).collect();
+        for (by, means) in [(&by_rate, rates), (&by_force, forces)] {
             for axis in 0..3 {
                 if let Some(own) = rounding_covariance(&means, axis) {
                     let by = Mat::from_fn(rows, used.len(), |row, place| by[(row, 3 * used[place] + axis)]);
