@@ -622,8 +622,7 @@ def calibrate(
 def prospect(recordings: Sequence[_Recording], options: _Options) -> Prospect: ...
 def evaluate(
     calibration: _Calibration,
-    covariance: _Array | None,
-    frame: str,
+    uncertainty: tuple[_Array, str] | None,
     recordings: Sequence[_Recording],
     corrected: Sequence[_Recording] | None,
     gravity_mps2: float,

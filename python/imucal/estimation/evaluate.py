@@ -155,10 +155,10 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
     """The evaluation by the compiled library; raises as `evaluate`."""
     require_judges(calibration, judges)
     corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
+    covariance = _covariance(calibration)
     return _core.evaluate(
         calibration.without_user_effects(),
-        _covariance(calibration),
-        calibration.frame,
+        None if covariance is None else (covariance, calibration.frame),
         judges,
         corrected,
         calibration.gravity_mps2,

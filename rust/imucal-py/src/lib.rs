@@ -131,14 +131,13 @@ mod _core {
     }
 
     /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` are the
-    /// recordings after the caller's correction, because the library cannot correct user-defined effects. `covariance`
-    /// is that of the parameters in this body frame, by rows.
+    /// recordings after the caller's correction, because the library cannot correct user-defined effects. `uncertainty` is
+    /// the covariance of the parameters, by rows, and their body frame.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,
         calibration: CalibrationArrays<'_>,
-        covariance: Option<Vec<Vec<f64>>>,
-        frame: &str,
+        uncertainty: Option<(Vec<Vec<f64>>, String)>,
         recordings: Vec<RecordingColumns<'_>>,
         corrected: Option<Vec<RecordingColumns<'_>>>,
         gravity_mps2: f64,
@@ -147,8 +146,9 @@ mod _core {
         let calibration = calibration.calibration(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         let corrected = corrected.as_ref().map(|columns| RecordingColumns::views(py, columns)).transpose()?;
-        let frame = frame_named(frame).to_python(py)?;
-        let uncertainty = covariance.map(|rows| library::evaluate::Uncertainty::try_new(&rows, frame));
+        let uncertainty = uncertainty.map(|(covariance, frame)| {
+            frame_named(&frame).and_then(|frame| library::evaluate::Uncertainty::try_new(&covariance, frame))
+        });
         let uncertainty = uncertainty.transpose().to_python(py)?;
         let work = || match &corrected {
             None => {
