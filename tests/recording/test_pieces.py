@@ -91,8 +91,8 @@ def test_a_recording_corrected_by_pieces_is_the_whole_corrected(tmp_path, comman
         ((15.0, 20.5), 0.0, "outside this range, gyro_bias_temperature are extrapolated"),
         (
             (15.0, 40.0),
-            273.15,
-            "gyro_bias_temperature are extrapolated; is the column in kelvin? temp_degc is",
+            100.0,
+            "the temperature is 120 to 121 degC, but the calibration covers 15 to 40 degC: outs",
         ),
     ],
 )
@@ -111,6 +111,20 @@ def test_temperatures_that_the_calibration_has_not_seen_are_said(
     shown = capsys.readouterr().out
     assert [f"warning: {warning}" in shown for warning in document["warnings"]] == [True] * (said is not None)
     assert said is None or said in document["warnings"][0]
+
+
+def test_temperatures_in_kelvin_are_refused_and_no_recording_is_written(tmp_path, capsys, unit):
+    columns = columns_of(ROWS)
+    columns["temp_degc"] = columns["temp_degc"] + 273.15
+    path = written(tmp_path, ".parquet", columns)
+    dataclasses.replace(unit, temperature_range_degc=(15.0, 40.0)).save(tmp_path / "unit.json")
+    files = [str(tmp_path / name) for name in ("unit.json", path.name, "out.parquet", "said.json")]
+    assert main(["apply", *files[:2], "-o", files[2], "--json", files[3]]) == 1
+    said = capsys.readouterr().err
+    assert "[temperature_implausible]: it looks like kelvin" in said
+    assert "name the column temp_k" in said
+    assert json.loads((tmp_path / "said.json").read_text())["verdict"] == "no_result"
+    assert not (tmp_path / "out.parquet").exists()
 
 
 def test_samples_that_the_recording_lacks_are_counted_with_the_reason(tmp_path, capsys, unit):
@@ -155,15 +169,36 @@ def test_a_column_that_turns_to_fractions_after_the_first_piece_is_read_as_a_who
     assert_same(imucal.read(tmp_path / "out.parquet"), imucal.read(tmp_path / "run.csv"))
 
 
-def test_what_is_wrong_far_down_is_said_with_its_line_and_nothing_is_written(tmp_path, command):
+def broken(tmp_path, count):
+    """A CSV file of which the last `count` lines but four have text in the column accel_y_lsb."""
     lines = written(tmp_path, ".csv", columns_of(ROWS)).read_text().splitlines()
-    fields = lines[ROWS - 5].split(",")
-    lines[ROWS - 5] = ",".join([*fields[:2], "broken", *fields[3:]])
+    for line in range(ROWS - 4 - count, ROWS - 4):
+        fields = lines[line].split(",")
+        lines[line] = ",".join([*fields[:2], "broken", *fields[3:]])
     (tmp_path / "run.csv").write_text("\n".join(lines))
-    done = command("convert", tmp_path / "run.csv", "-o", tmp_path / "out.csv")
+    return tmp_path / "run.csv"
+
+
+def test_a_wrong_line_far_down_is_left_out_with_its_number(tmp_path, command):
+    path, output = broken(tmp_path, 1), tmp_path / "out.csv"
+    with pytest.raises(NotInPartsError, match="read it as a whole"):
+        list(read_pieces(path))
+    done = command("convert", path, "-o", output)
+    assert done.returncode == 0, done.stderr
+    assert f"left out: 1 lines with text among the numbers (the first: line {ROWS - 4})" in done.stdout
+    assert "[lines_left_out]" in done.stdout
+    kept = {name: np.delete(values, ROWS - 6) for name, values in columns_of(ROWS).items()}
+    assert_same(imucal.read(output), imucal.read(written(tmp_path, ".parquet", kept)))
+
+
+def test_what_is_wrong_far_down_is_said_with_its_line_and_nothing_is_written(tmp_path, command):
+    count = ROWS // 50
+    path = broken(tmp_path, count)
+    done = command("convert", path, "-o", tmp_path / "out.csv")
     assert done.returncode == 1
-    assert f"line {ROWS - 4}, column accel_y_lsb: 'broken' is not a number" in done.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+    first = ROWS - 3 - count
+    assert f"line {first}, column accel_y_lsb: 'broken' is not a number" in done.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["run.csv"]
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
@@ -171,12 +206,21 @@ def test_a_short_file_comes_in_one_piece(tmp_path, ending):
     path = written(tmp_path, ending, columns_of(20))
     (piece,) = read_pieces(path)
     assert_same(piece, imucal.read(path))
+    later = dataclasses.replace(piece, time_s=piece.time_s + 1.0)
+    write_pieces([piece, later], tmp_path / "both.csv")
+    both = imucal.read(tmp_path / "both.csv")
+    assert len(both) == 40
+    assert both.findings == ()
+    # The rows of a piece that is written twice are copies.
     write_pieces([piece, piece], tmp_path / "twice.csv")
-    assert len(imucal.read(tmp_path / "twice.csv")) == 40
+    twice = imucal.read(tmp_path / "twice.csv")
+    assert_same(twice, piece)
+    assert [(finding.code, finding.count) for finding in twice.findings] == [("samples_duplicated", 20)]
 
 
 def test_a_parquet_file_without_rows_is_an_empty_recording(tmp_path, command):
     path = written(tmp_path, ".parquet", columns_of(0))
+    assert len(imucal.read(path)) == 0
     done = command("convert", path, "-o", tmp_path / "out.csv")
     assert done.returncode == 0, done.stderr
     assert len(imucal.read(tmp_path / "out.csv")) == 0

@@ -59,7 +59,9 @@ def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
     if chunk.dictionary_page_offset is not None and 0 < chunk.dictionary_page_offset < first:
         first = chunk.dictionary_page_offset
     end = first + chunk.total_compressed_size
-    if not 0 < first <= end <= size:
+    # A column without values has no data page, whose offset is then 0.
+    lowest = 1 if chunk.num_values else 0
+    if not lowest <= first <= end <= size:
         raise ValueError(f"the column {name} is at the bytes {first} to {end} of {size}")
     position = first
     # Arrow ends at the last value, which can be before the end of the chunk.
