@@ -181,12 +181,15 @@ def cleaned_columns(
     _refuse_too_many(file, names, rows, used, bad, kept, is_text, is_garbled, left, place_of, place, layout)
     parts = []
     text_lines = [text for _, text, of_text in left.lines if of_text]
-    short = [text for _, text, of_text in left.lines if not of_text]
+    short = [(row, text) for row, text, of_text in left.lines if not of_text]
     if text_lines or is_text.any():
         first = text_lines[0] if text_lines else _row_text(rows, int(is_text.argmax()))
         parts.append(f"{len(text_lines) + int(is_text.sum())} lines of text (the first: {first[:40]!r})")
     if short:
-        parts.append(f"{len(short)} lines with too few or too many values (the first: {short[0][:40]!r})")
+        row, first = short[0]
+        parts.append(
+            f"{len(short)} lines with too few or too many values (the first: {place(row)}, {first[:40]!r})"
+        )
     if is_garbled.any():
         at = int(is_garbled.argmax())
         parts.append(f"{int(is_garbled.sum())} lines with text among the numbers (the first: {place_of(at)})")
