@@ -84,8 +84,8 @@ MISTAKES = {
     "names that say no unit": (
         CALIBRATE.format("nameless"),
         1,
-        "first line: t, ax, ay, az",
-        "name the columns",
+        "the header does not give every unit: t, ax, ay, az",
+        "--columns",
     ),
     "clipped": (CALIBRATE.format("clipped"), 1, "[gyro_saturation]", "exclude"),
     "too short": (

@@ -36,6 +36,8 @@ ALONE = {
         (r"\$\.provenance\.operator", "delete|other text", "any name; older files have none"),
         (r"\$\.serial_number", "other text|null", "any name"),
         (r"\$\.reference_temperature_degc", "delete", "older files have none"),
+        (r"\$\.references", "delete", "files of other programs have none"),
+        (r"\$\.references\.\w+", "number", "what the user gives about gravity and the clock"),
     ],
     "unit": [
         (r"\$\.(name|description|accelerometer\.part|gyroscope\.part)", ".* text|empty", "any words"),

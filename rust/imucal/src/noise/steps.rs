@@ -110,6 +110,7 @@ pub(super) fn gather(
             None => steps.push(Step { time_s: recording.time_s[sample], sample, axes: vec![axis] }),
         }
     }
+    steps.iter_mut().for_each(|step| step.axes.sort_by_key(|axis| axis.channel));
     (steps, drifts)
 }
 

@@ -1,7 +1,8 @@
 //! Step (LSB) of the values of one axis, from the values alone.
 //!
 //! Values may be counts, counts times a scale, or such products rounded to float32 or to the decimals of a text file.
-//! An axis of a recording that was corrected for misalignment mixes the counts of three axes and has no step.
+//! An axis of a recording that was corrected for misalignment mixes the counts of three axes: it has no step, or one
+//! that is far below the noise.
 
 use crate::recording::Samples;
 
@@ -67,9 +68,10 @@ mod tests {
     }
 
     #[test]
-    fn continuous_values_and_a_mix_of_axes_have_no_step() {
+    fn continuous_values_have_no_step_and_a_mix_of_axes_none_that_matters() {
         assert_eq!(found((0..3000).map(|k| (f64::from(k) * 0.37).sin() * 3.0)), None);
-        assert_eq!(found(counts().into_iter().zip(counts().into_iter().skip(77)).map(|(x, y)| x + 0.0123 * y)), None);
+        let mix = counts().into_iter().zip(counts().into_iter().skip(77)).map(|(x, y)| x + 0.0123 * y);
+        assert!(found(mix).is_none_or(|step| step < 0.02), "the noise of a count is 0.3");
         assert_eq!(found([0.0; 100].into_iter()), None);
     }
 }
