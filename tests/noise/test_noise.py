@@ -363,6 +363,15 @@ def test_degrees_read_as_radians_are_named_with_their_count():
     assert "noise_implausible" not in codes(imucal.inspect(right))
 
 
+def test_tremor_of_a_hand_is_not_noise_of_the_sensor():
+    held = imucal.simulate(imucal.Tumble(3, poses=15, hold_s=3.0, tremor_deg=0.2), seed=3).recording
+    assert "noise_implausible" not in codes(imucal.inspect(held))
+    assert "noise_implausible" not in codes(imucal.calibrate(held))
+    # A hand does not hide a wrong unit.
+    degrees = imucal.Recording(held.time_s, held.specific_force, np.rad2deg(held.angular_rate))
+    assert "noise_implausible" in codes(imucal.inspect(degrees))
+
+
 def test_a_short_rest_is_refused_and_a_moving_record_remarked():
     run = imucal.simulate("random", seed=1, rate_hz=100.0).recording
     with pytest.raises(imucal.InputError, match=r"longest rest, from .* 1000 are needed"):

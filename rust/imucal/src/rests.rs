@@ -2,6 +2,7 @@
 //! unit.
 
 pub(crate) mod moves;
+mod noise_check;
 pub(crate) mod noise_density;
 pub(crate) mod rest;
 mod rounded;

@@ -18,10 +18,9 @@ use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
 use nalgebra::{Vector3, Vector6};
 
-use crate::check::{RestNoise, check_noise};
 use crate::error::Error;
 use crate::finding::Finding;
-use crate::numerics::stats::{quantile, sample_interval_s};
+use crate::numerics::stats::sample_interval_s;
 use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::rest::{Rest, RestMean, UNSTEADY};
@@ -74,25 +73,6 @@ pub const MIN_REST_S: f64 = 1.0;
 const LONGEST_MIN_REST_S: f64 = 3600.0;
 
 impl Segments {
-    /// Findings about noise densities and biases at the rests that no sensor has; none if every rest is hand-held,
-    /// because the densities then contain the tremor of the hand.
-    pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
-        let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
-        if steady.is_empty() {
-            return Vec::new();
-        }
-        let column = |density: f64, means: &dyn Fn(&Rest) -> f64| {
-            let mut means: Vec<f64> = steady.iter().map(|rest| means(rest)).collect();
-            RestNoise { density: Some(density), mean: Some(quantile(&mut means, 0.5)) }
-        };
-        let NoiseDensity { specific_force, angular_rate } = &self.noise_density;
-        let columns = std::array::from_fn(|k| match k {
-            0..3 => column(specific_force[k], &|rest| rest.specific_force.mean[k]),
-            _ => column(angular_rate[k - 3], &|rest| rest.angular_rate.mean[k - 3]),
-        });
-        check_noise(recording, &columns)
-    }
-
     /// Finds all rests of at least `min_rest_s` seconds.
     ///
     /// # Errors

@@ -1,0 +1,43 @@
+//! Noise and bias at the rests that no sensor has, for hand-held units without the tremor of the hand.
+
+use imucal_core::sensor::Triad;
+
+use crate::check::{RestNoise, check_noise};
+use crate::finding::Finding;
+use crate::numerics::stats::quantile;
+use crate::recording::Recording;
+use crate::rests::noise_density::NoiseDensity;
+use crate::rests::rest::Rest;
+use crate::rests::segment::Segments;
+use crate::rests::tremor::{Hand, Sensors};
+
+impl Segments {
+    /// Findings about noise densities and biases at the rests that no sensor has; none if every rest is hand-held,
+    /// because the densities then contain the tremor of the hand. If all rests contain the same tremor, none is less
+    /// steady than the others. The tremor is then detected by the correlation of both sensors, and subtracted.
+    pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
+        let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
+        if steady.is_empty() {
+            return Vec::new();
+        }
+        let column = |density: f64, means: &dyn Fn(&Rest) -> f64| {
+            let mut means: Vec<f64> = steady.iter().map(|rest| means(rest)).collect();
+            RestNoise { density: Some(density), mean: Some(quantile(&mut means, 0.5)) }
+        };
+        let of = |noise: &NoiseDensity| {
+            let columns = std::array::from_fn(|k| match k {
+                0..3 => column(noise.specific_force[k], &|rest| rest.specific_force.mean[k]),
+                _ => column(noise.angular_rate[k - 3], &|rest| rest.angular_rate.mean[k - 3]),
+            });
+            check_noise(recording, &columns)
+        };
+        let findings = of(&self.noise_density);
+        if findings.is_empty() {
+            return findings;
+        }
+        let nominal = Triad::identity();
+        let sensors = Sensors { accelerometer: &nominal, gyroscope: &nominal };
+        let all: Vec<&Rest> = self.rests.iter().collect();
+        Hand::of(recording, &all, sensors).map_or(findings, |hand| of(&hand.noise))
+    }
+}
