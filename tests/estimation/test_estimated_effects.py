@@ -138,6 +138,13 @@ def by_hand():
     return imucal.simulate("tumble", unit="mpu6050", rate_hz=100, seed=3, temperature=CYCLE).recording
 
 
+@pytest.fixture(scope="module")
+def in_place():
+    """The moves of `by_hand` without translation, so that the force in the moves is that of gravity."""
+    motion = imucal.Tumble(3, translation_mm=0.0)
+    return imucal.simulate(motion, unit="mpu6050", rate_hz=100, seed=3, temperature=CYCLE).recording
+
+
 # Estimated from the force inside the moves, which contains the acceleration of a hand as well.
 FROM_FORCE_IN_MOVES = (
     "gyro_angular_acceleration",
@@ -145,10 +152,13 @@ FROM_FORCE_IN_MOVES = (
     "accel_lever_arm",
     "accel_size_effect",
 )
+CASES = [(*form, motion) for form in FORMS for motion in ("noisy", "by_hand")]
+CASES += [(*form, "in_place") for form in FORMS if form[0].name in FROM_FORCE_IN_MOVES]
 
 
-@pytest.mark.parametrize("motion", ["noisy", "by_hand"])
-@pytest.mark.parametrize(("effect", "count"), FORMS, ids=[form_name(*form) for form in FORMS])
+@pytest.mark.parametrize(
+    ("effect", "count", "motion"), CASES, ids=[f"{form_name(*case[:2])}-{case[2]}" for case in CASES]
+)
 def test_an_effect_that_is_not_there_is_small_or_refused(effect, count, motion, request):
     recording = request.getfixturevalue(motion)
     try:
