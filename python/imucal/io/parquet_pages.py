@@ -56,9 +56,6 @@ def require_plausible_pages(file: BinaryIO, metadata: Any, size: int, names: Col
 
 def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
     name, first = chunk.path_in_schema, chunk.data_page_offset
-    if chunk.num_values == 0 and first == 0:
-        # A column without values has no data page, and the place of one is then given as 0.
-        return
     if chunk.dictionary_page_offset is not None and 0 < chunk.dictionary_page_offset < first:
         first = chunk.dictionary_page_offset
     end = first + chunk.total_compressed_size
