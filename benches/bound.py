@@ -30,11 +30,15 @@ class Noise:
 
 
 def paper_unit_noise(rate_hz: float) -> Noise:
-    """Noise densities in the datasheets of FXOS8700CQ and FXAS21002CQ, and the rounding to their counts."""
+    """Noise densities in the datasheets of FXOS8700CQ and FXAS21002CQ, and the rounding to their counts.
+
+    The densities are one-sided: the noise of a sample is the density times the root of half the rate.
+    """
     g = 9.80665
+    bandwidth_hz = rate_hz / 2
     return Noise(
-        np.hypot(126e-6 * g * np.sqrt(rate_hz), 2 * g / 8192 / np.sqrt(12)),
-        np.hypot(np.radians(0.025) * np.sqrt(rate_hz), np.radians(0.015625) / np.sqrt(12)),
+        np.hypot(126e-6 * g * np.sqrt(bandwidth_hz), 2 * g / 8192 / np.sqrt(12)),
+        np.hypot(np.radians(0.025) * np.sqrt(bandwidth_hz), np.radians(0.015625) / np.sqrt(12)),
     )
 
 

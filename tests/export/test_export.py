@@ -335,26 +335,27 @@ def test_autopilots_start_from_the_frame_nearest_to_the_sensor():
 
 @pytest.fixture(scope="module")
 def still():
-    """A recording at rest, and its noise."""
-    recording = imucal.simulate(imucal.Static(400), unit="icm42688p", rate_hz=100, seed=2).recording
-    return recording, imucal.noise(recording)
+    """A unit, and the noise of its recording at rest."""
+    unit = imucal.Unit.named("icm42688p")
+    recording = imucal.simulate(imucal.Static(400), unit=unit, rate_hz=100, seed=2).recording
+    return unit, imucal.noise(recording)
 
 
 def test_gazebo(still):
-    recording, figures = still
+    simulated, figures = still
     exported = imucal.export(UNIT, "gazebo", noise=figures)
     imu = ElementTree.fromstring(exported.text)
-    for sensor, element, triad, samples in (
-        ("gyro", "angular_velocity", UNIT.gyroscope, recording.angular_rate),
-        ("accel", "linear_acceleration", UNIT.accelerometer, recording.specific_force),
+    for sensor, element, triad, source in (
+        ("gyro", "angular_velocity", UNIT.gyroscope, simulated.gyroscope),
+        ("accel", "linear_acceleration", UNIT.accelerometer, simulated.accelerometer),
     ):
         for i, axis in enumerate("xyz"):
             noise = imu.find(f"{element}/{axis}/noise")
             assert noise.get("type") == "gaussian"
             assert float(noise.findtext("mean")) == triad.bias[i]
-            # GaussianNoiseModel.cc adds N(mean, stddev) to every sample: the scatter from one to the next.
-            scatter = np.diff(samples[:, i]).std() / 2**0.5
-            assert float(noise.findtext("stddev")) == pytest.approx(scatter, rel=0.02)
+            # GaussianNoiseModel.cc adds N(mean, stddev) to every sample: the white noise before rounding.
+            white = source.noise_density * figures.rate_hz**0.5
+            assert float(noise.findtext("stddev")) == pytest.approx(white, rel=0.02)
             walk = figures.axes[f"{sensor}_{axis}"].random_walk.value
             assert (noise.findtext("dynamic_bias_stddev") is None) == (walk is None)
     assert exported.same_as is None and exported.residual([]) is None
