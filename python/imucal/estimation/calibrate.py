@@ -29,7 +29,6 @@ from imucal.estimation.options import Options, asked_for, wander_of
 from imucal.estimation.rests import FittedMove, FittedRest, of_library
 from imucal.estimation.result import CalibrationResult
 from imucal.estimation.user_effects import UserEffectSource
-from imucal.finding import Finding
 from imucal.recording.one_unit import of_one_unit, require_other_data
 from imucal.recording.recording import Recording, as_recordings
 from imucal.rig.unit import Unit
@@ -193,7 +192,7 @@ def result_of(
         moves=moves,
         findings=(
             *(f for r in unit_data for f in r.findings),
-            *_without_tremor(outcome.findings, unit_data, fit),
+            *outcome.findings,
         ),
         held_out=HeldOut.of_outcome(outcome, options.folds),
         control=judged,
@@ -232,11 +231,3 @@ def _temperature_range(recordings: Sequence[Recording]) -> tuple[float, float] |
 
 def _sources(recordings: Sequence[Recording]) -> tuple[Source, ...]:
     return tuple(source for recording in recordings for source in recording.sources)
-
-
-def _without_tremor(
-    findings: Sequence[Finding], unit_data: Sequence[Recording], fit: Fit
-) -> tuple[Finding, ...]:
-    """The findings without implausible noise of hand-held recordings, whose rests contain tremor."""
-    held = {recording.name for recording, tremor in zip(unit_data, fit.tremor_deg, strict=True) if tremor}
-    return tuple(f for f in findings if f.code != "noise_implausible" or f.recording not in held)
