@@ -131,8 +131,8 @@ mod _core {
     }
 
     /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` are the
-    /// recordings after the caller's correction, because the library cannot correct user-defined effects. `uncertainty` is
-    /// the covariance of the parameters, by rows, and their body frame.
+    /// recordings after the caller's correction, because the library cannot correct user-defined effects.
+    /// `uncertainty` is the covariance of the parameters, by rows, and their body frame.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,

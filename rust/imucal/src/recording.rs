@@ -211,7 +211,7 @@ impl<'a> Recording<'a> {
         self.time_s.len()
     }
 
-    /// Mean sampling rate, Hz: the number of time steps over their sum, without pauses (see [`PAUSE_S`]); NaN if the
+    /// Mean sampling rate, Hz: the number of time steps over their sum, without pauses (see `PAUSE_S`); NaN if the
     /// time does not increase.
     ///
     /// The median time step is no substitute: if samples come in bursts, or are stamped by a coarse clock, it differs
