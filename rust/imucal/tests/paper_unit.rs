@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use imucal::simulate::{Sensor, Unit};
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
@@ -23,7 +25,7 @@ fn assert_same(file: &str, name: &str, sensor: &Sensor, (bias, noise, lsb): (f64
     for (found, wanted) in figure(file, name, "bias").iter().zip(sensor.bias.iter()) {
         near(found * bias, *wanted);
     }
-    near(figure(file, name, "noise_density")[0] * noise, sensor.noise_density);
+    near(figure(file, name, "noise_density_one_sided")[0] * noise * FRAC_1_SQRT_2, sensor.noise_density);
     let converter = sensor.converter.unwrap();
     near(lsb, converter.lsb);
     assert_eq!(figure(file, name, "bits"), [f64::from(converter.bits)]);
