@@ -45,13 +45,6 @@ def run(seed: int = 1) -> Any:
     return imucal.simulate(program, unit="paper", rate_hz=100, seed=seed)
 
 
-def changed(recording: Recording, **fields: Any) -> Recording:
-    """A copy with other columns, without stand angles unless they are given."""
-    old = {name: getattr(recording, name) for name in ("time_s", "specific_force", "angular_rate")}
-    units = {"accel_unit": recording.accel_unit, "gyro_unit": recording.gyro_unit}
-    return Recording(**{**old, **units, "name": "run", **fields})
-
-
 def findings_of(recordings: Any, **options: Any) -> Sequence[imucal.Finding]:
     """The findings of a calibration, whether it is refused or not."""
     try:
@@ -89,15 +82,6 @@ def outcome_of(recordings: Any, truth: Any, **options: Any) -> str:
     }
     worst = max(errors, key=errors.__getitem__)
     return "truth" if errors[worst] < WITHIN_SIGMAS else f"wrong: {worst} by {errors[worst]:.1f} sigma"
-
-
-def truth_of(run: Any, counts: tuple[float, float] = (1.0, 1.0)) -> dict[str, float]:
-    """The true parameters of a simulated unit by name; `counts` are raw units per SI unit."""
-    factors = dict(zip(("accel", "gyro"), counts, strict=True))
-    return {
-        parameter.name: parameter.value * factors[parameter.name.split("_")[0]]
-        for parameter in run.truth.calibration.parameters
-    }
 
 
 def of_code(code: str) -> str:

@@ -5,9 +5,10 @@ import re
 
 import numpy as np
 import pytest
-from advice import findings_of, of_code, outcome_of, run, truth_of
+from advice import findings_of, of_code, outcome_of, run
 
 import imucal
+from changes import truth_of
 from imucal.rig.unit import unit_of
 
 RATE_HZ = 100.0

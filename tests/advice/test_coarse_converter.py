@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from advice import advice_about, changed, findings_of, of_code, outcome_of, run, truth_of
+from advice import advice_about, findings_of, of_code, outcome_of, run
 
 import imucal
+from changes import changed, truth_of
 
 # Step of a gyroscope, rad/s, six times the noise of a sample.
 STEP = 0.026

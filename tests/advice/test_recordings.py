@@ -7,32 +7,19 @@ import pytest
 from advice import (
     Advised,
     advice_about,
-    changed,
     of_code,
     option_in,
     outcome_of,
     run,
-    truth_of,
     without,
 )
 from codes import codes, tested as with_a_test
 
 import imucal
+from changes import changed, force, rate, time, truth_of
 from imucal import Recording
 
 G = 9.80665
-
-
-def force(change):
-    return lambda r: changed(r, specific_force=change(r.specific_force.copy()))
-
-
-def rate(change):
-    return lambda r: changed(r, angular_rate=change(r.angular_rate.copy()))
-
-
-def time(change):
-    return lambda r: changed(r, time_s=change(r.time_s.copy()))
 
 
 def again(_, __):

@@ -23,7 +23,22 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal import FormatError, InputError, NotEnoughMotionError, Program, Recording, Step
+from changes import (
+    MOVES,
+    changed,
+    force,
+    noise,
+    poses_within,
+    program,
+    put,
+    rate,
+    rows,
+    stand_run,
+    time,
+    with_new_time,
+    without,
+)
+from imucal import FormatError, InputError, NotEnoughMotionError, Program, Recording
 from imucal.cli import main
 from imucal.recording.one_unit import with_own_names
 
@@ -36,74 +51,9 @@ CHECKS = Path(__file__).resolve().parents[2] / "rust" / "imucal" / "src" / "chec
 # The good recording and what spoils it
 
 
-@functools.cache
-def simulated(seed=1, unit="paper"):
-    """Thirty random moves between rests of two seconds, 122 s at 100 Hz."""
-    program = Program.random(seed=seed, moves=30, hold_s=2.0)
-    return imucal.simulate(program, unit=unit, rate_hz=100, seed=seed)
-
-
-def changed(recording, **fields):
-    """A copy with other columns; stand angles are left out unless they are given."""
-    old = {name: getattr(recording, name) for name in ("time_s", "specific_force", "angular_rate")}
-    units = {"accel_unit": recording.accel_unit, "gyro_unit": recording.gyro_unit}
-    return Recording(**{**old, **units, "name": "run", **fields})
-
-
-def time(change):
-    return lambda r: changed(r, time_s=change(r.time_s.copy()))
-
-
-def force(change):
-    return lambda r: changed(r, specific_force=change(r.specific_force.copy()))
-
-
-def rate(change):
-    return lambda r: changed(r, angular_rate=change(r.angular_rate.copy()))
-
-
-def rows(index):
-    """Only these samples, with the times they had."""
-
-    def change(r):
-        keep = index(len(r)) if callable(index) else index
-        return changed(
-            r, time_s=r.time_s[keep], specific_force=r.specific_force[keep], angular_rate=r.angular_rate[keep]
-        )
-
-    return change
-
-
-def rows_with_new_time(index):
-    """Only these samples, as if the sensor had taken them at its full rate."""
-
-    def change(r):
-        kept = rows(index)(r)
-        return changed(kept, time_s=np.arange(len(kept)) / 100)
-
-    return change
-
-
-def put(index, value):
-    def change(values):
-        values[index] = value
-        return values
-
-    return change
-
-
 def axis(number, factor):
     """One axis times a factor."""
     return lambda values: values * np.where(np.arange(3) == number, factor, 1.0)
-
-
-def noise(sigma, seed=0):
-    return lambda values: values + sigma * np.random.default_rng(seed).normal(size=values.shape)
-
-
-def without(*parts):
-    """All samples but these stretches."""
-    return lambda n: np.setdiff1d(np.arange(n), np.concatenate([np.arange(a, b) for a, b in parts]))
 
 
 def outer_join(r):
@@ -125,22 +75,6 @@ def counts(r, per_mps2=1000.0, per_radps=5000.0, offset=0.0, wrap=None):
         accel_unit="lsb",
         gyro_unit="lsb",
     )
-
-
-def program(*steps):
-    """Another motion of the same unit: (turn of the three motors in deg, seconds, seconds at rest)."""
-    steps = tuple(Step(turn, move_s, hold_s) for turn, move_s, hold_s in steps)
-    return lambda _: imucal.simulate(Program(steps), rate_hz=100, seed=1).recording
-
-
-def poses_within(deg):
-    """Thirty rests, no motor ever farther than `deg` from zero."""
-    poses = np.random.default_rng(3).uniform(-deg, deg, (30, 3))
-    turns = np.diff(np.vstack([np.zeros(3), poses]), axis=0)
-    return program(*((tuple(turn), 1.0, 2.0) for turn in turns.tolist()))
-
-
-MOVES = [(400 * k + 250, 400 * k + 350) for k in range(30)]
 
 
 # The tables
@@ -216,19 +150,23 @@ REFUSED = {
         time(lambda t: t * 1e-9), "clock_rate", "name it time_s|after its unit"
     ),
     "ten hours at 2 Hz": refused(
-        lambda _: changed(simulated().recording, **at_2_hz()), "clock_rate", "record at 5 Hz or more"
+        lambda _: changed(stand_run().recording, **at_2_hz()), "clock_rate", "record at 5 Hz or more"
     ),
     "half the sample rate": refused(time(lambda t: t * 2), "gyro_units", "the sample rate"),
     "wrong sample rate": refused(time(lambda t: t * 1.5), "gyro_units", "the sample rate"),
     "samples written twice, time made anew": refused(
-        rows_with_new_time(
-            lambda n: np.sort(np.r_[np.arange(n), np.random.default_rng(0).choice(n, n // 5, replace=False)])
+        with_new_time(
+            rows(
+                lambda n: np.sort(
+                    np.r_[np.arange(n), np.random.default_rng(0).choice(n, n // 5, replace=False)]
+                )
+            )
         ),
         "samples_duplicated",
         "they are additional rows.*drop the repeated rows",
     ),
     "single samples lost, time made anew": refused(
-        rows_with_new_time(lambda n: np.setdiff1d(np.arange(n), np.arange(70, n, 101))),
+        with_new_time(rows(lambda n: np.setdiff1d(np.arange(n), np.arange(70, n, 101)))),
         "samples_missing",
         "jumps by two time steps",
     ),
@@ -328,7 +266,7 @@ REFUSED = {
         "sign of the gyroscope is reversed",
     ),
     "gyroscope of another motion": refused(
-        lambda r: changed(r, angular_rate=simulated(5).recording.angular_rate[: len(r)]),
+        lambda r: changed(r, angular_rate=stand_run(5).recording.angular_rate[: len(r)]),
         "left_handed_axes|gyro_units",
     ),
     # Several recordings
@@ -452,13 +390,13 @@ def at_2_hz():
 
 
 POOR = {
-    "samples lost, time made anew": rows_with_new_time(without(*((a + 45, a + 55) for a, _ in MOVES))),
+    "samples lost, time made anew": with_new_time(rows(without(*((a + 45, a + 55) for a, _ in MOVES)))),
     "gyroscope cut off before its filter": rate(
         lambda w: noise(0.003)(np.clip(w, -3, 3) * [1.01, 0.98, 1.02])
     ),
     "accelerometer cut off before its filter": force(lambda f: noise(0.01)(np.clip(f, -9.5, 9.5))),
     "accelerometer that warms up": force(lambda f: f * np.linspace(1, 1.02, len(f))[:, None]),
-    "recordings of two units": lambda r: [r, simulated(3, "ideal").recording],
+    "recordings of two units": lambda r: [r, stand_run(3, "ideal").recording],
 }
 
 WARNED = {
@@ -566,7 +504,7 @@ def written(recordings, folder):
 @pytest.mark.parametrize("name", REFUSED)
 def test_refused(name, tmp_path, capsys):
     case = REFUSED[name]
-    recordings = case.change(simulated().recording)
+    recordings = case.change(stand_run().recording)
     with pytest.raises(case.error, match=re.compile(case.words, re.DOTALL)) as caught:
         imucal.calibrate(recordings, **case.options)
     assert type(caught.value) is case.error
@@ -595,7 +533,7 @@ def test_refused(name, tmp_path, capsys):
 
 @pytest.mark.parametrize("name", [name for name, case in REFUSED.items() if case.code and not case.options])
 def test_inspect_shows_what_is_refused(name, tmp_path, capsys):
-    recordings = REFUSED[name].change(simulated().recording)
+    recordings = REFUSED[name].change(stand_run().recording)
     paths = written(recordings, tmp_path)
     code = main(["inspect", *paths, "--json", str(tmp_path / "seen.json")])
     seen = json.loads((tmp_path / "seen.json").read_text())["recordings"]
@@ -607,7 +545,7 @@ def test_inspect_shows_what_is_refused(name, tmp_path, capsys):
 
 
 def test_apply_refuses_counts_that_lost_their_sign(tmp_path, capsys):
-    recording = simulated().recording
+    recording = stand_run().recording
     unit = imucal.calibrate(counts(recording)).calibration
     assert np.isfinite(unit.apply_recording(counts(recording)).angular_rate).all()
     said = "counts_unsigned.* subtract 65536 from values above 32767"
@@ -625,11 +563,11 @@ def test_apply_refuses_counts_that_lost_their_sign(tmp_path, capsys):
     [(42, "give text, '42'"), ("", "is empty"), (" ", "is empty"), ("a\nb", "can be printed")],
 )
 def test_what_is_no_serial_number_is_refused(serial_number, said, tmp_path, capsys):
-    recording = simulated().recording
+    recording = stand_run().recording
     with pytest.raises(InputError, match=said):
         imucal.calibrate(recording, serial_number=serial_number)
     with pytest.raises(InputError, match=said):
-        dataclasses.replace(simulated().truth.calibration, serial_number=serial_number)
+        dataclasses.replace(stand_run().truth.calibration, serial_number=serial_number)
     if isinstance(serial_number, str):
         [run] = written(recording, tmp_path)
         assert main(["calibrate", run, "--serial-number", serial_number]) == 1
@@ -637,7 +575,7 @@ def test_what_is_no_serial_number_is_refused(serial_number, said, tmp_path, caps
 
 
 def test_a_control_recording_counts_once(tmp_path, capsys):
-    run, control = simulated().recording, simulated(seed=2).recording
+    run, control = stand_run().recording, stand_run(seed=2).recording
     said = "the control recordings .* have the same .* samples: give every recording once"
     with pytest.raises(InputError, match=said):
         imucal.calibrate(run, control=[control, control])
@@ -648,7 +586,7 @@ def test_a_control_recording_counts_once(tmp_path, capsys):
 
 @pytest.mark.parametrize("share", [0.3, 0.45])
 def test_a_bias_that_jumps_is_no_good_verdict(share):
-    recording = simulated().recording
+    recording = stand_run().recording
     jump = np.zeros((len(recording), 3))
     jump[int((1 - share) * len(recording)) :, 0] = 0.02
     result = imucal.calibrate(changed(recording, angular_rate=recording.angular_rate + jump))
@@ -658,7 +596,7 @@ def test_a_bias_that_jumps_is_no_good_verdict(share):
 
 @pytest.mark.parametrize("rows", [50, None])
 def test_old_line_ends_are_read(rows, tmp_path):
-    imucal.write(simulated().recording, tmp_path / "run.csv")
+    imucal.write(stand_run().recording, tmp_path / "run.csv")
     lines = (tmp_path / "run.csv").read_bytes().splitlines()[:rows]
     (tmp_path / "old.csv").write_bytes(b"\r".join([*lines, b""]))
     (tmp_path / "new.csv").write_bytes(b"\n".join([*lines, b""]))
@@ -670,7 +608,7 @@ def test_old_line_ends_are_read(rows, tmp_path):
 
 @pytest.mark.parametrize("name", POOR)
 def test_poor(name, tmp_path, capsys):
-    recordings = POOR[name](simulated().recording)
+    recordings = POOR[name](stand_run().recording)
     result = imucal.calibrate(recordings)
     assert result.verdict == "poor"
     assert "times what noise explains" in result.reasons[0] or "contradict the others" in result.reasons[0]
@@ -687,11 +625,11 @@ def errors_in_sigmas(result, truth):
 @pytest.mark.parametrize("name", WARNED)
 def test_warned_and_right(name, tmp_path, capsys):
     change, code = WARNED[name]
-    recording = change(simulated().recording)
+    recording = change(stand_run().recording)
     result = imucal.calibrate(recording)
     assert result.verdict == "good"
     assert [finding.code for finding in result.findings if finding.severity == "warning"].count(code) == 1
-    errors = errors_in_sigmas(result, simulated().truth.calibration)
+    errors = errors_in_sigmas(result, stand_run().truth.calibration)
     assert max(map(abs, errors.values())) < 5, errors
     assert main(["calibrate", *written(recording, tmp_path), "-o", str(tmp_path / "cal.json")]) == 0
     assert f"[{code}]" in capsys.readouterr().out
@@ -699,7 +637,7 @@ def test_warned_and_right(name, tmp_path, capsys):
 
 
 def test_moves_that_the_jitter_of_the_clock_spoils_are_no_good_verdict(tmp_path, capsys):
-    recording = time(lambda t: np.sort(noise(0.0025)(t)))(simulated().recording)
+    recording = time(lambda t: np.sort(noise(0.0025)(t)))(stand_run().recording)
     result = imucal.calibrate(recording)
     assert result.verdict == "incomplete"
     assert "gravity direction after the moves" in result.reasons[0]
@@ -712,7 +650,7 @@ def test_moves_that_the_jitter_of_the_clock_spoils_are_no_good_verdict(tmp_path,
 
 def test_turned_gyroscope_is_calibrated_as_it_is_mounted():
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    run = simulated()
+    run = stand_run()
     result = imucal.calibrate(rate(lambda w: w @ turn.T)(run.recording))
     assert [finding.code for finding in result.findings] == ["axes_turned"]
     assert result.verdict == "good"
@@ -721,12 +659,12 @@ def test_turned_gyroscope_is_calibrated_as_it_is_mounted():
 
 
 def test_reversed_gravity_without_a_stand_is_said():
-    result = imucal.calibrate(force(lambda f: -f)(simulated().recording))
+    result = imucal.calibrate(force(lambda f: -f)(stand_run().recording))
     assert [(f.code, f.severity) for f in result.findings] == [("gravity_sign", "warning")]
 
 
 def test_an_axis_in_other_counts_than_the_others_is_said():
-    in_counts = counts(simulated().recording)
+    in_counts = counts(stand_run().recording)
     assert not imucal.calibrate(in_counts).findings
     result = imucal.calibrate(rate(axis(1, 0.5))(in_counts))
     assert [(f.code, f.severity, f.columns) for f in result.findings] == [
@@ -760,13 +698,13 @@ def test_every_code_has_a_case():
 
 @functools.cache
 def good_result():
-    return imucal.calibrate(changed(simulated().recording))
+    return imucal.calibrate(changed(stand_run().recording))
 
 
 @pytest.mark.parametrize("name", ARRAYS)
 def test_arrays_of_any_layout_give_the_same_calibration(name):
     change, tolerance = ARRAYS[name]
-    good = simulated().recording
+    good = stand_run().recording
     recording = Recording(*(change(getattr(good, c)) for c in ("time_s", "specific_force", "angular_rate")))
     result, expected = imucal.calibrate(recording), good_result()
     for found, wanted in zip(result.parameters, expected.parameters, strict=True):
@@ -805,7 +743,7 @@ def test_bad_arrays(name):
 def folder():
     """Good files, and bad ones made of them."""
     place = Path(tempfile.mkdtemp(prefix="imucal-"))
-    good, control = changed(simulated().recording), simulated(2).recording
+    good, control = changed(stand_run().recording), stand_run(2).recording
     imucal.write(good, place / "good.parquet")
     imucal.write(good, place / "good.csv")
     imucal.write(control, place / "control.parquet")
@@ -953,7 +891,7 @@ def test_bad_files(name, capsys, monkeypatch):
             call(arguments[1])
 
 
-# Files with a fault that costs a row: the file, the row that is left out, and what is said about it.
+# Files of which one row is not read: the file, the row, and the warning about it.
 LEFT_OUT = {
     "text in a cell": ("text.csv", 49, "1 lines with text among the numbers (the first: line 51)"),
     "a row too long": (
@@ -1000,14 +938,14 @@ def test_a_control_recording_without_moves_judges_nothing(capsys, monkeypatch):
 @pytest.mark.parametrize(("times", "control_times"), [(1, 1), (1, 2), (2, 1)])
 def test_a_run_does_not_judge_itself_however_its_samples_are_held(times, control_times):
     run, control = (
-        rows(lambda n, m=m: np.arange(n).repeat(m))(simulated().recording) for m in (times, control_times)
+        rows(lambda n, m=m: np.arange(n).repeat(m))(stand_run().recording) for m in (times, control_times)
     )
     with pytest.raises(InputError, match="which the calibration is made of"):
         imucal.calibrate(run, control=control)
 
 
 def test_recordings_of_one_name_get_names_of_their_own():
-    recordings = [changed(simulated().recording, name=name) for name in ("a", "a", "a (2)", "a")]
+    recordings = [changed(stand_run().recording, name=name) for name in ("a", "a", "a (2)", "a")]
     assert [r.name for r in with_own_names(recordings)] == ["a", "a (2)", "a (2) (2)", "a (3)"]
 
 
@@ -1050,7 +988,7 @@ NOT_ROOT = pytest.mark.skipif(
 @pytest.fixture
 def run(tmp_path):
     """A good recording in its own folder, and a calibration file that was there before."""
-    imucal.write(changed(simulated().recording), tmp_path / "run.parquet")
+    imucal.write(changed(stand_run().recording), tmp_path / "run.parquet")
     (tmp_path / "cal.json").write_text("old")
     return tmp_path
 

@@ -281,7 +281,7 @@ AMBIGUOUS = [
     # What a temperature that only rises cannot tell from time.
     ("gyro_bias_temperature", "typical", {"temperature": "warmup:25:40:100"}),
     ("accel_bias_temperature", "typical", {"temperature": "warmup:25:40:100"}),
-    # A small one among few rests, where one of 4e-4 is told from accel_scale_quadratic already.
+    # A small effect and few rests: with 4e-4 these rests alone distinguish it from accel_scale_quadratic.
     ("accel_scale_asymmetry", [2.8e-4, -2.8e-4, 1.4e-4], {}),
 ]
 

@@ -1,4 +1,4 @@
-"""Text files with more than numbers in them: what is left out is counted, and what is doubtful is refused."""
+"""Text files with more than numbers: lines that are left out are counted, ambiguous files are refused."""
 
 import datetime
 import gzip

@@ -4,7 +4,8 @@ import itertools
 
 import numpy as np
 
-from recordings import calibrating, changed, stand_run, truth_of
+from changes import changed, stand_run, truth_of
+from recordings import calibrating
 from trap import good, incomplete, refused
 
 PAIRS = tuple(itertools.combinations(range(3), 2))

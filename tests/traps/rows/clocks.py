@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from recordings import calibrating, changed, rows, time
+from changes import changed, rows, time
+from recordings import calibrating
 from trap import good, incomplete, poor, refused
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import imucal
-from recordings import stand_run
+from changes import stand_run
 from trap import Question, Right, Trap, good, refused
 
 Edit = Callable[[dict[str, Any]], object]

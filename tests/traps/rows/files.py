@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import imucal
-from recordings import stand_run, truth_of
+from changes import stand_run, truth_of
 from trap import Options, Question, Trap, good, refused
 
 HEADER = "time_s,accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
@@ -17,7 +17,7 @@ START = datetime.datetime(2026, 1, 31, 23, 59, 0)
 KINDS = {
     "layout": "a text file in another layout",
     "units": "units in the header of a text file",
-    "contradiction": "a header that contradicts what is asked",
+    "contradiction": "a header that contradicts the options",
     "left out": "lines of a text file that are no rows",
     "refused": "a text file that is no recording",
     "dates": "dates as time stamps",

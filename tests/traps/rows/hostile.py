@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 import imucal
-from recordings import calibrating, force, rate
+from changes import force, rate
+from recordings import calibrating
 from trap import Question, Trap, refused
 
 CORPUS = Path(__file__).parents[2] / "fuzz" / "corpus"

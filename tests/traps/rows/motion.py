@@ -2,27 +2,13 @@
 
 import numpy as np
 
-import imucal
-from imucal import Program, Step
-from recordings import calibrating, changed, force, rate, stand_run
+from changes import changed, force, poses_within, program, rate, stand_run
+from recordings import calibrating
 from trap import good, incomplete, poor, refused
 
 FEW_POSES = "the motion does not determine all parameters"
 DISTURBED = "a rest is disturbed"
 UNITS = "several units are taken for one"
-
-
-def program(*steps):
-    """Another motion of the same unit: (turn of the three motors in deg, seconds, seconds at rest)."""
-    steps = tuple(Step(turn, move_s, hold_s) for turn, move_s, hold_s in steps)
-    return lambda _: imucal.simulate(Program(steps), rate_hz=100, seed=1).recording
-
-
-def poses_within(deg):
-    """Thirty rests, no motor farther than `deg` from zero."""
-    poses = np.random.default_rng(3).uniform(-deg, deg, (30, 3))
-    turns = np.diff(np.vstack([np.zeros(3), poses]), axis=0)
-    return program(*((tuple(turn), 1.0, 2.0) for turn in turns.tolist()))
 
 
 def without_turns(r):

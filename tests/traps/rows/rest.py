@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import imucal
-from recordings import changed
+from changes import changed
 from trap import Question, Right, Trap, good, poor, refused
 
 RATE_HZ = 100.0

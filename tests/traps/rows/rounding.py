@@ -5,7 +5,8 @@ import functools
 import numpy as np
 
 import imucal
-from recordings import Change, calibrating, changed, stand_run
+from changes import Change, changed, stand_run
+from recordings import calibrating
 from trap import good, incomplete, poor
 
 NOISE_BELOW_STEP = "noise_below_lsb"

@@ -2,24 +2,11 @@
 
 import numpy as np
 
-from recordings import calibrating, changed, force, rate, rows, time, with_new_time
+from changes import MOVES, changed, force, noise, put, rate, rows, time, with_new_time, without
+from recordings import calibrating
 from trap import good, incomplete, poor, refused
 
 AXES = "xyz"
-# Samples of the thirty moves of the simulated run: a second from 2.5 s on, every four seconds.
-MOVES = [(400 * k + 250, 400 * k + 350) for k in range(30)]
-
-
-def put(index, value):
-    def change(values):
-        values[index] = value
-        return values
-
-    return change
-
-
-def without(*parts):
-    return lambda n: np.setdiff1d(np.arange(n), np.concatenate([np.arange(a, b) for a, b in parts]))
 
 
 def one_in(every, first=70):
@@ -28,10 +15,6 @@ def one_in(every, first=70):
 
 def twice(every, first=50):
     return lambda n: np.sort(np.r_[np.arange(n), np.arange(first, n, every)])
-
-
-def with_noise(sigma, seed=0):
-    return lambda values: values + sigma * np.random.default_rng(seed).normal(size=values.shape)
 
 
 NOT_FINITE = tuple(
@@ -72,7 +55,7 @@ CLIPPED = (
         calibrating(
             "the range is exceeded",
             f"gyroscope cut off at {limit:g} rad/s before its filter",
-            rate(lambda w, limit=limit: with_noise(0.003)(np.clip(w, -limit, limit))),
+            rate(lambda w, limit=limit: noise(0.003)(np.clip(w, -limit, limit))),
             poor(),
             refused("gyro"),
         )
@@ -82,7 +65,7 @@ CLIPPED = (
         calibrating(
             "the range is exceeded",
             f"accelerometer cut off at {limit:g} m/s^2 before its filter",
-            force(lambda f, limit=limit: with_noise(0.01)(np.clip(f, -limit, limit))),
+            force(lambda f, limit=limit: noise(0.01)(np.clip(f, -limit, limit))),
             poor(),
             incomplete(),
             refused("accel"),
@@ -167,7 +150,7 @@ CLOCK = (
     calibrating(
         "the clock is wrong",
         "stamps on arrival, 6 ms of jitter",
-        time(lambda t: np.sort(with_noise(0.006)(t))),
+        time(lambda t: np.sort(noise(0.006)(t))),
         refused("clock_irregular"),
     ),
     calibrating(

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import imucal
-from recordings import stand_run, truth_of
+from changes import stand_run, truth_of
 from trap import Question, Right, Trap, good, refused
 
 # Offset and size of the warming of a simulated unit, degC.

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import imucal
-from recordings import calibrating, changed, same, stand_run
+from changes import changed, stand_run
+from recordings import calibrating, same
 from trap import Question, Trap, good, incomplete, poor, refused
 
 # Sizes of typical effects of sensors, which a linear model lacks, and the kind of residual that shows them.
