@@ -213,7 +213,7 @@ plan: $(VENV)/.installed
 
 traps: $(VENV)/.installed
 	$(call say,Traps)
-	PYTHONPATH=benches:tests/traps $(PY) benches/traps.py
+	PYTHONPATH=benches:tests/traps:tests/fixtures $(PY) benches/traps.py
 
 stand: $(VENV)/.installed
 	$(call say,Units on the line)

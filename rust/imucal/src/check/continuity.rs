@@ -30,6 +30,8 @@ const ACROSS: f64 = 0.35;
 const LOST: [f64; 2] = [1.75, 2.25];
 /// Values of `k` between the peaks at 1 and at 2, which rough motion reaches as well.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
+/// Rows that are examined together, a number that fits into the cache.
+const BLOCK: usize = 4096;
 /// Minimum number of lost samples for a finding.
 const FEWEST: usize = 5;
 /// Minimum ratio of the number of values at 2 to the number of values between 1 and 2.
@@ -43,8 +45,8 @@ pub(super) fn check(recording: &Recording<'_>, repeats: &Repeats) -> Option<Find
     if !is_even(recording.time_s) {
         return None;
     }
-    let rate = recording.angular_rate;
-    additional(recording, repeats).or_else(|| lost(recording, noise_of_changes(rate)?))
+    let noise = noise_of_changes(recording.angular_rate)?;
+    additional(recording, repeats, noise).or_else(|| lost(recording, noise))
 }
 
 /// Whether all time stamps are sample number / rate.
@@ -58,11 +60,14 @@ fn is_even(time_s: &[f64]) -> bool {
 fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
     let rate = recording.angular_rate;
     let (mut lost, mut between) = (Tally::default(), 0);
-    for i in 2..rate.len() - 1 {
-        match change_over_neighbours(rate, [i - 2, i - 1, i, i + 1], noise) {
-            Some(k) if (LOST[0]..LOST[1]).contains(&k) => lost.add(i),
-            Some(k) if (BETWEEN[0]..BETWEEN[1]).contains(&k) => between += 1,
-            _ => {}
+    for start in (0..rate.len() - 3).step_by(BLOCK) {
+        let block = rate.part(start..(start + BLOCK + 3).min(rate.len()));
+        for (i, rows) in (start + 2..).zip(fours(&block)) {
+            match change_over_neighbours(rows, noise) {
+                Some(k) if (LOST[0]..LOST[1]).contains(&k) => lost.add(i),
+                Some(k) if (BETWEEN[0]..BETWEEN[1]).contains(&k) => between += 1,
+                _ => {}
+            }
         }
     }
     if lost.samples < FEWEST || lost.samples < PEAK * between {
@@ -88,15 +93,14 @@ fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
 }
 
 /// Reports repeated rows across which the rate changes by one time step: the row before was written twice.
-fn additional(recording: &Recording<'_>, repeats: &Repeats) -> Option<Finding> {
+fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Option<Finding> {
     let count = repeats.reported()?;
     let rate = recording.angular_rate;
-    let noise = noise_of_changes(rate)?;
     let is_repeat = |i: usize| rate.at(i) == rate.at(i - 1);
     // Across a repeated row: the repeat is row i - 1, so the rows around it are i - 2 and i.
     let across = (3..rate.len() - 1).filter(|&i| is_repeat(i - 1) && !is_repeat(i) && !is_repeat(i - 2));
     let (sum, number) = across
-        .filter_map(|i| change_over_neighbours(rate, [i - 3, i - 2, i, i + 1], noise))
+        .filter_map(|i| change_over_neighbours([i - 3, i - 2, i, i + 1].map(|row| rate.at(row).into()), noise))
         .fold((0.0, 0usize), |(sum, number), k| (sum + k, number + 1));
     let mean = sum / number as f64;
     if number < FEWEST || mean > ADDITIONAL {
@@ -119,15 +123,24 @@ fn additional(recording: &Recording<'_>, repeats: &Repeats) -> Option<Finding> {
     })
 }
 
+/// Every four consecutive rows.
+fn fours(rows: &[[f64; 3]]) -> impl Iterator<Item = [Vector3<f64>; 4]> + '_ {
+    rows.windows(4).map(|rows| std::array::from_fn(|k| rows[k].into()))
+}
+
 /// `k` for the change between the two middle rows of four; None where the motion is too slow, too rough, or not finite.
-fn change_over_neighbours(rate: Samples<'_>, rows: [usize; 4], noise: f64) -> Option<f64> {
-    let [a, b, c, d] = rows.map(|row| Vector3::from(rate.at(row)));
+#[inline]
+fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option<f64> {
     let (before, change, after) = (b - a, c - b, d - c);
     let mean = (before + after) / 2.0;
     let length2 = mean.norm_squared();
+    // Most rows are at rest, so the first test ends most calls.
     let is_clear = length2 > (CLEAR * noise).powi(2) && (after - before).norm_squared() < SMOOTH.powi(2) * length2;
+    if !is_clear {
+        return None;
+    }
     let k = change.dot(&mean) / length2;
-    (is_clear && (change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
+    ((change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
 }
 
 /// Standard deviation of one axis of `d_i - m`, raw units, from its median size: most changes are smooth.
@@ -136,8 +149,8 @@ fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
     const MEDIAN_LENGTH: f64 = 1.538_172;
     let count = rate.len().checked_sub(3).filter(|count| *count > 0)?;
     let sizes = |first: usize, to: &mut [f64]| {
-        for (size, i) in to.iter_mut().zip(first..) {
-            let [a, b, c, d] = [i, i + 1, i + 2, i + 3].map(|row| Vector3::from(rate.at(row)));
+        let rows = rate.part(first..first + to.len() + 3);
+        for (size, [a, b, c, d]) in to.iter_mut().zip(fours(&rows)) {
             *size = ((c - b) - (b - a + d - c) / 2.0).norm();
         }
     };

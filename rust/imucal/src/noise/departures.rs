@@ -233,7 +233,8 @@ struct Explained {
 
 impl Search<'_> {
     fn run(&self) -> Vec<Component> {
-        let mut best = self.explained(Vec::new(), Vec::new(), self.noise.kinds);
+        let kinds = self.noise.kinds;
+        let mut best = self.explained(Vec::new(), Vec::new(), (kinds, self.fit(self.z, kinds).0));
         let mut gains = Vec::new();
         while gains.len() < MAX_COMPONENTS {
             let Some(next) = self.next(&best) else { break };
@@ -268,6 +269,8 @@ impl Search<'_> {
         let residual = self.residual(present);
         let steady = self.fit(&residual, without_walk).0;
         let candidates = [present.theta, steady].map(|theta| self.best_shapes(&residual, &theta, present));
+        // The likelihood may have two maxima: with a random walk, and with little of it.
+        let starts = [self.noise.kinds, without_walk].map(|kinds| (kinds, self.fit(self.z, kinds).0));
         let mut tried: Vec<Shape> = Vec::new();
         let mut best: Option<(f64, Explained)> = None;
         for shape in candidates.into_iter().flatten() {
@@ -277,9 +280,8 @@ impl Search<'_> {
             tried.push(shape);
             let shapes = [&present.shapes[..], &[shape]].concat();
             let columns = [&present.columns[..], &[self.blocks.column(shape)]].concat();
-            // The likelihood may have two maxima: with a random walk, and with little of it.
-            for kinds in [self.noise.kinds, without_walk] {
-                let next = self.explained(shapes.clone(), columns.clone(), kinds);
+            for start in starts {
+                let next = self.explained(shapes.clone(), columns.clone(), start);
                 let cost = next.cost + self.penalty(shape);
                 if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                     best = Some((cost, next));
@@ -295,7 +297,7 @@ impl Search<'_> {
         let used = self.used(&weights);
         let score = |column: &dyn Fn(usize) -> f64| {
             let (mut product, mut square) = (0.0, 0.0);
-            for k in used.0..used.1 {
+            for k in 0..used {
                 let value = column(k);
                 product += weights[k] * residual[k] * value;
                 square += weights[k] * value * value;
@@ -354,9 +356,9 @@ impl Search<'_> {
         best.1
     }
 
-    /// Range of cosines that decide about a component. A step has the share 1 / j^2 of its power in the j-th cosine, so
+    /// Number of cosines that decide about a component, from the first one on. A step has the share 1 / j^2 of its power in the j-th cosine, so
     /// frequencies far above the one where white noise equals the random walk contribute little.
-    fn used(&self, weights: &[f64]) -> (usize, usize) {
+    fn used(&self, weights: &[f64]) -> usize {
         const FEWEST: usize = 128;
         let mut total: f64 = (0..weights.len()).map(|k| weights[k] / ((k + 1) as f64).powi(2)).sum();
         total *= 0.01;
@@ -366,13 +368,17 @@ impl Search<'_> {
             end -= 1;
             tail += weights[end] / ((end + 1) as f64).powi(2);
         }
-        (0, end.max(FEWEST.min(weights.len())))
+        end.max(FEWEST.min(weights.len()))
     }
 
-    /// Amplitudes and noise parameters of these components, estimated in turn.
-    fn explained(&self, shapes: Vec<Shape>, columns: Vec<Vec<f64>>, kinds: [bool; KINDS]) -> Explained {
-        // The start is noise with the given kinds. The final noise has all kinds of the model.
-        let (mut theta, _) = self.fit(self.z, kinds);
+    /// Amplitudes and noise parameters of these components, estimated in turn. The start is noise with the given kinds,
+    /// fitted to the data without components; the final noise has all kinds of the model.
+    fn explained(
+        &self,
+        shapes: Vec<Shape>,
+        columns: Vec<Vec<f64>>,
+        (kinds, mut theta): ([bool; KINDS], PerKind),
+    ) -> Explained {
         let mut sizes = Vec::new();
         let mut cost = f64::INFINITY;
         for round in 0..ROUNDS {

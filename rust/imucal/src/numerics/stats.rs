@@ -8,7 +8,12 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 /// Probability that a chi2 variable with `dof` degrees of freedom exceeds `statistic`. It is 1 for zero degrees of
 /// freedom.
 pub fn p_value(statistic: f64, dof: usize) -> f64 {
-    ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
+    p_value_of(statistic, dof as f64)
+}
+
+/// As [`p_value`], for a number of degrees of freedom that need not be whole.
+pub(crate) fn p_value_of(statistic: f64, dof: f64) -> f64 {
+    ChiSquared::new(dof).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
 }
 
 /// Median of the absolute value of a standard normal variable.

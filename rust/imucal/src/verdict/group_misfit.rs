@@ -10,9 +10,9 @@
 use std::fmt;
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
-use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::finding::general;
+use crate::numerics::stats::p_value_of;
 
 /// Ratio of the residuals to their noise above which an error other than noise dominates them, dimensionless. Two is
 /// beyond what the estimated noise of a sensor is wrong by, and leaves three quarters of the variance unexplained.
@@ -104,7 +104,7 @@ impl GroupMisfit {
 
     /// Probability of a larger chi2 under noise alone.
     pub fn p_value(&self) -> f64 {
-        ChiSquared::new(self.degrees_of_freedom).map_or(1.0, |distribution| distribution.sf(self.chi2.max(0.0)))
+        p_value_of(self.chi2, self.degrees_of_freedom)
     }
 
     /// A residual in SI units, with the unit in which it is displayed.

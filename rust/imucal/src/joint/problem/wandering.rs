@@ -38,12 +38,13 @@ impl Wandering {
                 linear.rates.len()
             )));
         }
+        let by_biases = joint.by_biases_of_rests(linear);
         let mut covariance = Mat::<f64>::identity(rows, rows);
         if let Some(unit) = unit {
-            covariance += joint.varying_biases(linear, unit, rows);
+            covariance += joint.varying_biases(linear, unit, &by_biases, rows);
         }
         if is_rounded {
-            covariance += joint.rounding(linear, rows);
+            covariance += joint.rounding(linear, &by_biases, rows);
         }
         let factor = covariance.llt(faer::Side::Lower).map_err(|_| {
             Error::Fit("the wandering of the biases outgrows all else: check bias_instability and random_walk".into())
@@ -85,16 +86,22 @@ impl Wandering {
 }
 
 impl Joint<'_> {
-    /// Covariance of the whitened residuals due to biases that vary between rests.
-    fn varying_biases(&self, linear: &Linear, unit: &UnitWander, rows: usize) -> Mat<f64> {
+    /// Covariance of the whitened residuals due to biases that vary between rests; the derivatives are those of
+    /// [`Joint::by_biases_of_rests`].
+    fn varying_biases(
+        &self,
+        linear: &Linear,
+        unit: &UnitWander,
+        [by_gyroscope, by_accelerometer]: &[Mat<f64>; 2],
+        rows: usize,
+    ) -> Mat<f64> {
         let mut covariance = Mat::<f64>::zeros(rows, rows);
-        let [by_gyroscope, by_accelerometer] = self.by_biases_of_rests(linear);
         let prepared = self.prepared;
         for (index, recording) in prepared.recordings.iter().enumerate() {
             let (places, spans) = prepared.rests_of(index);
             for (sensor, wander, by_bias) in [
-                (Sensor::Gyroscope, &unit.gyroscope, &by_gyroscope),
-                (Sensor::Accelerometer, &unit.accelerometer, &by_accelerometer),
+                (Sensor::Gyroscope, &unit.gyroscope, by_gyroscope),
+                (Sensor::Accelerometer, &unit.accelerometer, by_accelerometer),
             ] {
                 let raw = self.raw_scale(sensor, &linear.model.parameters());
                 for axis in 0..3 {
@@ -114,10 +121,10 @@ impl Joint<'_> {
         rests.into_iter().any(|(k, _)| is_coarse(&k.rest.angular_rate) || is_coarse(&k.rest.specific_force))
     }
 
-    /// Covariance of the whitened residuals due to rounding at the rests. An error of a mean rate affects only its own
-    /// residual and not the moves, in which rounding averages down.
-    fn rounding(&self, linear: &Linear, rows: usize) -> Mat<f64> {
-        let [_, by_force] = self.by_biases_of_rests(linear);
+    /// Covariance of the whitened residuals due to rounding at the rests; the derivatives are those of
+    /// [`Joint::by_biases_of_rests`]. An error of a mean rate affects only its own residual and not the moves, in which
+    /// rounding averages down.
+    fn rounding(&self, linear: &Linear, [_, by_force]: &[Mat<f64>; 2], rows: usize) -> Mat<f64> {
         let mut by_rate = Mat::<f64>::zeros(rows, 3 * self.prepared.rests.len());
         for (place, (rest, _)) in linear.rates.iter().enumerate() {
             for (row, axis) in (0..3).flat_map(|row| (0..=row).map(move |axis| (row, axis))) {
@@ -130,7 +137,7 @@ impl Joint<'_> {
         let rests = || used.iter().map(|k| &self.prepared.rests[*k].rest);
         let rates: Vec<&RestMean> = rests().map(|rest| &rest.angular_rate).collect();
         let forces: Vec<&RestMean> = rests().map(|rest| &rest.specific_force).collect();
-        for (by, means) in [(&by_rate, rates), (&by_force, forces)] {
+        for (by, means) in [(&by_rate, rates), (by_force, forces)] {
             for axis in 0..3 {
                 if let Some(own) = rounding_covariance(&means, axis) {
                     let by = Mat::from_fn(rows, used.len(), |row, place| by[(row, 3 * used[place] + axis)]);
