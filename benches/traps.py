@@ -14,6 +14,7 @@ import numpy as np
 from rich.progress import track
 
 import imucal
+from changes import truth_of
 from imucal.rig.motion import Tumble
 from imucal.rig.unit import Unit
 from rows import TRAPS
@@ -86,7 +87,7 @@ def clean_table():
                 verdicts["refused"] += 1
                 continue
             verdicts[result.verdict] += 1
-            truth = {parameter.name: parameter.value for parameter in run.truth.calibration.parameters}
+            truth = truth_of(run)
             errors += [
                 abs(p.value - truth[p.name]) / p.std
                 for p in result.parameters

@@ -68,7 +68,7 @@ def test_every_benchmark_can_be_imported():
     assert len(modules) > 8
     code = "; ".join(f"import {module}" for module in modules)
     # As in the Makefile: one of them asks the rows of the table of traps.
-    paths = os.pathsep.join(str(ROOT / folder) for folder in ("benches", "tests/traps"))
+    paths = os.pathsep.join(str(ROOT / folder) for folder in ("benches", "tests/traps", "tests/fixtures"))
     environment = {**os.environ, "PYTHONPATH": paths}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES, Frame, Parameter
+from imucal.calibration.triad import ACCEL_ENTRIES, BASE, GYRO_ENTRIES, Frame, Parameter
 from imucal.document.agreement import ROUNDING, Origin, require_agreement
 from imucal.document.json_document import Node
 from imucal.errors import FormatError
@@ -74,9 +74,9 @@ def origins_of(
     for k, parameter in enumerate(parameters):
         place, unit_place = places[parameter.name]
         scale = (
-            sizes[parameter.name.partition("_")[0]] if "_sensitivity_" in parameter.name and k < 21 else 1.0
+            sizes[parameter.name.partition("_")[0]] if "_sensitivity_" in parameter.name and k < BASE else 1.0
         )
-        tolerance = max(DECIMALS_ROUNDING * scale if k < 21 else 0.0, SHARE_OF_STD * (parameter.std or 0.0))
+        tolerance = max(DECIMALS_ROUNDING * scale if k < BASE else 0.0, SHARE_OF_STD * (parameter.std or 0.0))
         std = Origin(
             f"the root of {variances[parameter.name]}" if parameter.name in variances else "$.covariance",
             relative=STD_ROUNDING,
@@ -88,7 +88,7 @@ def origins_of(
             f"{row}.std": std,
             f"{row}.unit": Origin(unit_place),
         }
-        if k >= 21:
+        if k >= BASE:
             origins[place.removesuffix("value") + "std"] = std
     return origins
 

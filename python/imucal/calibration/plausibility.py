@@ -12,6 +12,8 @@ from imucal.arrays import FloatArray
 from imucal.calibration.triad import Frame, Triad
 from imucal.document.json_document import Node
 from imucal.errors import FormatError
+from imucal.rig import unit_bounds
+from imucal.rig.unit_bounds import ENTRY_ROUNDING, LARGEST
 
 __all__ = [
     "BIAS",
@@ -24,24 +26,22 @@ __all__ = [
 ]
 
 AGAIN: Final = "correct it, or calibrate again"
-# Difference of two entries of a sensitivity that is explained by rounding, relative to its largest entry.
-ENTRY_ROUNDING: Final = 1e-7
-# Range of the sensitivity by raw unit, in raw units per SI unit. In SI units a factor of five is no scale
-# factor
-# error but another unit. Counts: accelerometers have 8 bits at +-30 g (0.43 per m/s^2) to 32 bits at +-1 g,
-# gyroscopes 8 bits at +-4000 deg/s (1.8 per rad/s) to 32 bits at +-10 deg/s.
+# Range of the sensitivity by raw unit, in raw units per SI unit. Counts: accelerometers have 8 bits at +-30 g
+# (0.43 per m/s^2) to 32 bits at +-1 g, gyroscopes 8 bits at +-4000 deg/s (1.8 per rad/s) to 32 bits at
+# +-10 deg/s.
 SENSITIVITY: Final[dict[tuple[str, str], tuple[float, float]]] = {
-    ("accelerometer", "m/s^2"): (0.2, 5.0),
-    ("gyroscope", "rad/s"): (0.2, 5.0),
+    ("accelerometer", "m/s^2"): unit_bounds.SENSITIVITY,
+    ("gyroscope", "rad/s"): unit_bounds.SENSITIVITY,
     ("accelerometer", "lsb"): (0.4, 3e8),
     ("gyroscope", "lsb"): (1.5, 2e10),
 }
-# Largest bias by raw unit: 10 g, 2000 deg/s, and half the range of 34 bits, because counts may have an
-# offset.
-BIAS: Final = {"m/s^2": 98.0665, "rad/s": 34.9066, "lsb": 2.0**33}
-# Largest white noise of a unit at rest by unit: 50 mg/sqrt(Hz) and 6 deg/s/sqrt(Hz), fifty times that of the
-# noisiest MEMS sensors.
-NOISE: Final = {"mps2": 0.5, "radps": 0.1}
+# Largest bias by raw unit; for counts half the range of 34 bits, because counts may have an offset.
+BIAS: Final = {**{unit: most["bias"] for unit, most in LARGEST.items()}, "lsb": 2.0**33}
+# Largest white noise of a unit at rest by unit.
+NOISE: Final = {
+    "mps2": LARGEST["m/s^2"]["noise_density"],
+    "radps": LARGEST["rad/s"]["noise_density"],
+}
 NOISE_UNITS: Final = {"accel": "mps2", "gyro": "radps"}
 # Range of temperatures, degC: what MEMS sensors are specified for, with some margin.
 TEMPERATURE_DEGC: Final = (-60.0, 150.0)

@@ -17,7 +17,7 @@ import numpy as np
 from imucal.arrays import FloatArray, as_matrix
 from imucal.errors import InputError
 
-__all__ = ["ACCEL_ENTRIES", "FRAMES", "GYRO_ENTRIES", "Frame", "Parameter", "Triad", "as_frame"]
+__all__ = ["ACCEL_ENTRIES", "BASE", "FRAMES", "GYRO_ENTRIES", "Frame", "Parameter", "Triad", "as_frame"]
 
 Frame: TypeAlias = Literal["symmetric", "triangular"]
 FRAMES: Final[tuple[Frame, ...]] = ("symmetric", "triangular")
@@ -27,6 +27,8 @@ ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "triangular": ("xx", "yy", "zz", "yx", "zx", "zy"),
 }
 GYRO_ENTRIES: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
+# Number of parameters of both triads, which come before those of effects in a table and in a covariance.
+BASE: Final = 21
 # Largest condition number of a sensitivity. Real triads are below 2. At 100 two axes are within a degree of
 # each
 # other, or one is nearly dead, and the correction multiplies noise and rounding by this number.

@@ -174,9 +174,7 @@ def _escaped(text: str) -> str:
 
     def escape(match: re.Match[str]) -> str:
         character = match[0]
-        return (
-            character if character.isprintable() else json.dumps(character)[1:-1].replace("\x7f", "\\u007f")
-        )
+        return character if character.isprintable() else json.dumps(character)[1:-1]
 
     return re.sub("[^\x00-\x7e]", escape, text)
 

@@ -14,6 +14,7 @@ from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.figures import Figures, figures_text
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance
+from imucal.calibration.triad import BASE
 from imucal.calibration.verdict import ResidualFit, Verdict, verdict_of, worst
 from imucal.document.json_document import now
 from imucal.document.plain import plain, without_nan
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 __all__ = ["Evaluation", "evaluate", "evaluated", "evaluation_of", "require_judges"]
 
 SCHEMA: Final = "imucal.evaluation/1"
-# Number of parameters of both triads, which come first in a covariance.
-BASE: Final = 21
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -101,10 +100,8 @@ class Evaluation:
         known, reasons = calibration.judged
         judged = (worst(known, self.verdict), (*reasons, *self.reasons))
         judgement = limits.judge(calibration, control_set=self.figures, verdict=judged)
-        verdict: Verdict = self.verdict if judgement.passed else "poor"
-        return replace(
-            self, judgement=judgement, verdict=verdict, reasons=(*judgement.reasons, *self.reasons)
-        )
+        verdict, reasons = judgement.applied(self.verdict, self.reasons)
+        return replace(self, judgement=judgement, verdict=verdict, reasons=reasons)
 
     def __repr__(self) -> str:
         used = f"{used_of(self.rests)} rests and {used_of(self.moves)} moves judged"

@@ -140,10 +140,8 @@ class CalibrationResult:
     def judged_by(self, limits: Limits) -> CalibrationResult:
         """The result with its checks against limits; a failed check makes the verdict poor."""
         judgement = limits.judge(self)
-        verdict: Verdict = self.verdict if judgement.passed else "poor"
-        return replace(
-            self, judgement=judgement, verdict=verdict, reasons=(*judgement.reasons, *self.reasons)
-        )
+        verdict, reasons = judgement.applied(self.verdict, self.reasons)
+        return replace(self, judgement=judgement, verdict=verdict, reasons=reasons)
 
     def summary(self) -> str:
         """The parameters, the figures and the verdict as plain text."""

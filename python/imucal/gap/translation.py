@@ -9,6 +9,7 @@ from typing import Any, Final
 import imucal._core as _core
 import imucal.gap.notes as notes
 from imucal.calibration.figures import Figures
+from imucal.calibration.triad import BASE
 from imucal.effects.definition import UserEffect
 from imucal.effects.effect import Effect
 from imucal.effects.table import find
@@ -22,8 +23,6 @@ from imucal.gap.result import Gap
 __all__ = ["gap_of"]
 
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
-# Number of base parameters, which precede the parameters of effects in a result.
-BASE: Final = 21
 
 
 def gap_of(question: Question, found: _core.GapResult) -> Gap:

@@ -58,8 +58,7 @@ def present_of(array: Any) -> NDArray[np.bool_]:
     # Arrow's own function loads its library of functions.
     if not array.null_count:
         return np.ones(len(array), bool)
-    bits = np.unpackbits(np.frombuffer(array.buffers()[0], np.uint8), bitorder="little")
-    return bits[array.offset : array.offset + len(array)].astype(bool)
+    return _bits(array.buffers()[0], array)
 
 
 def arrow_of(values: NDArray[Any]) -> Any:
@@ -82,5 +81,11 @@ def truth_of(array: Any) -> NDArray[np.bool_]:
     buffer = array.buffers()[1]
     if buffer is None or not len(array):
         return np.zeros(len(array), bool)
-    bits = np.unpackbits(np.frombuffer(buffer, np.uint8), bitorder="little")
-    return bits[array.offset : array.offset + len(array)].astype(bool)
+    return _bits(buffer, array)
+
+
+def _bits(buffer: Any, array: Any) -> NDArray[np.bool_]:
+    """The bits of a buffer that belong to the cells of an array, which may be a small part of a column."""
+    first, end = array.offset // 8, (array.offset + len(array) + 7) // 8
+    bits = np.unpackbits(np.frombuffer(buffer, np.uint8)[first:end], bitorder="little")
+    return bits[array.offset - 8 * first :][: len(array)].astype(bool)

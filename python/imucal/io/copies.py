@@ -60,13 +60,4 @@ def without_copies(recording: Recording) -> Recording:
         ),
         count=count,
     )
-    return replace(
-        recording,
-        time_s=time_s[is_first],
-        specific_force=recording.specific_force[is_first],
-        angular_rate=recording.angular_rate[is_first],
-        temperature_degc=None if recording.temperature_degc is None else recording.temperature_degc[is_first],
-        stand_rad=None if recording.stand_rad is None else recording.stand_rad[is_first],
-        auxiliary={name: values[is_first] for name, values in recording.auxiliary.items()},
-        findings=(*recording.findings, warning),
-    )
+    return replace(recording.rows(is_first), findings=(*recording.findings, warning))

@@ -16,8 +16,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["read_frame", "to_table"]
 
-# Names that pandas gives an index without a name.
-INDEX: Final = ("__index_level_0__", "index")
+# Name that pandas gives an index without a name.
+INDEX: Final = "__index_level_0__"
 
 
 def read_frame(
@@ -47,9 +47,9 @@ def read_frame(
     names, values = list(table.column_names), [_plain(column) for column in table.columns]
     has_time = rate_hz is not None or any(map(time_unit, names)) or columns is not None
     for index, name in enumerate(names):
-        if name == INDEX[0] and not has_time and pa.types.is_timestamp(values[index].type):
+        if name == INDEX and not has_time and pa.types.is_timestamp(values[index].type):
             names[index] = "time_s"
-    kept = [index for index, name in enumerate(names) if name != INDEX[0]]
+    kept = [index for index, name in enumerate(names) if name != INDEX]
     whole = Table(
         kind,
         [names[index] for index in kept],

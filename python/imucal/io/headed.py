@@ -21,7 +21,7 @@ from imucal.io.suggestion import suggestion
 from imucal.io.table import Table
 from imucal.io.text import Text, read_rows
 from imucal.io.unit_words import split_unit
-from imucal.io.vocabulary import recording_from_table
+from imucal.io.vocabulary import HEAD_ROWS, recording_from_table
 from imucal.recording.recording import Recording
 
 __all__ = [
@@ -36,8 +36,6 @@ __all__ = [
 
 # Ticks of SampleTimeFine of an MTi in a second, by the MT low-level communication protocol.
 TICKS_100US: Final = 1e4
-# Rows from which the first numbers of a file are taken.
-HEAD_ROWS: Final = 1500
 
 
 class Head:

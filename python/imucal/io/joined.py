@@ -39,7 +39,7 @@ def joined(accel: Sensor, gyro: Sensor, units: Units, sources: Sequence[Source])
         for axis, column in zip("xyz", sensor.triad.columns, strict=True):
             names[known.index(column)] = f"{what}_{axis}_{unit}"
         table = read_rows(sensor.text, names)
-        tables.append(Table(table.file, table.names, table.columns, table.place, table.findings, ticks))
+        tables.append(replace(table, ticks_per_s=ticks))
     file = f"{accel.text.name} + {gyro.text.name}"
     findings = [finding for table in tables for finding in table.findings]
     is_headed = accel.text.layout.names is not None
@@ -102,14 +102,8 @@ def _stream(table: Table, time_ns: NDArray[np.int64], what: str) -> Stream:
     names = [name for name in table.names if name.startswith(what)]
     factor = COLUMN_UNITS[what][names[0].rpartition("_")[2]]
     by_axis = sorted(names)
-    values: Any = np.column_stack([float64(_whole(table.column(name))) for name in by_axis]) * factor
+    values: Any = np.column_stack([float64(table.column(name)) for name in by_axis]) * factor
     return Stream(table.file, time_ns, values)
-
-
-def _whole(column: Any) -> Any:
-    import pyarrow as pa
-
-    return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
 
 
 def _as_read(file: str, accel: Sensor, gyro: Sensor, tables: Sequence[Table]) -> Finding:

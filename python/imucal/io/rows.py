@@ -15,7 +15,7 @@ from imucal.io.arrow_values import arrow_of, truth_of
 from imucal.io.dates import FORMS, is_date_column, nanoseconds
 from imucal.io.layout import DATE, Layout, is_number, is_value, split_line
 from imucal.io.names import SKIP, is_canonical, time_unit
-from imucal.io.remarks import remark
+from imucal.io.remarks import lines_left_out
 from imucal.io.table import Table
 
 __all__ = ["LastLine", "cleaned_columns", "without_blank_rows"]
@@ -55,7 +55,8 @@ class LastLine:
 
     def findings(self, file: str) -> tuple[Finding, ...]:
         """A warning if the last line was left out."""
-        return (_warning(file, [f"an incomplete last line ({self.cut[:40]!r})"], 1),) if self.cut else ()
+        left = [f"an incomplete last line ({self.cut[:40]!r})"]
+        return (lines_left_out(file, left, 1),) if self.cut else ()
 
 
 def _is_cut(line: str, before: Sequence[str], layout: Layout) -> bool:
@@ -90,7 +91,7 @@ def without_blank_rows(table: Table) -> Table:
     count = rows.num_rows - np.count_nonzero(truth_of(kept))
     if not count:
         return table
-    warning = _warning(table.file, [f"{count} rows without values"], int(count))
+    warning = lines_left_out(table.file, [f"{count} rows without values"], int(count))
     return replace(table, columns=rows.filter(kept).columns, findings=(*table.findings, warning))
 
 
@@ -198,7 +199,7 @@ def cleaned_columns(
     if last.cut:
         parts.append(f"an incomplete last line ({last.cut[:40]!r})")
     out = len(left.lines) + int((~kept).sum()) + bool(last.cut)
-    findings = (_warning(file, parts, out),) if parts else ()
+    findings = (lines_left_out(file, parts, out),) if parts else ()
     table = pa.table(columns, names=[str(index) for index in used]).filter(_mask(kept))
     return Table(file, [names[index] for index in used], table.columns, place_of, findings)
 
@@ -303,13 +304,3 @@ def _mask(kept: Any) -> Any:
 
 def _row_text(rows: Any, row: int) -> str:
     return " ".join(str(cell) for column in rows.columns if (cell := column[row].as_py()) is not None)
-
-
-def _warning(file: str, parts: Sequence[str], count: int) -> Finding:
-    left = remark(
-        file,
-        "lines_left_out",
-        f"left out: {', '.join(parts)}",
-        "check that no samples are lost there, or remove these lines from the file",
-    )
-    return replace(left, count=count)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -44,7 +45,7 @@ class Sensor:
     triad: Triad
     what: str
 
-    @property
+    @cached_property
     def head(self) -> Head:
         """The first cells of the file."""
         return Head(self.text)

@@ -15,12 +15,10 @@ from imucal.document.source import open_file
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.headed import recording_of_text
-from imucal.io.layout import plain_text
-from imucal.io.mapping import mapping_of
-from imucal.io.packed import unpacked
-from imucal.io.remarks import remark
+from imucal.io.mapping import column_list, mapping_of
+from imucal.io.remarks import lines_left_out, remark
 from imucal.io.table import Table
-from imucal.io.text import open_text
+from imucal.io.text import content_of, open_text
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
@@ -70,7 +68,7 @@ def read_labels(
 ) -> Recording:
     """Read lines of `label:value`; the labels are the column names. Other arguments as for `read_csv`."""
     file = open_file(path)
-    lines = plain_text(file.name, unpacked(file.name, file.content)).decode(errors="replace").splitlines()
+    lines = content_of(file).decode(errors="replace").splitlines()
     found = [PAIR.findall(line) for line in lines]
     labels = Counter(_labels(pairs) for pairs in found if len(pairs) >= 3)
     if not labels:
@@ -90,7 +88,8 @@ def read_labels(
         )
     text = open_text(replace(file, content="\n".join([*rows, ""]).encode()))
     recording = recording_of_text(text, columns, rate_hz)
-    return _with(recording, [_left_out(file.name, left, "lines without these labels")] if left else [])
+    warning = lines_left_out(file.name, [f"{left} lines without these labels"], left)
+    return _with(recording, [warning] if left else [])
 
 
 def _labels(pairs: Sequence[tuple[str, str, str]]) -> tuple[str, ...]:
@@ -107,7 +106,7 @@ def read_vectornav(
              other sentences in the form of NMEA 0183 are read, too
     """
     file = open_file(path)
-    content = plain_text(file.name, unpacked(file.name, file.content))
+    content = content_of(file)
     found = SENTENCE.findall(content)
     given_names = None if columns is None else _given(file.name, columns)
     kind = _kind(file.name, found, given_names)
@@ -143,9 +142,9 @@ def read_vectornav(
         len([line for line in content.split(b"\n") if line.strip()]) - len(sentences) + len(rows) - len(full)
     )
     if wrong:
-        findings.append(_left_out(file.name, wrong, "sentences with a wrong check sum"))
+        findings.append(lines_left_out(file.name, [f"{wrong} sentences with a wrong check sum"], wrong))
     if other:
-        findings.append(_left_out(file.name, other, "other lines"))
+        findings.append(lines_left_out(file.name, [f"{other} other lines"], other))
     table = _table(file.name, names, full)
     return _with(recording_from_table(table, [file.source], rate_hz), findings)
 
@@ -171,8 +170,7 @@ def _kind(file: str, found: Sequence[tuple[bytes, bytes, bytes, bytes]], names: 
 def _given(file: str, columns: str | Sequence[str]) -> list[str]:
     if mapping_of(columns) is not None:
         raise InputError(f"{file} has no column names: give a name for every field, '-' to ignore it")
-    names = [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
-    return names[1:]
+    return column_list(columns)[1:]
 
 
 def _is_valid(body: bytes, given: bytes) -> bool:
@@ -203,16 +201,6 @@ def _table(file: str, names: list[str], rows: Sequence[Sequence[bytes]]) -> Tabl
                 f"{file}: field {index + 1} of a sentence is not a number: record again"
             ) from None
     return Table(file, [names[index] for index in used], columns, lambda row: f"sentence {row + 1}")
-
-
-def _left_out(file: str, count: int, what: str) -> Finding:
-    warning = remark(
-        file,
-        "lines_left_out",
-        f"left out: {count} {what}",
-        "check that no samples are lost there, or remove these lines from the file",
-    )
-    return replace(warning, count=count)
 
 
 def _with(recording: Recording, findings: Sequence[Finding]) -> Recording:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 from imucal.finding import Finding
@@ -46,10 +46,6 @@ class Table:
     def column(self, name: str) -> Any:
         """The column of this name."""
         return self.columns[self.names.index(name)]
-
-    def renamed(self, names: list[str]) -> Table:
-        """The columns under new names."""
-        return replace(self, names=names)
 
 
 def parts(columns: Sequence[Any]) -> Iterator[list[Any]]:

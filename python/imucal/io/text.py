@@ -47,9 +47,14 @@ class NotInPartsError(FormatError):
         )
 
 
+def content_of(file: File) -> bytes:
+    """The content of a text file, decompressed and in UTF-8."""
+    return plain_text(file.name, unpacked(file.name, file.content))
+
+
 def open_text(file: File, *, width: int | None = None, used: Sequence[int] = (), skip_rows: int = 0) -> Text:
     """The text of a file, decompressed and in UTF-8, with its layout; arguments as for `layout_of`."""
-    content = plain_text(file.name, unpacked(file.name, file.content))
+    content = content_of(file)
     layout = layout_of(file.name, content, width=width, used=used, skip_rows=skip_rows)
     return Text(file.name, content, layout, (file.source,))
 

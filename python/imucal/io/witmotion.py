@@ -20,6 +20,7 @@ from imucal.document.source import open_file
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.remarks import damaged
+from imucal.io.scale import GRAVITY_G
 from imucal.recording.recording import Recording
 from imucal.units import DEGREE_RAD, STANDARD_GRAVITY_MPS2
 
@@ -32,8 +33,6 @@ TIME, ACCEL, GYRO = 0x50, 0x51, 0x52
 # SI units in one count, by the communication protocol of the WT901 series.
 FORCE_MPS2: Final = 16 * STANDARD_GRAVITY_MPS2 / 32768
 RATE_RADPS: Final = 2000 * DEGREE_RAD / 32768
-# Range of the median magnitude of the acceleration, g; another range of the accelerometer changes the scale.
-GRAVITY_G: Final = (0.7, 1.4)
 
 
 def are_packets(start: bytes) -> bool:

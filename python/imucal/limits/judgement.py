@@ -176,6 +176,10 @@ class Judgement:
         # A missing set of recordings is one reason, even if several limits apply to it.
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
+    def applied(self, verdict: Verdict, reasons: Sequence[str]) -> tuple[Verdict, tuple[str, ...]]:
+        """The verdict of a unit that had `verdict` before, and all reasons, those of the checks first."""
+        return verdict if self.passed else "poor", (*self.reasons, *reasons)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for parameters within 2 sigma of a limit."""

@@ -11,7 +11,14 @@ from imucal.document.agreement import require_fields
 from imucal.document.json_document import Node
 from imucal.errors import FormatError
 
-__all__ = ["LARGEST", "require_figure", "require_sensor", "require_tolerance"]
+__all__ = [
+    "ENTRY_ROUNDING",
+    "LARGEST",
+    "SENSITIVITY",
+    "require_figure",
+    "require_sensor",
+    "require_tolerance",
+]
 
 FIGURE_FIELDS: Final = ("value", "unit", "source", "note", "limit")
 # Fields of a sensor that are no figures.
@@ -28,7 +35,9 @@ LARGEST_HZ: Final = 1e6
 LARGEST_BITS: Final = 32.0
 # Largest factor by which noise grows in motion.
 LARGEST_FACTOR: Final = 1e3
-# Range of the sensitivity; 1 is perfect.
+# Difference of two entries of a sensitivity that is explained by rounding, relative to its largest entry.
+ENTRY_ROUNDING: Final = 1e-7
+# Range of the sensitivity in SI units; 1 is perfect. A factor of five is no scale factor but another unit.
 SENSITIVITY: Final = (0.2, 5.0)
 # Range according to the datasheet over the range of the counts. Some words have twice the range that is
 # specified.
@@ -136,7 +145,7 @@ def _require_sensitivity(node: Node, matrix: Any, *, is_frame: bool) -> None:
     """Raise FormatError unless this is a sensitivity; that of the accelerometer defines the body frame."""
     if is_frame:
         for row, column in ((1, 0), (2, 0), (2, 1)):
-            if abs(matrix[row, column] - matrix[column, row]) > 1e-7 * np.abs(matrix).max():
+            if abs(matrix[row, column] - matrix[column, row]) > ENTRY_ROUNDING * np.abs(matrix).max():
                 raise FormatError(
                     f"{node.file}: {node.path}[{row}][{column}] is {matrix[row, column]}, but "
                     f"{node.path}[{column}][{row}] is {matrix[column, row]}: in the body frame of a unit "

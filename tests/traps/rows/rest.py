@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import imucal
-from changes import changed
+from changes import changed, rows
 from trap import Question, Right, Trap, good, poor, refused
 
 RATE_HZ = 100.0
@@ -58,18 +58,6 @@ def plus(accel=(0.0, 0.0, 0.0), gyro=(0.0, 0.0, 0.0), shape=None):
 
 def step(at_s):
     return lambda t: (t >= at_s).astype(float)
-
-
-def keep(index):
-    """A change that keeps these samples of n, with their time stamps."""
-
-    def change(r):
-        rows = index(len(r))
-        return changed(
-            r, time_s=r.time_s[rows], specific_force=r.specific_force[rows], angular_rate=r.angular_rate[rows]
-        )
-
-    return change
 
 
 def late(every, by_s):
@@ -149,25 +137,25 @@ GAPS = (
     resting(
         "samples of a unit at rest are lost",
         "one gap of a second",
-        keep(lambda n: np.r_[0:6000, 6100:n]),
+        rows(lambda n: np.r_[0:6000, 6100:n]),
         good("recording_interrupted"),
     ),
     resting(
         "samples of a unit at rest are lost",
         "three gaps",
-        keep(lambda n: np.r_[0:1500, 1510:9000, 9003:16000, 16900:n]),
+        rows(lambda n: np.r_[0:1500, 1510:9000, 9003:16000, 16900:n]),
         good("recording_interrupted"),
     ),
     resting(
         "samples of a unit at rest are lost",
         "one sample of 20000",
-        keep(lambda n: np.delete(np.arange(n), 7000)),
+        rows(lambda n: np.delete(np.arange(n), 7000)),
         good(r"^(?!.*recording_interrupted)"),
     ),
     resting(
         "samples of a unit at rest are lost",
         "one in a hundred",
-        keep(lambda n: np.delete(np.arange(n), np.arange(50, n, 100))),
+        rows(lambda n: np.delete(np.arange(n), np.arange(50, n, 100))),
         refused("longest stretch"),
     ),
     *(

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 import imucal
-from changes import Change, changed, stand_run
+from changes import Change, changed, stand_run, truth_of
 from recordings import calibrating
 from trap import good, incomplete, poor
 
@@ -56,7 +56,7 @@ def in_counts(times_noise: float) -> Change:
 
 
 def in_lsb_truth(times_noise: float) -> dict[str, float]:
-    truth = {p.name: p.value for p in stand_run().truth.calibration.parameters}
+    truth = truth_of(stand_run())
     return {name: value / (times_noise * NOISE[name.split("_")[0]]) for name, value in truth.items()}
 
 

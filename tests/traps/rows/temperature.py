@@ -6,7 +6,7 @@ import numpy as np
 
 import imucal
 from changes import stand_run, truth_of
-from trap import Question, Right, Trap, good, refused
+from trap import Options, Question, Right, Trap, good, refused
 
 # Offset and size of the warming of a simulated unit, degC.
 START_DEGC, RISE_DEGC = 21.0, 6.0
@@ -29,12 +29,11 @@ def named(kind: str, name: str, column: str, values, *right: Right, **options) -
         imucal.write(recording, path)
         header, rows = path.read_text().split("\n", 1)
         path.write_text(header.replace("column", column) + "\n" + rows)
-        words = [f"--{key.replace('_', '-')}={value}" for key, value in options.items()]
 
         def call():
             return imucal.calibrate(imucal.read(path, **options))
 
-        return Question(["calibrate", str(path), *words], call, truth_of(run))
+        return Question(["calibrate", str(path), *Options(options).words()], call, truth_of(run))
 
     return Trap(kind, name, make, right)
 

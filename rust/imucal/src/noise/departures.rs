@@ -356,8 +356,9 @@ impl Search<'_> {
         best.1
     }
 
-    /// Number of cosines that decide about a component, from the first one on. A step has the share 1 / j^2 of its power in the j-th cosine, so
-    /// frequencies far above the one where white noise equals the random walk contribute little.
+    /// Number of cosines that decide about a component, from the first one on. A step has the share 1 / j^2 of its
+    /// power in the j-th cosine, so frequencies far above the one where white noise equals the random walk contribute
+    /// little.
     fn used(&self, weights: &[f64]) -> usize {
         const FEWEST: usize = 128;
         let mut total: f64 = (0..weights.len()).map(|k| weights[k] / ((k + 1) as f64).powi(2)).sum();
