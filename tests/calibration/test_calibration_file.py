@@ -86,6 +86,18 @@ def bits(array):
     return np.ascontiguousarray(array, dtype=np.float64).tobytes()
 
 
+@pytest.mark.parametrize(
+    "missing", [("axes",), ("references",), ("axes", "references", "verdict", "reasons")]
+)
+def test_a_file_of_an_older_version_is_read(missing):
+    document = example().to_dict()
+    older = {name: value for name, value in document.items() if name not in missing}
+    jsonschema.validate(older, SCHEMA)
+    read = imucal.Calibration.from_dict(older).to_dict()
+    assert {name: value for name, value in read.items() if name not in missing} == older
+    assert read["axes"] == "x,y,z"
+
+
 def test_round_trip_keeps_every_bit(tmp_path):
     calibration = example()
     path = tmp_path / "cal.json"

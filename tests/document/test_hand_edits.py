@@ -35,7 +35,7 @@ ALONE = {
         (r"\$\.provenance\.(date|imucal_version|operator)", "empty", "empty is not known"),
         (r"\$\.provenance\.operator", "delete|other text", "any name; older files have none"),
         (r"\$\.serial_number", "other text|null", "any name"),
-        (r"\$\.reference_temperature_degc", "delete", "older files have none"),
+        (r"\$\.(reference_temperature_degc|axes)", "delete", "older files have none"),
         (r"\$\.references", "delete", "files of other programs have none"),
         (r"\$\.references\.\w+", "number", "what the user gives about gravity and the clock"),
     ],

@@ -22,14 +22,15 @@ __all__ = ["origins_of", "require_covariance", "require_written_again"]
 
 WAY_OUT: Final = "correct one of them, or calibrate again"
 # Fields that older files do not have.
-OPTIONAL: Final = frozenset({"reference_temperature_degc", "operator", "references", "verdict", "reasons"})
+OPTIONAL: Final = frozenset(
+    {"axes", "reference_temperature_degc", "operator", "references", "verdict", "reasons"}
+)
 # Standard deviations are often written with three digits.
 STD_ROUNDING: Final = 1e-3
 # A value may differ by this share of its standard deviation, which no use of it can notice.
 SHARE_OF_STD: Final = 0.01
-# Rounding of an entry of the sensitivity, relative to the largest, and of a bias or a value of an effect, as
-# of
-# nine decimals.
+# Rounding of an entry of the sensitivity, relative to the largest, and of a bias or a value of an effect:
+# that of nine decimals.
 DECIMALS_ROUNDING: Final = 1e-9
 # The smallest eigenvalue of the correlation matrix is negative by no more than this if its entries are
 # rounded to
