@@ -17,6 +17,7 @@ import pytest
 import imucal
 import imucal._core as _core
 from imucal.effects import catalogue
+from imucal.effects.formula_effect import FormulaEffect
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +42,13 @@ COUNTS = imucal.Calibration(
     gyro_unit="lsb",
 )
 NEEDS = ("temperature", "time", "angular_acceleration")
-PASSED = {"temperature": "temperature[i]", "time": "time[i]", "angular_acceleration": "acceleration + 3 * i"}
+PASSED = {
+    "temperature": "temperature[i]",
+    "time": "time[i]",
+    "angular_acceleration": "acceleration + 3 * i",
+    # The column of `recording` that is not called temperature.
+    "supply_v": "temperature[i]",
+}
 MEMORY_ROUTINES = {"memcpy", "memset"}
 
 
@@ -63,6 +70,29 @@ def with_effects(*values, unit=UNIT):
     )
 
 
+def with_formula(text):
+    effect = FormulaEffect.of(text, columns=["supply_v"])
+    values = [2e-3 * (1.0, -0.7)[k % 2] * (1 - 0.05 * k) for k in range(len(effect.parameters))]
+    return imucal.Calibration(
+        ACCELEROMETER,
+        GYROSCOPE,
+        effects=[imucal.EffectValues(effect.name, values)],
+        user_effects=[effect],
+    )
+
+
+# Each function and input stands in one of them. A comparison is of the other sensor: an effect that switches by what it
+# changes has no inverse near the switch.
+FORMULAS = {
+    "formula_column": "gyro: k*(supply_v - 3.3)/10 + m*(f_z > 0.5)*w_x",
+    "formula_sign": "gyro x: a*tanh(w/0.2) + b*sign(f_y)*w**2 + c*(-w_norm)",
+    "formula_temperature": "accel: k*(abs(w_z) >= 1)*min(f, 3)*temp_degc/100",
+    "formula_time": "gyro: k*exp(-time_s/80)*w_norm + q*sqrt(f_norm)*w_z**3/30",
+    "formula_acceleration": "accel z: l*dw_x/9 + m*dw/9 - 2*n*f_x*f_x/9 + o*atan(log(f_norm))*cos(pi*w)",
+    "formula_power": "accel: k*max(g, f_norm)**1.5/30*sin(tan(w_y/9))",
+}
+
+
 def units():
     """A calibration for each form of each effect, and three more."""
     yield "plain", UNIT
@@ -71,6 +101,8 @@ def units():
     for effect in catalogue():
         for count in sorted({effect.plain, len(effect.parameters)}):
             yield f"{effect.name}_{count}", with_effects(typical(effect, count))
+    for name, formula in FORMULAS.items():
+        yield name, with_formula(formula)
     several = [typical(e, len(e.parameters)) for e in catalogue() if e.sensor != "encoder"][::2]
     yield "several", with_effects(*several[:12])
 
@@ -81,7 +113,8 @@ UNITS = dict(units())
 def needs_of(unit):
     left = unit.left_in_data
     found = {n for v in unit.effects if v.name not in left for n in unit.definition(v).needs}
-    return [need for need in NEEDS if need in found]
+    columns = {c for own in unit.user_effects for c in own.auxiliary}
+    return [*(need for need in NEEDS if need in found), *sorted(columns)]
 
 
 def driver(headers):
@@ -145,13 +178,15 @@ def recording(unit, count=3000):
     random = np.random.default_rng(6)
     time_s = np.arange(count) / 200.0
     phase = random.uniform(0, 6, (2, 3))
+    temperature_degc = 10.0 + 40.0 * time_s / time_s[-1]
     rate = 4.0 * np.sin(time_s[:, None] * [1.3, 2.1, 0.7] + phase[0])
     force = 12.0 * np.sin(time_s[:, None] * [0.9, 1.7, 2.9] + phase[1]) + random.normal(0, 0.1, (count, 3))
     return imucal.Recording(
         time_s,
         force @ unit.accelerometer.sensitivity.T + unit.accelerometer.bias,
         rate @ unit.gyroscope.sensitivity.T + unit.gyroscope.bias,
-        temperature_degc=10.0 + 40.0 * time_s / time_s[-1],
+        temperature_degc=temperature_degc,
+        auxiliary={"supply_v": temperature_degc},
         accel_unit=unit.accel_unit,
         gyro_unit=unit.gyro_unit,
     )
@@ -183,7 +218,9 @@ def test_the_header_gives_the_numbers_of_python(library, name):
     assert not status.any()
     for found, wanted in ((rate, expected.angular_rate), (force, expected.specific_force)):
         largest = np.abs(wanted).max(axis=1, keepdims=True)
-        assert (np.abs(found - wanted) <= 2 * np.spacing(largest)).all()
+        # `Calibration` subtracts a formula from the raw samples, which rounds a second time.
+        units = 6 if unit.user_effects else 2
+        assert (np.abs(found - wanted) <= units * np.spacing(largest)).all()
     rate, force, status = run_c(acceleration, np.float32)
     assert not status.any()
     # Raw counts have an offset, whose rounding is in all that follows.

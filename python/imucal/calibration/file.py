@@ -1,7 +1,8 @@
 """The file of a calibration, schema imucal.calibration/1.
 
 Every number is written in full, so reading gives the same bits. A user-defined effect is stored with names,
-units and values. Its field is code, which the user passes again on reading.
+units and values. Its field is a formula, which the file contains, or code, which the user passes again on
+reading.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from imucal.document.plain import plain
 from imucal.document.source import Source
 from imucal.effects.definition import UserEffect
 from imucal.effects.effect import Effect, EffectParameter, EffectValues
+from imucal.effects.formula_effect import FormulaEffect
 from imucal.effects.table import catalogue
 from imucal.errors import FormatError, InputError
 from imucal.recording.axes import UNCHANGED
@@ -130,6 +132,8 @@ def _effects_table(model: SensorModel, parameters: Sequence[Parameter]) -> list[
             for item, parameter in zip(entry["parameters"], effect.parameters, strict=True):
                 item["typical"] = parameter.typical
             entry["user_defined"] = True
+        if isinstance(effect, FormulaEffect):
+            entry["formula"] = effect.text
         table.append(entry)
     return table
 
@@ -270,16 +274,24 @@ def _number(node: Node, parameter: EffectParameter) -> float:
 
 
 def _stored_definition(node: Node) -> UserEffect:
-    """What a file knows of a user's effect."""
-    return UserEffect(
-        node.get("name").text(),
-        node.get("sensor").text(),
-        tuple(
-            EffectParameter(item.get("name").text(), item.get("unit").text(), item.get("typical").number())
-            for item in node.get("parameters").items()
-        ),
-        None,
+    """What a file knows of a user's effect: all of a formula, and no function."""
+    name, sensor = node.get("name").text(), node.get("sensor").text()
+    parameters = tuple(
+        EffectParameter(item.get("name").text(), item.get("unit").text(), item.get("typical").number())
+        for item in node.get("parameters").items()
     )
+    if "formula" not in node.mapping():
+        return UserEffect(name, sensor, parameters, None)
+    try:
+        effect = FormulaEffect.stored(node.get("formula").text(), name, parameters)
+    except InputError as error:
+        raise FormatError(f"{node.file}: {node.path}.formula: {error}") from None
+    if (effect.sensor, effect.parameters) != (sensor, parameters):
+        raise FormatError(
+            f"{node.file}: {node.path}.formula is {effect.text!r}, but {node.path} has another sensor "
+            "or other parameters: correct one of them"
+        )
+    return effect
 
 
 def _triad(node: Node) -> Triad:

@@ -4,6 +4,7 @@
 {"gyro_bias_drift": [1e-6, 0, 0]}                              one value per parameter, as in the catalogue
 {"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}}
 {"gyro_bias_warmup": "typical"}                                the typical size in MEMS sensors
+{"gyro: k * w * abs(f_z)": [1e-4, 0, 0]}                       a formula, one value per parameter
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from imucal.document.json_document import Node
 from imucal.effects.definition import UserEffect, by_name, check_values
 from imucal.effects.disturbance import Disturbance, disturbances
 from imucal.effects.effect import Effect, EffectValues
+from imucal.effects.formula import is_formula
 from imucal.effects.table import catalogue, find, not_known
 from imucal.errors import FormatError, InputError
 
@@ -45,7 +47,7 @@ def give_effects(
 
 
 def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
-    """Names and values of the options NAME=V[,V...][@SHAPE] and NAME=typical."""
+    """Names, or formulas, and values of the options NAME=V[,V...][@SHAPE] and NAME=typical."""
     effects: dict[str, EffectInput] = {}
     for text in texts:
         name, given = _parse(text)
@@ -56,7 +58,8 @@ def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
 
 
 def _parse(text: str) -> tuple[str, EffectInput]:
-    name, equals, numbers = text.partition("=")
+    # A formula may give a name and contain comparisons, so its values follow the last sign.
+    name, equals, numbers = text.rpartition("=") if is_formula(text) else text.partition("=")
     way_out = "give NAME=VALUE, NAME=V,V,V, NAME=V,V,V@SHAPE or NAME=typical"
     if not equals or not name.strip() or not numbers.strip():
         raise InputError(f"--effect {text!r} has no name and numbers: {way_out}")
@@ -87,7 +90,8 @@ def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[Eff
         values, shape = item.get("values"), item.mapping().get("shape")
         numbers = values.array(len(values.items()))
         name = item.get("name").text()
-        require_fields(item, ("name", "values", "shape"), "an effect")
+        fields = ("name", "values", "shape", *(("formula", "columns") if name in own else ()))
+        require_fields(item, fields, "an effect")
         if name in [other.name for other in effects]:
             raise FormatError(f"{item.file}: {item.path}.name is {name}, which stands twice: give it once")
         try:

@@ -74,9 +74,10 @@ def calibrate(
     exclude_saturated  exclude rests and moves with saturated samples instead of refusing the recording
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s for recordings in
                        counts; without it start values are estimated from the data
-    effects            effects to estimate together with the 21 parameters: user-defined effects, and names of
-                       the catalogue; `:full` selects the full form of an effect that has two, and `:seen`
-                       estimates only the observable parameters, the others having a prior of that width
+    effects            effects to estimate together with the 21 parameters: user-defined effects, formulas
+                       such as "gyro: k * (supply_v - 3.3)", and names of the catalogue; `:full` selects the
+                       full form of an effect that has two, and `:seen` estimates only the observable
+                       parameters, the others having a prior of that width
     joint              estimate all parameters in one fit; if False, and without effects, first fit the
                        accelerometer and then the gyroscope
     unit               profile of the unit, its name, or the path of its file: its bias instabilities and
@@ -98,7 +99,7 @@ def calibrate(
             f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
         )
     body_frame = as_frame(frame)
-    wanted, partly, own = asked_for(effects)
+    wanted, partly, own = asked_for(effects, unit_data)
     if own and body_frame != "symmetric":
         raise InputError(
             "effects are defined in the symmetric body frame: leave frame at symmetric, or estimate no "

@@ -9,8 +9,11 @@ from dataclasses import dataclass
 from imucal.arrays import FloatArray
 from imucal.calibration.triad import Frame
 from imucal.effects.definition import UserEffect
+from imucal.effects.formula import is_formula
+from imucal.effects.formula_effect import formula_effects
 from imucal.effects.table import find
 from imucal.errors import InputError
+from imucal.recording.recording import Recording
 from imucal.rig.unit import Unit, unit_of
 
 __all__ = ["Options", "UserField", "Wander", "asked_for", "wander_of"]
@@ -74,17 +77,23 @@ def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wande
 
 
 def asked_for(
-    effects: Sequence[str | UserEffect],
+    effects: Sequence[str | UserEffect], recordings: Sequence[Recording]
 ) -> tuple[tuple[tuple[str, bool], ...], tuple[str, ...], tuple[UserEffect, ...]]:
-    """Names of the catalogue and whether the full form is requested, names with `:seen`, and user effects."""
+    """Names of the catalogue and whether the full form is requested, names with `:seen`, and user effects.
+
+    recordings  those that the formulas among the effects are evaluated on
+    """
     if isinstance(effects, str):
         raise InputError(f"effects is the string {effects!r}: give a list of names")
     wanted, partly = [], []
+    formulas = [effect for effect in effects if isinstance(effect, str) and is_formula(effect)]
     for effect in effects:
-        if isinstance(effect, UserEffect):
+        if isinstance(effect, UserEffect) or effect in formulas:
             continue
         if not isinstance(effect, str):
-            raise InputError(f"{effect!r} is no effect: give names of the catalogue, or imucal.UserEffect")
+            raise InputError(
+                f"{effect!r} is no effect: give names of the catalogue, formulas, or imucal.UserEffect"
+            )
         name, colon, form = effect.partition(":")
         row = find(name)
         forms = ["full", "seen"] if row.plain < len(row.parameters) else ["seen"]
@@ -93,4 +102,8 @@ def asked_for(
             raise InputError(f"{effect!r} is no form of {name}: give {name}, {others}")
         wanted.append((name, form == "full"))
         partly += [name] if form == "seen" else []
-    return tuple(wanted), tuple(partly), tuple(effect for effect in effects if isinstance(effect, UserEffect))
+    own = (
+        *(effect for effect in effects if isinstance(effect, UserEffect)),
+        *formula_effects(formulas, recordings),
+    )
+    return tuple(wanted), tuple(partly), own

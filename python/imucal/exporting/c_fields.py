@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
-__all__ = ["FIELDS", "WARM_UPS", "Term", "product_of"]
+__all__ = ["FIELDS", "WARM_UPS", "Field", "Term", "product_of"]
 
 # The index of an axis, and the C expression of the field's component along it.
 Term: TypeAlias = tuple[int, str]

@@ -10,7 +10,7 @@ gives the numbers of `Calibration.apply`.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
@@ -18,9 +18,11 @@ from typing import TYPE_CHECKING, Final
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.effects.effect import EffectValues
-from imucal.exporting.c_fields import FIELDS, WARM_UPS, product_of
+from imucal.effects.formula_effect import FormulaEffect
+from imucal.exporting.c_fields import FIELDS, WARM_UPS, Field, product_of
 from imucal.exporting.c_file import PREFIX, guarded, require_prefix
 from imucal.exporting.format import SI, Format, Written, block_comment, number
+from imucal.exporting.formula_code import argument_of, auxiliary_of, c_field, calls_function, has_sign
 from imucal.exporting.model import FRAMES, inverse, linear, lost_effects, temperature_note
 
 if TYPE_CHECKING:
@@ -37,24 +39,36 @@ ARGUMENTS: Final = {
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
-    """The header. It omits user-defined effects, whose fields are Python functions."""
-    effects = [values for values in calibration.effects if values.name in FIELDS]
+    """The header. It omits user-defined effects whose fields are Python functions."""
+    formulas = [own for own in calibration.user_effects if isinstance(own, FormulaEffect)]
+    known = {*FIELDS, *(own.name for own in formulas)}
+    effects = [values for values in calibration.effects if values.name in known]
     needs = [need for need in ARGUMENTS if any(need in _needs(calibration, values) for values in effects)]
+    columns = sorted({column for own in formulas for column in auxiliary_of(own)})
+    arguments = [*(ARGUMENTS[need] for need in needs), *(f"{{real}} {argument_of(c)}" for c in columns)]
     includes = ["#include <float.h>", "#include <math.h>", ""] if effects else []
     content = [
         *_macros(calibration, prefix),
         *includes,
-        *_function(calibration, effects, needs, prefix, single=False),
+        *(_sign_functions(prefix) if any(map(has_sign, formulas)) else []),
+        *_function(calibration, effects, arguments, prefix, single=False),
         "",
-        *_function(calibration, effects, needs, prefix, single=True),
+        *_function(calibration, effects, arguments, prefix, single=True),
     ]
     return Written(
         body="\n".join(guarded(content, prefix, "calibration")),
-        lost=lost_effects(calibration, FIELDS),
+        lost=lost_effects(calibration, known),
         same_as=linear(calibration, effects),
         frame=FRAMES[calibration.frame],
-        notes=_notes(calibration, effects, needs),
+        notes=_notes(calibration, effects, needs, formulas, columns),
     )
+
+
+def _sign_functions(prefix: str) -> list[str]:
+    return [
+        f"static inline {real} {prefix}_sign_{suffix}({real} x) {{ return ({real})((x > 0) - (x < 0)); }}"
+        for real, suffix in (("double", "f64"), ("float", "f32"))
+    ] + [""]
 
 
 def _macros(calibration: Calibration, prefix: str) -> list[str]:
@@ -79,7 +93,11 @@ def _needs(calibration: Calibration, values: EffectValues) -> Sequence[str]:
 
 
 def _notes(
-    calibration: Calibration, effects: Sequence[EffectValues], needs: Sequence[str]
+    calibration: Calibration,
+    effects: Sequence[EffectValues],
+    needs: Sequence[str],
+    formulas: Sequence[FormulaEffect],
+    columns: Sequence[str],
 ) -> tuple[str, ...]:
     notes = ["No allocation and no state. The output arrays may be the input arrays."]
     if effects:
@@ -87,8 +105,11 @@ def _notes(
         notes.append("Returns 0, or -1 with NaN results if the effects are too large to be inverted.")
     else:
         notes.append("Returns 0.")
-    needs_exp = any(values.name in WARM_UPS for values in effects)
-    notes.append("Link libm for exp." if needs_exp else "No function of libm is called.")
+    if any(calls_function(own) for own in formulas):
+        notes.append("Link libm.")
+    else:
+        needs_exp = any(values.name in WARM_UPS for values in effects)
+        notes.append("Link libm for exp." if needs_exp else "No function of libm is called.")
     explained = {
         "temperature": "temperature_degc is the sensor temperature; temperature effects are zero at "
         f"{_core.REFERENCE_TEMPERATURE_DEGC} degC.",
@@ -96,6 +117,8 @@ def _notes(
         "angular_acceleration": "angular_acceleration_radps2 is the derivative of the corrected rate.",
     }
     notes += [explained[need] for need in needs]
+    notes += [f"{own.name} is the formula {own.text}" for own in formulas]
+    notes += [f"{argument_of(column)} is the column {column} of the recordings." for column in columns]
     notes += temperature_note(calibration)
     if calibration.left_in_data:
         notes.append(
@@ -107,7 +130,7 @@ def _notes(
 def _function(
     calibration: Calibration,
     effects: Sequence[EffectValues],
-    needs: Sequence[str],
+    arguments: Sequence[str],
     prefix: str,
     *,
     single: bool,
@@ -123,7 +146,7 @@ def _function(
     lines = [
         f"static inline int {name}(",
         f"    const {real} raw_rate[3], const {real} raw_force[3],",
-        *(f"    {ARGUMENTS[need].format(real=real)}," for need in needs),
+        *(f"    {argument.format(real=real)}," for argument in arguments),
         f"    {real} rate[3], {real} force[3])",
         "{",
     ]
@@ -142,7 +165,17 @@ def _function(
         *_row("f", "accel", "raw_force"),
         "    }",
     ]
-    lines += _removal(effects, real, literal, single) if effects else []
+    sign = f"{prefix}_sign_{'f32' if single else 'f64'}"
+    fields = {
+        **FIELDS,
+        **{
+            own.name: c_field(own, literal, sign, single=single)
+            for own in calibration.user_effects
+            if isinstance(own, FormulaEffect)
+        },
+    }
+    on_force = [v.name for v in effects if calibration.definition(v).sensor == "accelerometer"]
+    lines += _removal(effects, fields, on_force, real, literal, single) if effects else []
     lines += [
         "    for (i = 0; i < 3; ++i) {",
         "        rate[i] = w[i];",
@@ -168,9 +201,18 @@ def _broken(start: str, terms: Sequence[str]) -> list[str]:
 
 
 def _removal(
-    effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
+    effects: Sequence[EffectValues],
+    fields: Mapping[str, Field],
+    on_force: Sequence[str],
+    real: str,
+    literal: Callable[[float], str],
+    single: bool,
 ) -> list[str]:
-    """The fixed-point iteration that compensates the effects."""
+    """The fixed-point iteration that compensates the effects.
+
+    fields    field of each effect
+    on_force  names of the effects of the accelerometer
+    """
     epsilon, largest = ("FLT_EPSILON", "FLT_MAX") if single else ("DBL_EPSILON", "DBL_MAX")
     lines = [
         "    for (i = 0; i < 3; ++i) {",
@@ -178,7 +220,7 @@ def _removal(
         "        seen_f[i] = f[i];",
         "    }",
     ]
-    lines += _constants_of_a_sample(effects, real, literal, single)
+    lines += _constants_of_a_sample(effects, fields, real, literal, single)
     lines += [
         f"    for (pass = 0; pass < {_core.MAX_PASSES}; ++pass) {{",
         f"        {real} on_w[3] = {{0, 0, 0}}, on_f[3] = {{0, 0, 0}};",
@@ -187,8 +229,8 @@ def _removal(
     ]
     for values in effects:
         lines.append(f"        /* {values.name} */")
-        target = "on_f" if values.name.startswith("accel") else "on_w"
-        for axis, terms in _sums(values, literal).items():
+        target = "on_f" if values.name in on_force else "on_w"
+        for axis, terms in _sums(values, fields[values.name], literal).items():
             lines += _broken(f"        {target}[{axis}] +=", terms)
     lines += [
         "        for (i = 0; i < 3; ++i) {",
@@ -224,11 +266,15 @@ def _removal(
 
 
 def _constants_of_a_sample(
-    effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
+    effects: Sequence[EffectValues],
+    fields: Mapping[str, Field],
+    real: str,
+    literal: Callable[[float], str],
+    single: bool,
 ) -> list[str]:
     """Local variables for the quantities other than rate and force that the fields depend on."""
     used = " ".join(
-        expression for values in effects for column in FIELDS[values.name] for _, expression in column
+        expression for values in effects for column in fields[values.name] for _, expression in column
     )
     lines = []
     if re.search(r"\bd\b", used):
@@ -246,10 +292,10 @@ def _constants_of_a_sample(
     return lines
 
 
-def _sums(values: EffectValues, literal: Callable[[float], str]) -> dict[int, list[str]]:
+def _sums(values: EffectValues, field: Field, literal: Callable[[float], str]) -> dict[int, list[str]]:
     """The terms that the effect adds to each axis, in the order of its parameters."""
     sums: dict[int, list[str]] = {}
-    for value, column in zip(values.values.tolist(), FIELDS[values.name], strict=False):
+    for value, column in zip(values.values.tolist(), field, strict=False):
         for axis, expression in column:
             sums.setdefault(axis, []).append(product_of(literal(value), expression))
     return sums
@@ -272,8 +318,8 @@ C_HEADER = Format(
     formula="true = T^-1 (raw - bias) - effects(true), by imucal_correct_f64 or imucal_correct_f32",
     source="imucal-core, EffectSet::remove; docs/model.md (16)",
     units=SI,
-    includes="bias, scale and misalignment of both sensors, every effect of the catalogue",
-    omits="user-defined effects, noise figures, standard deviations",
+    includes="bias, scale and misalignment of both sensors, every effect of the catalogue, formulas",
+    omits="user-defined effects written in Python, noise figures, standard deviations",
     layout=block_comment,
     write=write,
     takes_counts=True,

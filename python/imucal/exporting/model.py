@@ -82,7 +82,7 @@ def axes_note(calibration: Calibration) -> str:
 
 def linear(calibration: Calibration, effects: Iterable[EffectValues] = ()) -> Calibration:
     """The calibration with these effects only, and without covariance."""
-    return replace(calibration, effects=tuple(effects), user_effects=(), covariance=None, covariance_names=())
+    return replace(calibration, effects=tuple(effects), covariance=None, covariance_names=())
 
 
 def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatArray]:

@@ -21,6 +21,8 @@ from imucal.calibration.model import SensorModel
 from imucal.calibration.references import References
 from imucal.calibration.triad import Triad
 from imucal.effects.definition import UserEffect, by_name
+from imucal.effects.formula import is_formula
+from imucal.effects.formula_effect import FormulaEffect, formula_effects
 from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.estimation.evaluate import require_judges
@@ -55,7 +57,8 @@ def find_gap(
     calibration         existing calibration to compare with; without it, the fit without effects is the
                         reference
     candidates          names of candidate effects from the catalogue; all effects if None. Names of
-                        user-defined effects are also allowed; a list with only these excludes the catalogue
+                        user-defined effects, and formulas such as "gyro: k * (supply_v - 3.3)", are also
+                        allowed; a list with only these excludes the catalogue
     user_effects        user-defined effects, which are always candidates
     gravity_mps2        local gravity, m/s^2; default: that of `calibration`, else standard gravity
     min_rest_s          minimum duration of a rest, s
@@ -81,9 +84,10 @@ def find_gap(
     if calibration is not None:
         for recording in (*unit_data, *judges):
             calibration.require_raw_units(recording)
-    named = by_name(user_effects)
-    wanted = _wanted(candidates, named)
     unit_data = of_one_unit(unit_data)
+    candidates, formulas = _without_formulas(candidates, [*unit_data, *judges])
+    named = by_name([*user_effects, *formulas])
+    wanted = _wanted(candidates, named)
     if judges:
         judges = with_own_names(judges)
         require_other_data(unit_data, judges)
@@ -108,6 +112,17 @@ def _nominal(recording: Recording) -> SensorModel:
     return SensorModel(
         triad, triad, accel_unit=recording.accel_unit, gyro_unit=recording.gyro_unit, axes=recording.axes
     )
+
+
+def _without_formulas(
+    candidates: Sequence[str] | None, recordings: Sequence[Recording]
+) -> tuple[Sequence[str] | None, tuple[FormulaEffect, ...]]:
+    """The candidates with the name of its effect in the place of each formula, and these effects."""
+    if candidates is None or isinstance(candidates, str):
+        return candidates, ()
+    effects = formula_effects([name for name in candidates if is_formula(name)], recordings)
+    names = [name for name in candidates if not is_formula(name)]
+    return [*names, *(effect.name for effect in effects)], effects
 
 
 def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> list[str] | None:

@@ -16,6 +16,7 @@ from imucal.document.json_document import Node
 from imucal.document.whole import check_seed
 from imucal.effects.definition import UserEffect, by_name
 from imucal.effects.effect import EffectValues
+from imucal.effects.formula_effect import FormulaEffect
 from imucal.effects.table import catalogue
 from imucal.effects.values import effects_of, effects_to_list
 from imucal.errors import FormatError, InputError
@@ -128,7 +129,7 @@ class Setup:
             "motion": motion_to_dict(self.motion),
             "unit": self.unit.to_dict(),
             "effects": effects_to_list(self.effects),
-            "user_effects": effects_to_list(values for _, values in self.user_effects),
+            "user_effects": [_own_to_dict(own, values) for own, values in self.user_effects],
             "rate_hz": self.rate_hz,
             "gravity_mps2": self.gravity_mps2,
             "temperature": {"time_s": self.temperature.time_s, "temp_degc": self.temperature.temp_degc},
@@ -158,7 +159,7 @@ class CoreSetup:
 
 
 def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
-    """The setup in a truth file; InputError if the definition of a user-defined effect is missing."""
+    """The setup in a truth file; InputError if the definition of an effect written in Python is missing."""
     require_fields(node, SETUP_FIELDS, "the setup of a run")
     require_fields(node.get("temperature"), ("time_s", "temp_degc"), "a temperature")
     for name, (low, high) in LINK.items():
@@ -168,11 +169,13 @@ def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
     definitions = by_name(user_effects)
     for item in node.get("user_effects").items():
         name = item.get("name").text()
+        if name not in definitions and "formula" in item.mapping():
+            definitions[name] = _formula_of(item, name)
         if name not in definitions:
             raise InputError(
                 f"{node.file}: the definition of the effect {name} is not in it: give it in user_effects"
             )
-    own = effects_of(node.get("user_effects"), user_effects)
+    own = effects_of(node.get("user_effects"), tuple(definitions.values()))
     knots = node.get("temperature")
     count = len(knots.get("time_s").items())
     try:
@@ -189,6 +192,22 @@ def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
         )
     except InputError as error:
         raise FormatError(f"{node.file}: {error}") from None
+
+
+def _own_to_dict(own: UserEffect, values: EffectValues) -> dict[str, Any]:
+    """A user-defined effect in a truth file, with its formula if it is one."""
+    (item,) = effects_to_list([values])
+    if isinstance(own, FormulaEffect):
+        item |= {"formula": own.text, "columns": list(own.auxiliary)}
+    return item
+
+
+def _formula_of(item: Node, name: str) -> FormulaEffect:
+    columns = [column.text() for column in item.get("columns").items()]
+    try:
+        return FormulaEffect.of(item.get("formula").text(), columns=columns, name=name)
+    except InputError as error:
+        raise FormatError(f"{item.file}: {item.path}.formula: {error}") from None
 
 
 def with_disturbances(setup: Setup, disturbances: Iterable[EffectValues]) -> Setup:

@@ -25,6 +25,8 @@ from imucal.document.plain import plain
 from imucal.effects.definition import UserEffect, by_name
 from imucal.effects.disturbance import disturbances
 from imucal.effects.effect import EffectValues
+from imucal.effects.formula import is_formula
+from imucal.effects.formula_effect import FormulaEffect
 from imucal.effects.state import State
 from imucal.effects.values import EffectInput, give_effects
 from imucal.errors import FormatError, InputError
@@ -75,8 +77,8 @@ def simulate(
                   path of a program file
     seed          of the noise, and of the random program and the tumble
     unit          a name of `unit_names()`, "random:NAME:SEED", a Unit, or the path of a unit file
-    effects       name -> values (see `imucal.effects.values`): effects of the catalogue, noise, faults, and
-                  user-defined effects; they replace effects of the unit with the same name
+    effects       name -> values (see `imucal.effects.values`): effects of the catalogue, noise, faults,
+                  formulas, and user-defined effects; they replace effects of the unit with the same name
     user_effects  definitions of the user-defined effects in `effects`
     auxiliary     name -> (N,) values at the samples, or a function of their times in s: recorded, and
                   available to user-defined effects
@@ -92,6 +94,8 @@ def simulate(
 
     Raises InputError for invalid arguments, FormatError for an invalid file.
     """
+    effects, formulas = _without_formulas(effects, auxiliary or {})
+    user_effects = (*user_effects, *formulas)
     given = give_effects(effects, user_effects)
     unit = _filtered(unit_of(unit), filter_hz, averaging)
     motion = _on_stand(motion_of(program, seed), stand)
@@ -149,6 +153,19 @@ def repeat(
         way_out="correct one of them, or simulate again",
     )
     return repeated
+
+
+def _without_formulas(
+    effects: Mapping[str, EffectInput] | Iterable[EffectValues], auxiliary: Auxiliary
+) -> tuple[Mapping[str, EffectInput] | Iterable[EffectValues], tuple[FormulaEffect, ...]]:
+    """The values with the name of its effect in the place of each formula, and these effects."""
+    if not isinstance(effects, Mapping):
+        return effects, ()
+    formulas = {
+        text: FormulaEffect.of(text, columns=auxiliary.keys()) for text in effects if is_formula(text)
+    }
+    named = {formulas[name].name if name in formulas else name: given for name, given in effects.items()}
+    return named, tuple(formulas.values())
 
 
 def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: bool = False) -> Simulation:

@@ -45,7 +45,10 @@ def gap(
     ] = None,
     effect: Annotated[
         list[str] | None,
-        effect_option("Test only this effect; may be repeated.", completion.effects),
+        effect_option(
+            "Test only this effect, or a formula such as 'gyro: k * (supply_v - 3.3)'; may be repeated.",
+            completion.effects,
+        ),
     ] = None,
     min_rest_s: MinRest = MIN_REST_S,
     exclude_saturated: ExcludeSaturated = False,
@@ -75,6 +78,8 @@ def gap(
     Example: imucal gap run.csv --control control.csv -o improved.json
 
     Example: imucal gap run.csv --explain gyro_g_sensitivity
+
+    Example: imucal gap run.csv --control control.csv --effect 'gyro: k * w * abs(f_z)'
     """
     import imucal
     from imucal.effects.table import find

@@ -1,0 +1,232 @@
+"""Effects that a formula defines, see `imucal.effects.formula`."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.effects.definition import UserEffect
+from imucal.effects.effect import EffectParameter
+from imucal.effects.formula import AXES, CONSTANTS, INPUTS, Formula, names_in, parse_formula
+from imucal.effects.state import State
+from imucal.errors import InputError
+from imucal.recording.recording import Recording
+from imucal.units import STANDARD_GRAVITY_MPS2
+
+__all__ = ["FormulaEffect", "formula_effects"]
+
+UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
+# Typical rms of the error that an effect adds: 0.05 deg/s and 1 mg, as for the biases of the catalogue.
+TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
+# Rate of a turn, rad/s, in the place of the unknown scale of a gyroscope in counts.
+TURN_RADPS: Final = 1.0
+OPERATIONS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+    ast.Pow: np.power,
+    ast.USub: np.negative,
+    ast.UAdd: np.positive,
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+}
+FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
+    **{
+        name: getattr(np, name) for name in ("abs", "sign", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh")
+    },
+    "atan": np.arctan,
+    "min": np.minimum,
+    "max": np.maximum,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class FormulaEffect(UserEffect):
+    """A user-defined effect whose field is a formula; files contain it, so commands know the effect.
+
+    formula  the parsed formula
+    """
+
+    formula: Formula
+
+    @staticmethod
+    def of(
+        text: str, *, columns: Collection[str] = (), typical: Sequence[float] | None = None, name: str = ""
+    ) -> FormulaEffect:
+        """The effect of a formula such as "gyro: k * (supply_v - 3.3)".
+
+        columns  names of the further columns of the recordings that the formula may depend on
+        typical  typical size of each parameter in its SI unit; 1 if not given
+        name     of the effect, if the text gives none; default: gyro_formula or accel_formula
+
+        Raises InputError for a text that is no formula.
+        """
+        formula = parse_formula(text, columns)
+        terms = _terms(formula)
+        parameters = tuple(
+            EffectParameter(parameter, _unit_of(formula, factor), size)
+            for (parameter, _, factor), size in zip(terms, typical or [1.0] * len(terms), strict=True)
+        )
+        named = formula.name or name or f"{formula.prefix}_formula"
+        return FormulaEffect(named, formula.sensor, parameters, _Field(formula), formula)
+
+    @staticmethod
+    def stored(text: str, name: str, parameters: Sequence[EffectParameter]) -> FormulaEffect:
+        """The effect of a formula in a file; its names that are no parameters are columns.
+
+        Raises InputError for a text that is no formula, or that has another number of parameters.
+        """
+        names = names_in(text)
+        stored = {parameter.name for parameter in parameters}
+        columns = {n for n in names if n not in stored and not stored >= {f"{n}_{axis}" for axis in AXES}}
+        count = len(_terms(parse_formula(text, columns)))
+        if count != len(parameters):
+            raise InputError(f"it has {count} parameters, but the file has {len(parameters)} values")
+        return FormulaEffect.of(
+            text, columns=columns, typical=[parameter.typical for parameter in parameters], name=name
+        )
+
+    @property
+    def text(self) -> str:
+        """The formula as text."""
+        return self.formula.text
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Inputs besides rate and force, by their names in the catalogue; columns are not among them."""
+        inputs = self.formula.inputs
+        given = {
+            "time": "time_s" in inputs,
+            "temperature": "temp_degc" in inputs,
+            "angular_acceleration": any(name in INPUTS and name.startswith("dw") for name in inputs),
+        }
+        return tuple(need for need, is_needed in given.items() if is_needed)
+
+    @property
+    def auxiliary(self) -> tuple[str, ...]:
+        """The columns of the recordings that the formula depends on, in alphabetical order."""
+        return tuple(sorted(self.formula.inputs - set(INPUTS)))
+
+    def columns_of_field(self) -> list[tuple[str, int, ast.expr]]:
+        """For each parameter its name, the index of the axis that it acts on, and the factor of it."""
+        return _terms(self.formula)
+
+
+def formula_effects(texts: Sequence[str], recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
+    """The effects of formulas for these recordings, with typical sizes that suit their motion.
+
+    Raises InputError for a text that is no formula, and for a column that one of the recordings lacks.
+    """
+    columns = set.intersection(*(set(recording.auxiliary) for recording in recordings))
+    found: list[FormulaEffect] = []
+    for text in texts:
+        effect = FormulaEffect.of(text, columns=columns)
+        count = sum(other.name.startswith(effect.name) for other in found)
+        name = f"{effect.name}_{count + 1}" if count else effect.name
+        typical = _typical_sizes(effect, recordings)
+        found.append(FormulaEffect.of(text, columns=columns, typical=typical, name=name))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """The field of a formula, (N, 3, p), as a function of the state."""
+
+    formula: Formula
+
+    def __call__(self, state: State) -> FloatArray:
+        terms = _terms(self.formula)
+        field = np.zeros((len(state.time_s), 3, len(terms)))
+        for k, (_, axis, factor) in enumerate(terms):
+            # A value that is not finite is reported with its sample by the caller.
+            with np.errstate(all="ignore"):
+                field[:, axis, k] = _value(factor, _inputs(state, axis, self.formula))
+        return field
+
+
+def _terms(formula: Formula) -> list[tuple[str, int, ast.expr]]:
+    """Names of the parameters with their axes and factors, in the order of the columns of the field."""
+    several = len(formula.axes) > 1
+    return [
+        (f"{name}_{axis}" if several else name, AXES.index(axis), factor)
+        for name, factor in formula.factors.items()
+        for axis in formula.axes
+    ]
+
+
+def _unit_of(formula: Formula, factor: ast.expr) -> str:
+    unit = UNITS[formula.sensor]
+    text = ast.unparse(factor)
+    return unit if text == "1" else f"{unit}/{text}" if text.isidentifier() else f"{unit}/({text})"
+
+
+def _inputs(state: State, axis: int, formula: Formula) -> dict[str, FloatArray]:
+    """The inputs that the formula uses, (N,) each."""
+    vectors = {"w": state.angular_rate, "f": state.specific_force, "dw": state.angular_acceleration}
+    values: dict[str, FloatArray | None] = {
+        **state.auxiliary,
+        "temp_degc": state.temperature_degc,
+        "time_s": state.time_s,
+    }
+    for name, vector in vectors.items():
+        values[name] = None if vector is None else vector[:, axis]
+        for k, along in enumerate(AXES):
+            values[f"{name}_{along}"] = None if vector is None else vector[:, k]
+    for name, given in (("w", state.angular_rate), ("f", state.specific_force)):
+        if f"{name}_norm" in formula.inputs:
+            values[f"{name}_norm"] = np.linalg.norm(given, axis=1)
+    found = {}
+    for name in formula.inputs:
+        value = values.get(name)
+        if value is None:
+            raise InputError(f"the formula {formula.text!r} depends on {name}, which the recording lacks")
+        found[name] = value
+    return found
+
+
+def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
+    match node:
+        case ast.Constant(value=value):
+            return float(value)  # type: ignore[arg-type]
+        case ast.Name(id=name):
+            return CONSTANTS[name] if name in CONSTANTS else inputs[name]
+        case ast.UnaryOp(op=op, operand=operand):
+            return OPERATIONS[type(op)](_value(operand, inputs))
+        case ast.BinOp(left=left, op=op, right=right):
+            return OPERATIONS[type(op)](_value(left, inputs), _value(right, inputs))
+        case ast.Compare(left=left, ops=[op], comparators=[right]):
+            return np.asarray(OPERATIONS[type(op)](_value(left, inputs), _value(right, inputs)), dtype=float)
+        case ast.Call(func=ast.Name(id=name), args=args):
+            return FUNCTIONS[name](*(_value(argument, inputs) for argument in args))
+    raise AssertionError(f"parse_formula admits {ast.dump(node)}")
+
+
+def _typical_sizes(effect: FormulaEffect, recordings: Sequence[Recording]) -> list[float]:
+    """Sizes of the parameters with which the effect varies by `TYPICAL` in these recordings."""
+    columns = np.concatenate([effect.columns(_rough_state(recording)) for recording in recordings])
+    spread = np.nanstd(columns, axis=0).max(axis=0)
+    constant = [p.name for p, s in zip(effect.parameters, spread, strict=True) if not s > 0]
+    if constant:
+        raise InputError(
+            f"{' and '.join(constant)} of the formula {effect.name} multiplies what does not vary in the "
+            "recordings, which is the same as a bias: record data in which it varies"
+        )
+    return [TYPICAL[effect.sensor] / float(value) for value in spread]
+
+
+def _rough_state(recording: Recording) -> State:
+    """The state of a recording without correction; counts are scaled by gravity and by a usual turn."""
+    force, rate = np.asarray(recording.specific_force, float), np.asarray(recording.angular_rate, float)
+    if recording.accel_unit == "lsb":
+        force = force * (STANDARD_GRAVITY_MPS2 / max(float(np.median(np.linalg.norm(force, axis=1))), 1.0))
+    if recording.gyro_unit == "lsb":
+        rate = rate * (TURN_RADPS / max(float(np.abs(rate).max()), 1.0))
+    return State.of(recording, rate, force)
