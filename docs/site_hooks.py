@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -139,7 +139,6 @@ def _unlisted(page: str) -> str:
 
 def commands_page() -> str:
     """The help of every command as shown in a terminal."""
-    os.environ["TERMINAL_WIDTH"] = "100"  # read by typer when it is imported
     from imucal.cli.app import app, main
 
     def shown(words: list[str]) -> str:
@@ -150,17 +149,16 @@ def commands_page() -> str:
         lines = "\n".join(line.rstrip() for line in plain.splitlines())
         return f"## imucal {' '.join(words)}\n\n```text\n{lines}\n```\n"
 
-    names = [[_command_name(command)] for command in app.registered_commands]
-    for group in app.registered_groups:
-        names.append([str(group.name)])
-        names += [
-            [str(group.name), _command_name(command)] for command in group.typer_instance.registered_commands
-        ]
-    return "\n".join([COMMANDS_HEAD, *map(shown, names)])
+    return "\n".join([COMMANDS_HEAD, *map(shown, _commands(app, []))])
 
 
-def _command_name(command: Any) -> str:
-    return str(command.name or command.callback.__name__)
+def _commands(group: Any, words: list[str]) -> Iterator[list[str]]:
+    """The words of every command, those of a group before its commands."""
+    for name in group.list_commands(None):
+        yield [*words, name]
+        command = group.get_command(None, name)
+        if hasattr(command, "list_commands"):
+            yield from _commands(command, [*words, name])
 
 
 class AlignedColumns(griffe.Extension):

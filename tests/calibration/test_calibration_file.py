@@ -428,7 +428,7 @@ def test_apply_is_the_inverse_of_the_model():
 
 def test_import_is_light():
     program = (
-        "import sys, imucal; print([m for m in ('pyarrow', 'typer', 'plotly', 'rich') if m in sys.modules])"
+        "import sys, imucal; print([m for m in ('pyarrow', 'click', 'plotly', 'rich') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -17,19 +17,21 @@ import pytest
 import imucal
 from children import HANGS_S
 from imucal.cli import main
-from imucal.cli.app import app
+from imucal.cli.app import SUMMARIES, app
 from imucal.cli.working import working
 from imucal.effects.disturbance import disturbances
 
 HEADER = "time_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps"
 
 
-def commands(application=app, words=()):
+def commands(group=app, words=()):
     """The words of every command."""
-    for command in application.registered_commands:
-        yield (*words, command.name or command.callback.__name__)
-    for group in application.registered_groups:
-        yield from commands(group.typer_instance, (*words, group.name))
+    for name in group.list_commands(None):
+        command = group.get_command(None, name)
+        if hasattr(command, "list_commands"):
+            yield from commands(command, (*words, name))
+        else:
+            yield (*words, name)
 
 
 COMMANDS = [" ".join(words) for words in commands()]
@@ -356,13 +358,14 @@ def test_version(capsys):
     ],
 )
 def test_shell_completion(typed, offered, monkeypatch, capsys):
-    monkeypatch.setenv("_IMUCAL_COMPLETE", "complete_bash")
+    monkeypatch.setenv("_IMUCAL_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", typed)
     monkeypatch.setenv("COMP_CWORD", str(len(typed.split()) - 1))
     with pytest.raises(SystemExit) as end:
         main([])
     assert end.value.code == 0
-    assert capsys.readouterr().out.split() == offered
+    # Each line has the kind of the value before a comma.
+    assert [line.partition(",")[2] for line in capsys.readouterr().out.split()] == offered
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
@@ -381,10 +384,10 @@ def test_a_stage_is_shown_on_a_terminal_when_it_takes_long(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     with os.fdopen(stderr, "w") as stream:
         monkeypatch.setattr("sys.stderr", stream)
-        monkeypatch.setattr("imucal.cli.working.PATIENCE_S", HANGS_S)
+        monkeypatch.setattr("imucal.cli.working.DELAY_S", HANGS_S)
         with working("soon done"):
             pass
-        monkeypatch.setattr("imucal.cli.working.PATIENCE_S", 0.0)
+        monkeypatch.setattr("imucal.cli.working.DELAY_S", 0.0)
         with working("reading", 3) as stage:
             wait_for("reading")
             stage.step()
@@ -656,3 +659,39 @@ def test_a_place_that_is_none_is_said_before_the_work(arguments, tmp_path, monke
 def test_two_outputs_may_go_to_one_device(run_csv):
     assert main(["convert", str(run_csv), "-o", str(run_csv.with_name("y.csv")), "--json", os.devnull]) == 0
     assert main(["simulate", "static", "-o", str(run_csv), "--truth", os.devnull, "--json", os.devnull]) == 0
+
+
+def test_the_list_of_commands_has_the_first_sentences_of_their_help():
+    for name, summary in SUMMARIES.items():
+        assert app.get_command(None, name).get_short_help_str(1000) == summary
+
+
+@pytest.mark.parametrize(
+    ("shell", "script", "started_by"),
+    [
+        ("bash", ".bash_completions/imucal.sh", ".bashrc"),
+        ("zsh", ".zfunc/_imucal", ".zshrc"),
+        ("fish", ".config/fish/completions/imucal.fish", None),
+    ],
+)
+def test_completion_is_installed_once(shell, script, started_by, monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("SHELL", f"/bin/{shell}")
+    monkeypatch.setattr("pathlib.Path.home", lambda: tmp_path)
+    if started_by is not None:
+        (tmp_path / started_by).write_text("alias ll='ls -l'")
+    for _ in range(2):
+        assert main(["--install-completion"]) == 0
+    assert script in capsys.readouterr().out
+    assert main(["--show-completion"]) == 0
+    assert "_IMUCAL_COMPLETE" in (shown := capsys.readouterr().out)
+    assert (tmp_path / script).read_text().strip() == shown.strip()
+    if started_by is not None:
+        first, *added = (tmp_path / started_by).read_text().splitlines()
+        assert first == "alias ll='ls -l'"
+        assert len(added) == 1
+
+
+def test_completion_of_an_unknown_shell_is_refused(monkeypatch, capsys):
+    monkeypatch.setenv("SHELL", "/bin/csh")
+    assert main(["--install-completion"]) == 1
+    assert "csh: it works in bash, zsh, fish" in capsys.readouterr().err

@@ -25,13 +25,12 @@ from imucal.stand.journal import Journal
 EXAMPLE = re.compile(r"^ *Example: (imucal (?:.*\\\n)*.*)$", re.MULTILINE)
 
 
-def helped(application=app, words=()):
+def helped(command=app, words=()):
     """The words of every command, and of every group."""
     yield words
-    for command in application.registered_commands:
-        yield (*words, command.name or command.callback.__name__)
-    for group in application.registered_groups:
-        yield from helped(group.typer_instance, (*words, group.name))
+    if hasattr(command, "list_commands"):
+        for name in command.list_commands(None):
+            yield from helped(command.get_command(None, name), (*words, name))
 
 
 def help_of(words):

@@ -22,7 +22,7 @@ def loaded(code):
 
 def test_import_loads_nothing_but_the_package():
     new = loaded("import imucal") - loaded("")
-    assert not {"numpy", "pyarrow", "typer", "rich", "imucal._core"} & new
+    assert not {"numpy", "pyarrow", "click", "rich", "imucal._core"} & new
     own = {name for name in new if name.startswith("imucal")}
     assert own == {"imucal", "imucal.data_frame", "imucal.notebook"}
 

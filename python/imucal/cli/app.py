@@ -13,31 +13,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
-from typing import Annotated, Any
+from collections.abc import Callable, Sequence
+from typing import Any
 
-import typer
+import click
 
-from imucal.cli.commands import (
-    apply,
-    calibrate,
-    convert,
-    demo,
-    diff,
-    effects,
-    evaluate,
-    export,
-    gap,
-    inspect,
-    limits,
-    noise,
-    plan,
-    simulate,
-    stand,
-)
 from imucal.cli.ending import INTERRUPTED, as_interrupts
 from imucal.cli.failure import TRACEBACK, is_fault, message_of
-from imucal.cli.group import group
+from imucal.cli.group import Commands, Lazy
 from imucal.cli.output import NO_RESULT
 from imucal.cli.streams import printable, standing_streams
 
@@ -46,50 +29,69 @@ __all__ = ["app", "main"]
 # Messages longer than this number of characters are broken at "; " into one item per line.
 MOST_ON_A_LINE = 300
 
-app = group(
-    name="imucal",
-    help="Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit codes: 0 good or incomplete, 1 bad input or no result, 2 finished with a poor verdict, "
-    "130 interrupted.",
-)
-app.add_typer(demo.app, name="demo")
-for command in (
-    convert.convert,
-    inspect.inspect,
-    calibrate.calibrate,
-    evaluate.evaluate,
-    gap.gap,
-    apply.apply,
-    export.export,
-    diff.diff,
-    simulate.simulate,
-    plan.plan,
-    noise.noise,
-    effects.effects,
-):
-    app.command()(command)
-app.add_typer(limits.app, name="limits")
-app.add_typer(stand.app, name="stand")
+# Commands in the order of the help: name, and first sentence of the command's own help.
+SUMMARIES = {
+    "convert": "Convert files of other programs to a recording.",
+    "inspect": "Show sampling rate, faults and rests of recordings, and the parameters that they determine.",
+    "calibrate": "Calibrate one unit from its recordings.",
+    "evaluate": "Evaluate a calibration on recordings of the same unit that were not used for its fit.",
+    "gap": "Find a missing effect from the residuals of a calibration, and add it to the model.",
+    "apply": "Correct a recording: SI units, body frame, the same column names; effects are compensated.",
+    "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
+    "diff": "Compare two calibrations of a unit: difference of each parameter in standard deviations.",
+    "simulate": "Simulate a unit: on a stand, turned by hand, or at rest.",
+    "plan": "Plan a motion, and predict what it determines before anything moves.",
+    "noise": "Estimate noise density, bias instability and random walk of a unit at rest by the Allan "
+    "deviation.",
+    "effects": "List the errors beyond bias, scale and misalignment that imucal models: effects, noise and "
+    "faults.",
+    "demo": "Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",
+    "limits": "Limits for units: write a first limits file from good units, and check units against it.",
+    "stand": "Move a stand, record the unit on it, and calibrate.",
+}
+# Commands whose module has a group, `app`, instead of a function.
+GROUPS = ("demo", "limits", "stand")
 
 
-def _print_version(wanted: bool) -> None:
+def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
         import imucal
 
         print(f"imucal {imucal.__version__}")
-        raise typer.Exit
+        context.exit()
 
 
-@app.callback()
-def _options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    pass
+def _completion(context: click.Context, parameter: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from imucal.cli.shells import install_completion, show_completion
+
+        (install_completion if parameter.name == "install_completion" else show_completion)(context)
+        context.exit()
+
+
+def _flag(name: str, callback: Callable[..., None], help: str) -> click.Option:
+    return click.Option([name], is_flag=True, is_eager=True, expose_value=False, callback=callback, help=help)
+
+
+app = Commands(
+    "imucal",
+    {
+        name: Lazy(f"imucal.cli.commands.{name}", "app" if name in GROUPS else name, summary)
+        for name, summary in SUMMARIES.items()
+    },
+    help="Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.",
+    epilog="Exit codes: 0 good or incomplete, 1 bad input or no result, 2 finished with a poor verdict, "
+    "130 interrupted.",
+    options=[
+        _flag("--version", _print_version, "Print the version."),
+        _flag("--install-completion", _completion, "Install completion for the current shell."),
+        _flag(
+            "--show-completion",
+            _completion,
+            "Show completion for the current shell, to copy it or customize the installation.",
+        ),
+    ],
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -110,15 +112,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     try:
-        result = app(arguments, prog_name="imucal", standalone_mode=False)
-    except (KeyboardInterrupt, typer.Abort):
+        result = app.main(arguments, prog_name="imucal", standalone_mode=False)
+    except (KeyboardInterrupt, click.Abort):
         return INTERRUPTED
     except (SystemExit, OSError):
         raise
     except BaseException as error:
         # A panic of the compiled library is a BaseException.
         return _failed(error)
-    # An interrupt is reported as an exception or as an exit code, depending on the version of typer.
+    # The exit code with which a command ends early; None otherwise.
     return result if isinstance(result, int) else 0
 
 
@@ -141,13 +143,9 @@ def _failed(error: BaseException) -> int:
 
 def _wrong_command_line(error: Any) -> int:
     """Print the message of the command line parser, and the command that shows the help."""
-    message = message_of(error)
-    if not message:
-        # typer has printed the help for `imucal` without arguments.
-        return NO_RESULT
     context = getattr(error, "ctx", None)
     hint = f"\nTry '{context.command_path} --help'." if context is not None else ""
-    return _say(f"{message}{hint}", NO_RESULT)
+    return _say(f"{message_of(error)}{hint}", NO_RESULT)
 
 
 def _say(message: str, code: int) -> int:

@@ -6,11 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
-import typer
-
 from imucal.cli.demo_folder import prepare_folder
 from imucal.cli.options import JsonPath
 from imucal.cli.output import Output
+from imucal.cli.parameters import option
 from imucal.cli.working import working
 
 if TYPE_CHECKING:
@@ -36,10 +35,10 @@ RATE_HZ: Final = 100.0
 
 
 def gap(
-    folder: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files.")
-    ] = Path("demo-gap"),
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the hidden effect and of both runs.")] = 1,
+    folder: Annotated[Path, option("--output", "-o", metavar="FOLDER", help="Folder for the files.")] = Path(
+        "demo-gap"
+    ),
+    seed: Annotated[int, option("--seed", help="Seed of the hidden effect and of both runs.")] = 1,
     json: JsonPath = None,
 ) -> None:
     """Hide an effect in a simulated unit, find and compensate it, and compare it with the truth.

@@ -6,10 +6,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
-import typer
-
 import imucal.cli.completion as completion
 from imucal.cli.options import options_of
+from imucal.cli.parameters import option
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ OF_PANEL = {SIMULATED: ("simulated",), GRBL: ("grbl",), UNIT: ("grbl", "manual")
 
 
 def _option(name: str, help: str, panel: str | None = None, **more: Any) -> Any:
-    return typer.Option(name, help=help, rich_help_panel=panel, **more)
+    return option(name, help=help, panel=panel, **more)
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Equipment:
             "The simulated unit, see `imucal simulate --unit`.",
             SIMULATED,
             metavar="NAME|FILE",
-            autocompletion=completion.units,
+            completion=completion.units,
         ),
     ] = "paper"
     stand: Annotated[
@@ -144,16 +143,15 @@ class Equipment:
         """Refuse options of another driver, which would otherwise be ignored silently."""
         declared = get_type_hints(type(self), include_extras=True)
         for field in fields(self):
-            # typer keeps the first argument of an option in an annotation, its name, as `default`.
-            option = declared[field.name].__metadata__[0]
-            drivers = OF_PANEL.get(option.rich_help_panel, DRIVERS)
+            given = declared[field.name].__metadata__[0]
+            drivers = OF_PANEL.get(given.panel, DRIVERS)
             if (
                 self.driver in DRIVERS
                 and self.driver not in drivers
                 and getattr(self, field.name) != field.default
             ):
                 raise InputError(
-                    f"the driver {self.driver} has no option {option.default}: give --driver "
+                    f"the driver {self.driver} has no option {given.names[0]}: give --driver "
                     f"{' or '.join(drivers)}, or leave it out"
                 )
 

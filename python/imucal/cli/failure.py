@@ -14,7 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-import typer
+from click.exceptions import Abort, Exit
 
 from imucal.cli.as_typed import as_typed
 from imucal.cli.output import Output
@@ -40,7 +40,7 @@ def is_fault(error: BaseException) -> bool:
 def _foreseen(error: BaseException) -> str | None:
     if isinstance(error, ImucalError):
         return as_typed(str(error))
-    if isinstance(error, (KeyboardInterrupt, typer.Abort)):
+    if isinstance(error, (KeyboardInterrupt, Abort)):
         return "interrupted"
     if isinstance(error, MemoryError):
         return "not enough memory: give a shorter recording"
@@ -73,7 +73,7 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
     before = Output.documents
     try:
         yield
-    except (typer.Exit, SystemExit):
+    except (Exit, SystemExit):
         raise
     except BaseException as error:
         # If the result is already written, an interrupt keeps it; an ImucalError, for a file that could not

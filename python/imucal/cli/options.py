@@ -13,9 +13,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Final, get_type_hints
 
-import typer
-
 import imucal.cli.completion as completion
+from imucal.cli.parameters import option
 
 __all__ = [
     "MIN_REST_S",
@@ -40,22 +39,20 @@ __all__ = [
 MIN_REST_S: Final = 1.0
 
 JsonPath = Annotated[
-    str | None, typer.Option("--json", metavar="PATH", help="JSON file to write; - is standard output.")
+    str | None, option("--json", metavar="PATH", help="JSON file to write; - is standard output.")
 ]
 Control = Annotated[
     list[Path] | None,
-    typer.Option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
+    option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
 ]
-Gravity = Annotated[float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
-MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest to detect, s.")]
+Gravity = Annotated[float, option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
+MinRest = Annotated[float, option("--min-rest-s", help="Shortest rest to detect, s.")]
 ExcludeSaturated = Annotated[
-    bool, typer.Option("--exclude-saturated", help="Exclude rests and moves with saturated samples.")
+    bool, option("--exclude-saturated", help="Exclude rests and moves with saturated samples.")
 ]
 LimitsPath = Annotated[
     Path | None,
-    typer.Option(
-        "--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is not kept."
-    ),
+    option("--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is not kept."),
 ]
 
 
@@ -68,31 +65,29 @@ class Required(str, Enum):
 
 Require = Annotated[
     Required,
-    typer.Option("--require", help="Worst verdict that ends with exit code 0; with a worse one it is 2."),
+    option("--require", help="Worst verdict that ends with exit code 0; with a worse one it is 2."),
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print intermediate results.")]
+Verbose = Annotated[bool, option("--verbose", "-v", help="Also print intermediate results.")]
 ReportPath = Annotated[
     Path | None,
-    typer.Option("--report", metavar="PAGE", help="HTML report with figures to write; needs plotly."),
+    option("--report", metavar="PAGE", help="HTML report with figures to write; needs plotly."),
 ]
-RecordingPath = Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")]
+RecordingPath = Annotated[Path, option("--output", "-o", help="Recording to write, .csv or .parquet.")]
 
 
 def writing_option(help: str, metavar: str = "PATH") -> Any:
     """The option --output of a command."""
-    return typer.Option("--output", "-o", metavar=metavar, help=help)
+    return option("--output", "-o", metavar=metavar, help=help)
 
 
 def effect_option(help: str, autocompletion: Callable[..., Any], panel: str | None = None) -> Any:
     """The option --effect of a command, which may be repeated."""
-    return typer.Option(
-        "--effect", metavar="NAME", help=help, autocompletion=autocompletion, rich_help_panel=panel
-    )
+    return option("--effect", metavar="NAME", help=help, completion=autocompletion, panel=panel)
 
 
 def unit_option(help: str) -> Any:
     """The option --unit of a command: a profile by its name or its file."""
-    return typer.Option("--unit", metavar="NAME|FILE", help=help, autocompletion=completion.units)
+    return option("--unit", metavar="NAME|FILE", help=help, completion=completion.units)
 
 
 def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -100,7 +95,7 @@ def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Ca
 
     group   the dataclass
 
-    The fields have the annotations of typer options. The command receives an instance of the dataclass.
+    The fields have the annotations of options. The command receives an instance of the dataclass.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -127,7 +122,7 @@ def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Ca
             command(**{parameter: given}, **values)
 
         parameters = [given.replace(kind=inspect.Parameter.KEYWORD_ONLY) for given in kept] + options
-        # typer reads the signature and the annotations.
+        # The signature and the annotations become the parameters of the command.
         with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         with_options.__annotations__ = {given.name: given.annotation for given in parameters}
         return with_options

@@ -9,9 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import typer
+from click.exceptions import Exit
 
 from imucal.cli.streams import printable
+from imucal.cli.text_table import table_lines
 from imucal.document.name import shown
 from imucal.errors import InputError
 
@@ -31,8 +32,6 @@ NO_RESULT = 1
 POOR_VERDICT = 2
 # Bytes of a file name that Linux, macOS and Windows allow.
 LONGEST_FILE_NAME = 255
-# Width for output to a file or a pipe, characters: enough for every table, while rich assumes 80.
-PIPE_WIDTH = 160
 
 
 def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str | Path | None]) -> None:
@@ -96,16 +95,12 @@ class Output:
     documents: ClassVar[int] = 0
 
     def __init__(self, json_path: str | None) -> None:
-        from rich.console import Console
-
         # Characters that the console cannot encode must not end the command with an error.
         for output in (sys.stdout, sys.stderr):
             if isinstance(output, io.TextIOWrapper):
                 output.reconfigure(errors="backslashreplace")
         self._json_path = json_path
-        stream = sys.stderr if json_path == "-" else sys.stdout
-        width = None if stream.isatty() else PIPE_WIDTH
-        self._console = Console(file=stream, width=width, markup=False, highlight=False, emoji=False)
+        self._stream = sys.stderr if json_path == "-" else sys.stdout
 
     def document(self, document: Mapping[str, Any]) -> None:
         """Write the JSON document if it was requested."""
@@ -123,26 +118,16 @@ class Output:
         """Print a line of text without wrapping it, with options as they are typed."""
         from imucal.cli.as_typed import as_typed
 
-        self._console.print(printable(as_typed(text)), soft_wrap=True)
+        print(printable(as_typed(text)), file=self._stream)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """Print a table, with the first column aligned left and the others right."""
-        from rich.measure import Measurement
-        from rich.table import Table
+        for line in table_lines(headings, [list(map(shown, row)) for row in rows], self._bold):
+            print(line, file=self._stream)
 
-        table = Table(box=None, pad_edge=False)
-        for index, heading in enumerate(headings):
-            table.add_column(heading, justify="left" if index == 0 else "right", no_wrap=True)
-        for row in rows:
-            table.add_row(*map(shown, row))
-        # In a narrow terminal long lines wrap, whereas rich would truncate numbers to its width.
-        own_width = self._console.width
-        self._console.width = max(own_width, PIPE_WIDTH)
-        self._console.width = max(
-            own_width, Measurement.get(self._console, self._console.options, table).maximum
-        )
-        self._console.print(table)
-        self._console.width = own_width
+    def _bold(self, text: str) -> str:
+        is_terminal = self._stream.isatty() and os.environ.get("TERM", "") not in ("", "dumb", "unknown")
+        return f"\x1b[1m{text}\x1b[0m" if is_terminal else text
 
     def parameters(self, parameters: Sequence[Parameter], truth: Mapping[str, float] | None = None) -> None:
         """The table of parameters, with true values if they are known."""
@@ -186,4 +171,4 @@ class Output:
         """The verdict with its reasons; one that is poor, or worse than required, ends with its exit code."""
         self.line("; ".join((f"verdict: {verdict}", *reasons)))
         if verdict == "poor" or (verdict == "incomplete" and require == "good"):
-            raise typer.Exit(POOR_VERDICT)
+            raise Exit(POOR_VERDICT)

@@ -7,10 +7,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-import typer
-
 import imucal.cli.completion as completion
 from imucal.cli.options import options_of
+from imucal.cli.parameters import argument, option
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Files", "Reading", "reading_options"]
 
-Files = Annotated[list[Path], typer.Argument(metavar="REC...", help="Recordings of one unit.")]
+Files = Annotated[list[Path], argument(metavar="REC...", help="Recordings of one unit.")]
 
 T = TypeVar("T")
 # Heading of these options in the help.
@@ -27,7 +26,7 @@ _PANEL = "Files of other programs"
 
 def _option(name: str, help: str) -> Any:
     names = completion.formats if name == "--format" else None
-    return typer.Option(name, help=help, rich_help_panel=_PANEL, autocompletion=names)
+    return option(name, help=help, panel=_PANEL, completion=names)
 
 
 @dataclass(frozen=True)

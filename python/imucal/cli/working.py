@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -12,26 +14,47 @@ if TYPE_CHECKING:
 
 __all__ = ["Stage", "working"]
 
-# The display appears after this time, s.
+# The display appears after this time, s. Commands that take less do not load rich.
 DELAY_S = 1.0
-PATIENCE_S = 1.0
 
 
 class Stage:
     """The current stage of a command, for the display; does nothing without a terminal."""
 
-    def __init__(self, progress: Progress | None = None, task: TaskID | None = None) -> None:
-        self._progress, self._task = progress, task
+    def __init__(self, name: str, steps: int | None = None) -> None:
+        self._name, self._steps, self._done = name, steps, 0
+        self._start_s = time.monotonic()
+        self._shown: tuple[Progress, TaskID] | None = None
+        self._lock = threading.Lock()
 
     def __call__(self, name: str) -> None:
         """Show the name of the next stage."""
-        if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, description=name)
+        self._name = name
+        self._update()
 
     def step(self) -> None:
         """Count one step as done."""
-        if self._progress is not None and self._task is not None:
-            self._progress.advance(self._task)
+        self._done += 1
+        self._update()
+
+    def show(self) -> None:
+        """Start the display."""
+        progress = _progress(self._steps is not None)
+        with self._lock:
+            self._shown = progress, progress.add_task(self._name, total=self._steps, completed=self._done)
+            progress.tasks[0].start_time = self._start_s
+        progress.start()
+
+    def stop(self) -> None:
+        """End the display, if it is shown."""
+        if self._shown is not None:
+            self._shown[0].stop()
+
+    def _update(self) -> None:
+        with self._lock:
+            if self._shown is not None:
+                progress, task = self._shown
+                progress.update(task, description=self._name, completed=self._done)
 
 
 @contextmanager
@@ -41,11 +64,23 @@ def working(stage: str, steps: int | None = None) -> Iterator[Stage]:
     The display shows the stage and the elapsed time, and with `steps` also the number of steps done and the
     remaining time. Nothing is shown without a terminal.
     """
+    current = Stage(stage, steps)
     if not sys.stderr.isatty():
-        yield Stage()
+        yield current
         return
-    import threading
+    timer = threading.Timer(DELAY_S, current.show)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield current
+    finally:
+        timer.cancel()
+        # The timer may be starting the display right now.
+        timer.join()
+        current.stop()
 
+
+def _progress(has_steps: bool) -> Progress:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -62,18 +97,6 @@ def working(stage: str, steps: int | None = None) -> Iterator[Stage]:
         BarColumn(pulse_style="cyan"),
         Elapsed(),
     ]
-    if steps is not None:
+    if has_steps:
         columns += [MofNCompleteColumn(), Remaining(), TextColumn("left")]
-    progress = Progress(*columns, console=Console(stderr=True), transient=True)
-    task = progress.add_task(stage, total=steps)
-    timer = threading.Timer(DELAY_S, progress.start)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield Stage(progress, task)
-    finally:
-        timer.cancel()
-        # The timer may be starting the display right now.
-        timer.join()
-        if progress.live.is_started:
-            progress.stop()
+    return Progress(*columns, console=Console(stderr=True), transient=True, get_time=time.monotonic)

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
-import typer
-
 from imucal.cli.options import JsonPath, RecordingPath
 from imucal.cli.output import Output, require_apart
+from imucal.cli.parameters import argument
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -30,9 +29,9 @@ BEYOND: Final = 0.05
 
 @reading_options
 def apply(
-    calibration: Annotated[Path, typer.Argument(metavar="CAL.JSON", help="Calibration file.")],
+    calibration: Annotated[Path, argument(metavar="CAL.JSON", help="Calibration file.")],
     recording: Annotated[
-        list[Path], typer.Argument(metavar="REC", help="The file, or the two files, of one recording.")
+        list[Path], argument(metavar="REC", help="The file, or the two files, of one recording.")
     ],
     output: RecordingPath,
     reading: Reading,

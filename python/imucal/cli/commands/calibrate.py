@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 import imucal.cli.completion as completion
 from imucal.cli.decisions import show_fit, show_rests_and_moves
 from imucal.cli.options import (
@@ -25,6 +23,7 @@ from imucal.cli.options import (
     writing_option,
 )
 from imucal.cli.output import Output, prepare_report, require_apart
+from imucal.cli.parameters import option
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -39,7 +38,7 @@ def calibrate(
     output: Annotated[Path | None, writing_option("Calibration file to write.")] = None,
     gravity: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--gravity",
             metavar="MPS2",
             help="Local gravity, m/s^2; 9.80665 is assumed without it and without --latitude.",
@@ -47,7 +46,7 @@ def calibrate(
     ] = None,
     gravity_sigma: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--gravity-sigma",
             metavar="MPS2",
             help="Standard deviation of local gravity, included in those of the accelerometer scales.",
@@ -55,29 +54,29 @@ def calibrate(
     ] = None,
     latitude: Annotated[
         float | None,
-        typer.Option("--latitude", metavar="DEG", help="Latitude, for normal gravity instead of --gravity."),
+        option("--latitude", metavar="DEG", help="Latitude, for normal gravity instead of --gravity."),
     ] = None,
     height: Annotated[
-        float | None, typer.Option("--height", metavar="M", help="Height of the place, with --latitude.")
+        float | None, option("--height", metavar="M", help="Height of the place, with --latitude.")
     ] = None,
     clock_ppm: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--clock-ppm",
             metavar="PPM",
             help="Standard deviation of the clock's rate, included in those of the gyroscope scales.",
         ),
     ] = None,
-    frame: Annotated[str, typer.Option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
+    frame: Annotated[str, option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
     min_rest_s: MinRest = MIN_REST_S,
     exclude_saturated: ExcludeSaturated = False,
     accel_nominal: Annotated[
         float | None,
-        typer.Option("--accel-nominal", help="Nominal sensitivity, lsb per m/s^2; estimated if not given."),
+        option("--accel-nominal", help="Nominal sensitivity, lsb per m/s^2; estimated if not given."),
     ] = None,
     gyro_nominal: Annotated[
         float | None,
-        typer.Option("--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; estimated if not given."),
+        option("--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; estimated if not given."),
     ] = None,
     effect: Annotated[
         list[str] | None,
@@ -95,10 +94,10 @@ def calibrate(
     ] = None,
     folds: Annotated[
         int | None,
-        typer.Option("--folds", help="Cross-validate with held-out rests and moves in this number of folds."),
+        option("--folds", help="Cross-validate with held-out rests and moves in this number of folds."),
     ] = None,
     serial_number: Annotated[
-        str | None, typer.Option("--serial-number", help="Serial number of the unit, stored in the file.")
+        str | None, option("--serial-number", help="Serial number of the unit, stored in the file.")
     ] = None,
     limits: LimitsPath = None,
     require: Require = Required.incomplete,

@@ -7,10 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from click.exceptions import Exit
 
 from imucal.cli.options import JsonPath, RecordingPath
 from imucal.cli.output import Output, require_apart
+from imucal.cli.parameters import argument, option
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -25,26 +26,26 @@ def _print_formats(wanted: bool) -> None:
         from imucal.cli.formats_page import page
 
         print(page(), end="")
-        raise typer.Exit
+        raise Exit
 
 
 @reading_options
 def convert(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="The file, the two files, or the folder of one recording."),
+        argument(metavar="FILE...", help="The file, the two files, or the folder of one recording."),
     ],
     output: RecordingPath,
     reading: Reading,
     formats: Annotated[
         bool,
-        typer.Option(
+        option(
             "--list", callback=_print_formats, is_eager=True, help="List the supported formats, and exit."
         ),
     ] = False,
     hold: Annotated[
         bool,
-        typer.Option(
+        option(
             "--hold-temperature",
             help="Fill gaps of a slowly sampled temperature with the last reading, for at most 10 s.",
         ),

@@ -6,33 +6,27 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
+import click
 
 import imucal.cli.demo_gap as demo_gap
 from imucal.cli.demo_folder import prepare_folder
-from imucal.cli.group import group
+from imucal.cli.group import Commands
 from imucal.cli.options import JsonPath
 from imucal.cli.output import Output
+from imucal.cli.parameters import option
 from imucal.cli.working import working
 
 __all__ = ["app"]
 
-app = group(help="Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.")
-app.command()(demo_gap.gap)
 
-
-@app.callback(invoke_without_command=True)
 def demo(
-    context: typer.Context,
-    folder: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files.")
-    ] = Path("demo"),
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the two simulated runs.")] = 1,
+    folder: Annotated[Path, option("--output", "-o", metavar="FOLDER", help="Folder for the files.")] = Path(
+        "demo"
+    ),
+    seed: Annotated[int, option("--seed", help="Seed of the two simulated runs.")] = 1,
     show: Annotated[
         bool | None,
-        typer.Option(
-            "--open/--no-open", help="Open the report in the browser; by default only in a terminal."
-        ),
+        option("--open/--no-open", help="Open the report in the browser; by default only in a terminal."),
     ] = None,
     json: JsonPath = None,
 ) -> None:
@@ -42,6 +36,7 @@ def demo(
     """
     from imucal.errors import InputError
 
+    context = click.get_current_context()
     if (command := context.invoked_subcommand) is not None:
         sources = map(context.get_parameter_source, context.params)
         if any(source is not None and source.name == "COMMANDLINE" for source in sources):
@@ -73,5 +68,13 @@ def demo(
     out.figures({"control set, uncalibrated": result.control_before, "calibrated": result.control_set})
     out.line(f"recordings, calibration and report are in {folder}: open {page}")
     if sys.stdout.isatty() if show is None else show:
-        typer.launch(str(page))
+        click.launch(str(page))
     out.verdict(result.verdict, result.reasons)
+
+
+app = Commands(
+    "demo",
+    help="Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",
+    function=demo,
+)
+app.subcommand(demo_gap.gap)

@@ -5,20 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from click.exceptions import Exit
 
 from imucal.cli.options import JsonPath
 from imucal.cli.output import POOR_VERDICT, Output, require_apart
+from imucal.cli.parameters import argument, option
 
 __all__ = ["diff"]
 
 
 def diff(
-    before: Annotated[Path, typer.Argument(metavar="A.JSON", help="Calibration file.")],
-    after: Annotated[Path, typer.Argument(metavar="B.JSON", help="Later calibration file of the same unit.")],
+    before: Annotated[Path, argument(metavar="A.JSON", help="Calibration file.")],
+    after: Annotated[Path, argument(metavar="B.JSON", help="Later calibration file of the same unit.")],
     sigmas: Annotated[
         float,
-        typer.Option(
+        option(
             "--sigmas",
             help="Significance threshold: the probability of a false alarm, over all parameters together, is "
             "that of a normal variable beyond this number of standard deviations.",
@@ -62,4 +63,4 @@ def diff(
         out.line(f"note: {note}")
     out.line("; ".join((f"verdict: {found.verdict}", *found.reasons)))
     if found.reasons:
-        raise typer.Exit(POOR_VERDICT)
+        raise Exit(POOR_VERDICT)

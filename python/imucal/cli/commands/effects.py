@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 import imucal.cli.completion as completion
 from imucal.cli.options import JsonPath
 from imucal.cli.output import Output, require_apart
+from imucal.cli.parameters import argument, option
 
 if TYPE_CHECKING:
     from imucal.effects.disturbance import Disturbance
@@ -21,14 +20,14 @@ __all__ = ["effects"]
 def effects(
     name: Annotated[
         str | None,
-        typer.Argument(
+        argument(
             metavar="[NAME]",
             help="Show all parameters of this effect, noise or fault.",
-            autocompletion=completion.effects_and_disturbances,
+            completion=completion.effects_and_disturbances,
         ),
     ] = None,
     markdown: Annotated[
-        Path | None, typer.Option("--markdown", metavar="PATH", help="Write the whole catalogue as a page.")
+        Path | None, option("--markdown", metavar="PATH", help="Write the whole catalogue as a page.")
     ] = None,
     json: JsonPath = None,
 ) -> None:

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from imucal.cli.decisions import show_rests_and_moves
 from imucal.cli.options import (
     MIN_REST_S,
@@ -20,6 +18,7 @@ from imucal.cli.options import (
     Verbose,
 )
 from imucal.cli.output import Output, prepare_report, require_apart
+from imucal.cli.parameters import argument
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -31,7 +30,7 @@ __all__ = ["evaluate"]
 
 @reading_options
 def evaluate(
-    calibration: Annotated[Path, typer.Argument(metavar="CAL.JSON", help="Calibration file.")],
+    calibration: Annotated[Path, argument(metavar="CAL.JSON", help="Calibration file.")],
     recordings: Files,
     reading: Reading,
     min_rest_s: MinRest = MIN_REST_S,

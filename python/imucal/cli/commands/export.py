@@ -6,10 +6,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from imucal.cli.options import MIN_REST_S, Control, JsonPath, MinRest
 from imucal.cli.output import Output, require_apart
+from imucal.cli.parameters import argument, option
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.streams import printable
 from imucal.cli.working import working
@@ -25,23 +24,21 @@ __all__ = ["export"]
 @reading_options
 def export(
     reading: Reading,
-    calibration: Annotated[
-        Path | None, typer.Argument(metavar="CAL.JSON", help="Calibration file.", show_default=False)
-    ] = None,
+    calibration: Annotated[Path | None, argument(metavar="CAL.JSON", help="Calibration file.")] = None,
     to: Annotated[
-        str | None, typer.Option("--to", metavar="FORMAT", help="Format; --list shows all formats.")
+        str | None, option("--to", metavar="FORMAT", help="Format; --list shows all formats.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="File to write; default: print.")
+        Path | None, option("--output", "-o", metavar="FILE", help="File to write; default: print.")
     ] = None,
     control: Control = None,
     noise: Annotated[
         Path | None,
-        typer.Option("--noise", metavar="REC", help="Raw recording at rest, for formats with noise figures."),
+        option("--noise", metavar="REC", help="Raw recording at rest, for formats with noise figures."),
     ] = None,
     name: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--name",
             metavar="PREFIX",
             help="c-header, fusion: prefix of all names; two units in one program need two prefixes.",
@@ -49,7 +46,7 @@ def export(
     ] = None,
     min_rest_s: MinRest = MIN_REST_S,
     show_formats: Annotated[
-        bool, typer.Option("--list", help="List the formats with what they include and omit.")
+        bool, option("--list", help="List the formats with what they include and omit.")
     ] = False,
     json: JsonPath = None,
 ) -> None:

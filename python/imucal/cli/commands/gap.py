@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from click.exceptions import Exit
 
 import imucal.cli.completion as completion
 from imucal.cli.decisions import show_ranking
@@ -21,6 +21,7 @@ from imucal.cli.options import (
     writing_option,
 )
 from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, prepare_report, require_apart
+from imucal.cli.parameters import option
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -37,11 +38,11 @@ def gap(
     control: Control = None,
     calibration: Annotated[
         Path | None,
-        typer.Option("--calibration", metavar="CAL.JSON", help="Calibration to examine; made if not given."),
+        option("--calibration", metavar="CAL.JSON", help="Calibration to examine; made if not given."),
     ] = None,
     output: Annotated[Path | None, writing_option("Improved calibration to write.")] = None,
     gravity: Annotated[
-        float | None, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")
+        float | None, option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")
     ] = None,
     effect: Annotated[
         list[str] | None,
@@ -54,16 +55,16 @@ def gap(
     exclude_saturated: ExcludeSaturated = False,
     explain: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--explain",
             metavar="NAME",
             help="Show the detection limit of this effect in these recordings.",
-            autocompletion=completion.effects,
+            completion=completion.effects,
         ),
     ] = None,
     next_program: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--next",
             metavar="PATH",
             help="If the verdict is ambiguous: program file to write of the motion that resolves it.",
@@ -126,9 +127,9 @@ def gap(
     if next_program is not None:
         out.line(_write_next(found, next_program))
     if found.verdict == "data_fault":
-        raise typer.Exit(NO_RESULT)
+        raise Exit(NO_RESULT)
     if found.verdict in ("unknown", "stochastic"):
-        raise typer.Exit(POOR_VERDICT)
+        raise Exit(POOR_VERDICT)
 
 
 def _write_next(found: Gap, path: Path) -> str:

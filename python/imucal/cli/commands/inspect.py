@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import typer
+from click.exceptions import Exit
 
 from imucal.cli.options import MIN_REST_S, Gravity, JsonPath, MinRest
 from imucal.cli.output import POOR_VERDICT, Output, require_apart
@@ -77,4 +77,4 @@ def inspect(
                 ),
             )
     if not all(seen.usable and seen.missing is None for seen in inspections):
-        raise typer.Exit(POOR_VERDICT)
+        raise Exit(POOR_VERDICT)

@@ -8,11 +8,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
-import typer
+from click.exceptions import Exit
 
-from imucal.cli.group import group
+from imucal.cli.group import Commands
 from imucal.cli.options import JsonPath, Require, Required, writing_option
 from imucal.cli.output import NO_RESULT, Output, require_apart
+from imucal.cli.parameters import argument, option
 from imucal.cli.working import working
 from imucal.errors import ImucalError
 
@@ -24,24 +25,24 @@ __all__ = ["app"]
 
 SCHEMA: Final = "imucal.limits-check/1"
 
-app = group(
+app = Commands(
+    "limits",
     help="Limits for units: write a first limits file from good units, and check units against it.",
-    no_args_is_help=True,
     epilog="Example: imucal limits check limits.json unit-*.json --csv day.csv",
 )
 
 Calibrations = Annotated[
-    list[Path], typer.Argument(metavar="CAL.JSON...", help="Calibration files, one for each unit.")
+    list[Path], argument(metavar="CAL.JSON...", help="Calibration files, one for each unit.")
 ]
 
 
-@app.command()
+@app.subcommand
 def template(
     calibrations: Calibrations,
     output: Annotated[Path, writing_option("Limits file to write.")],
     deviations: Annotated[
         float,
-        typer.Option(
+        option(
             "--deviations", help="Ranges are the mean +- this number of standard deviations over the units."
         ),
     ] = 4.0,
@@ -64,13 +65,11 @@ def template(
     out.line(f"{output}: {limits.description}; the uncertainty of their spread is {doubt:.0f} %")
 
 
-@app.command()
+@app.subcommand
 def check(
-    limits: Annotated[Path, typer.Argument(metavar="LIMITS.JSON", help="Limits file.")],
+    limits: Annotated[Path, argument(metavar="LIMITS.JSON", help="Limits file.")],
     calibrations: Calibrations,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="PATH", help="Also write the table as CSV.")
-    ] = None,
+    csv: Annotated[Path | None, option("--csv", metavar="PATH", help="Also write the table as CSV.")] = None,
     require: Require = Required.incomplete,
     json: JsonPath = None,
 ) -> None:
@@ -146,7 +145,7 @@ def check(
         require,
     )
     if unread:
-        raise typer.Exit(NO_RESULT)
+        raise Exit(NO_RESULT)
 
 
 def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | None) -> dict[str, Any]:

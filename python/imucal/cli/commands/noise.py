@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from imucal.cli.decisions import show_noise_fits
 from imucal.cli.options import MIN_REST_S, JsonPath, MinRest, ReportPath, Verbose
 from imucal.cli.output import Output, prepare_report, require_apart
+from imucal.cli.parameters import argument, option
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -22,25 +21,23 @@ __all__ = ["noise"]
 @reading_options
 def noise(
     recording: Annotated[
-        list[Path], typer.Argument(metavar="REC", help="Recording at rest, preferably of several hours.")
+        list[Path], argument(metavar="REC", help="Recording at rest, preferably of several hours.")
     ],
     reading: Reading,
     report: ReportPath = None,
     kalibr: Annotated[
-        Path | None, typer.Option("--kalibr", metavar="PATH", help="Write Kalibr's imu.yaml.")
+        Path | None, option("--kalibr", metavar="PATH", help="Write Kalibr's imu.yaml.")
     ] = None,
-    rostopic: Annotated[
-        str, typer.Option("--rostopic", metavar="NAME", help="Topic for --kalibr.")
-    ] = "/imu0",
+    rostopic: Annotated[str, option("--rostopic", metavar="NAME", help="Topic for --kalibr.")] = "/imu0",
     unit_profile: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--unit-profile", metavar="PATH", help="Write a unit file with this noise for imucal simulate."
         ),
     ] = None,
     cut_steps: Annotated[
         bool,
-        typer.Option("--cut-steps", help="Use only the longest part without a step of the mean (a bump)."),
+        option("--cut-steps", help="Use only the longest part without a step of the mean (a bump)."),
     ] = False,
     min_rest_s: MinRest = MIN_REST_S,
     verbose: Verbose = False,

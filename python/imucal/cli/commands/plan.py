@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from click.exceptions import Exit
 
 import imucal.cli.completion as completion
 from imucal.cli.options import JsonPath, effect_option, unit_option, writing_option
 from imucal.cli.output import POOR_VERDICT, Output, require_apart
+from imucal.cli.parameters import argument, option
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -23,16 +24,16 @@ NAMED = "The paper's programs"
 def plan(
     program: Annotated[
         str,
-        typer.Argument(
+        argument(
             metavar="PROGRAM",
             help="optimal; random or grid (the paper's programs); or a program file to predict.",
-            autocompletion=completion.plans,
+            completion=completion.plans,
         ),
     ],
     output: Annotated[Path | None, writing_option("Program file to write, JSON.")] = None,
     card: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--card",
             metavar="PATH",
             help="HTML page to write with a picture of each pose; for --stand hand.",
@@ -47,32 +48,32 @@ def plan(
     ] = "paper",
     stand: Annotated[
         str,
-        typer.Option(
+        option(
             "--stand",
             metavar="NAME|FILE",
             help="Limits of the stand: paper (three motors, 120 deg/s), two-axis, one-axis, hand (no "
             "stand), or a limits file.",
-            autocompletion=completion.stand_limits,
+            completion=completion.stand_limits,
         ),
     ] = "paper",
     target: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--target",
             metavar="GROUP=SIGMA",
             help="Target for the largest standard deviation in a group, with a unit or in SI units: "
             "accel_sensitivity='50 ppm', accel_bias='50 ug', gyro_sensitivity=2e-4, gyro_bias=5e-5, or the "
             "name of an effect. May be repeated; the shortest program is searched.",
-            rich_help_panel=GOAL,
+            panel=GOAL,
         ),
     ] = None,
     minutes: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--minutes",
             help="Maximum duration, minutes (default 3). Without a target, the program maximises the "
             "information in this time (D-optimality).",
-            rich_help_panel=GOAL,
+            panel=GOAL,
         ),
     ] = None,
     effect: Annotated[
@@ -85,35 +86,25 @@ def plan(
     ] = None,
     proposals: Annotated[
         int,
-        typer.Option("--proposals", help="Number of changes to try; more give better programs."),
+        option("--proposals", help="Number of changes to try; more give better programs."),
     ] = 12000,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the search and of the random program.")] = 1,
-    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Sampling rate of the unit, Hz.")] = 200.0,
+    seed: Annotated[int, option("--seed", help="Seed of the search and of the random program.")] = 1,
+    rate_hz: Annotated[float, option("--rate-hz", help="Sampling rate of the unit, Hz.")] = 200.0,
     detection_limits: Annotated[
         bool,
-        typer.Option(
+        option(
             "--detection-limits/--no-detection-limits",
             help="Compute the smallest detectable size of each effect, from a simulated run.",
         ),
     ] = True,
-    moves: Annotated[
-        int | None, typer.Option("--moves", help="random: number of moves.", rich_help_panel=NAMED)
-    ] = None,
+    moves: Annotated[int | None, option("--moves", help="random: number of moves.", panel=NAMED)] = None,
     max_rate_dps: Annotated[
         float | None,
-        typer.Option(
-            "--max-rate-dps", help="random: mean rate of each motor in a move, deg/s.", rich_help_panel=NAMED
-        ),
+        option("--max-rate-dps", help="random: mean rate of each motor in a move, deg/s.", panel=NAMED),
     ] = None,
-    step_deg: Annotated[
-        float | None, typer.Option("--step-deg", help="grid: step, deg.", rich_help_panel=NAMED)
-    ] = None,
-    move_s: Annotated[
-        float | None, typer.Option("--move-s", help="Duration of a move, s.", rich_help_panel=NAMED)
-    ] = None,
-    hold_s: Annotated[
-        float | None, typer.Option("--hold-s", help="Duration of a rest, s.", rich_help_panel=NAMED)
-    ] = None,
+    step_deg: Annotated[float | None, option("--step-deg", help="grid: step, deg.", panel=NAMED)] = None,
+    move_s: Annotated[float | None, option("--move-s", help="Duration of a move, s.", panel=NAMED)] = None,
+    hold_s: Annotated[float | None, option("--hold-s", help="Duration of a rest, s.", panel=NAMED)] = None,
     json: JsonPath = None,
 ) -> None:
     """Plan a motion, and predict what it determines before anything moves.
@@ -189,7 +180,7 @@ def plan(
             out.line(f"written: {path}")
     if not planned.reached:
         out.line("targets not reached: allow more time (--minutes), or relax the targets (--target)")
-        raise typer.Exit(POOR_VERDICT)
+        raise Exit(POOR_VERDICT)
 
 
 def _target(text: str) -> tuple[str, str]:

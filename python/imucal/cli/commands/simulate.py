@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+import click
 
 import imucal.cli.completion as completion
 from imucal.cli.options import JsonPath, RecordingPath
 from imucal.cli.output import Output, require_apart
+from imucal.cli.parameters import argument, option
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -25,23 +26,22 @@ OUTPUTS = {"program", "output", "truth", "truth_samples", "save_unit", "json"}
 
 
 def simulate(
-    context: typer.Context,
     program: Annotated[
         str,
-        typer.Argument(
+        argument(
             metavar="PROGRAM",
             help="random or grid (the paper's programs on a stand), tumble (hand-held), static, a program "
             "file, or a truth file, whose run is repeated.",
-            autocompletion=completion.programs,
+            completion=completion.programs,
         ),
     ],
     output: RecordingPath,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="PATH", help="Truth file to write, JSON.")
+        Path | None, option("--truth", metavar="PATH", help="Truth file to write, JSON.")
     ] = None,
     truth_samples: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--truth-samples",
             metavar="PATH",
             help="File to write with the true force, rate, angular acceleration and attitude of every "
@@ -49,136 +49,120 @@ def simulate(
         ),
     ] = None,
     seed: Annotated[
-        int, typer.Option("--seed", help="Seed of the noise, of the random program and of the tumble.")
+        int, option("--seed", help="Seed of the noise, of the random program and of the tumble.")
     ] = 1,
     unit: Annotated[
         str,
-        typer.Option(
+        option(
             "--unit",
             metavar="NAME|FILE",
             help="paper, ideal, bmi088, adis16460, icm42688p, mpu6050, lsm6dso; random:NAME:SEED for a unit "
             "drawn from the spread in its datasheet; or a unit file.",
-            autocompletion=completion.units,
-            rich_help_panel=UNIT,
+            completion=completion.units,
+            panel=UNIT,
         ),
     ] = "paper",
     save_unit: Annotated[
         Path | None,
-        typer.Option("--save-unit", metavar="PATH", help="Unit file to write.", rich_help_panel=UNIT),
+        option("--save-unit", metavar="PATH", help="Unit file to write.", panel=UNIT),
     ] = None,
     effect: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--effect",
             metavar="NAME=VALUES",
             help="Effect, noise or fault, SI units: NAME=V for all parameters, NAME=V,V,V for each, followed "
             "by @SHAPE if it has a shape, or NAME=typical. May be repeated; see `imucal effects`.",
-            autocompletion=completion.effects_to_simulate,
-            rich_help_panel=UNIT,
+            completion=completion.effects_to_simulate,
+            panel=UNIT,
         ),
     ] = None,
     temperature: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--temperature",
             metavar="SPEC",
             help="DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file with the "
             "columns time_s,temp_degc.",
-            rich_help_panel=UNIT,
+            panel=UNIT,
         ),
     ] = None,
     filter_hz: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--filter",
             metavar="HZ",
             help="Bandwidth of the low-pass filter before sampling, Hz, or datasheet.",
-            rich_help_panel=UNIT,
+            panel=UNIT,
         ),
     ] = None,
     averaging: Annotated[
         bool,
-        typer.Option(
-            "--averaging", help="Samples are means over the sampling interval.", rich_help_panel=UNIT
-        ),
+        option("--averaging", help="Samples are means over the sampling interval.", panel=UNIT),
     ] = False,
-    rate_hz: Annotated[
-        float, typer.Option("--rate-hz", help="Sampling rate, Hz.", rich_help_panel=PLACE)
-    ] = 200.0,
+    rate_hz: Annotated[float, option("--rate-hz", help="Sampling rate, Hz.", panel=PLACE)] = 200.0,
     clock_error: Annotated[
         float,
-        typer.Option("--clock-error", help="Relative rate error of the clock.", rich_help_panel=PLACE),
+        option("--clock-error", help="Relative rate error of the clock.", panel=PLACE),
     ] = 0.0,
     gravity: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--gravity",
             metavar="MPS2",
             help="Local gravity, m/s^2; by default from --latitude, or 9.80665.",
-            rich_help_panel=PLACE,
+            panel=PLACE,
         ),
     ] = None,
     latitude: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--latitude",
             metavar="DEG",
             help="Latitude, for gravity and the Earth rate; without it the Earth rate is zero.",
-            rich_help_panel=PLACE,
+            panel=PLACE,
         ),
     ] = None,
     height: Annotated[
         float | None,
-        typer.Option("--height", metavar="M", help="Height above the ellipsoid, m.", rich_help_panel=PLACE),
+        option("--height", metavar="M", help="Height above the ellipsoid, m.", panel=PLACE),
     ] = None,
     stand: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--stand",
             metavar="FILE|cheap",
             help="Errors of the stand: a stand file, cheap, or cheap:SEED for another stand.",
-            rich_help_panel=MOTION,
+            panel=MOTION,
         ),
     ] = None,
-    moves: Annotated[
-        int | None, typer.Option("--moves", help="random: number of moves.", rich_help_panel=MOTION)
-    ] = None,
+    moves: Annotated[int | None, option("--moves", help="random: number of moves.", panel=MOTION)] = None,
     max_rate_dps: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--max-rate-dps",
             help="random: mean rate of each motor in a move, deg/s.",
-            rich_help_panel=MOTION,
+            panel=MOTION,
         ),
     ] = None,
-    step_deg: Annotated[
-        float | None, typer.Option("--step-deg", help="grid: step, deg.", rich_help_panel=MOTION)
-    ] = None,
-    poses: Annotated[
-        int | None, typer.Option("--poses", help="tumble: number of poses.", rich_help_panel=MOTION)
-    ] = None,
-    hold_s: Annotated[
-        float | None, typer.Option("--hold-s", help="Duration of a rest, s.", rich_help_panel=MOTION)
-    ] = None,
-    move_s: Annotated[
-        float | None, typer.Option("--move-s", help="Duration of a move, s.", rich_help_panel=MOTION)
-    ] = None,
+    step_deg: Annotated[float | None, option("--step-deg", help="grid: step, deg.", panel=MOTION)] = None,
+    poses: Annotated[int | None, option("--poses", help="tumble: number of poses.", panel=MOTION)] = None,
+    hold_s: Annotated[float | None, option("--hold-s", help="Duration of a rest, s.", panel=MOTION)] = None,
+    move_s: Annotated[float | None, option("--move-s", help="Duration of a move, s.", panel=MOTION)] = None,
     tremor_deg: Annotated[
         float | None,
-        typer.Option(
-            "--tremor-deg", help="tumble: standard deviation of the hand tremor, deg.", rich_help_panel=MOTION
-        ),
+        option("--tremor-deg", help="tumble: standard deviation of the hand tremor, deg.", panel=MOTION),
     ] = None,
     translation_mm: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--translation-mm",
             help="tumble: edge of the cube that contains the poses, mm.",
-            rich_help_panel=MOTION,
+            panel=MOTION,
         ),
     ] = None,
     duration_s: Annotated[
-        float | None, typer.Option("--duration-s", help="static: duration, s.", rich_help_panel=MOTION)
+        float | None, option("--duration-s", help="static: duration, s.", panel=MOTION)
     ] = None,
     json: JsonPath = None,
 ) -> None:
@@ -217,7 +201,7 @@ def simulate(
     }
     with working("simulating"):
         if is_truth(program):
-            _require_no_setup(context)
+            _require_no_setup(click.get_current_context())
             run = imucal.repeat(program)
         else:
             run = imucal.simulate(
@@ -249,7 +233,7 @@ def simulate(
     out.line(f"{output}: {run.recording!r}, {len(run.truth.rests)} rests")
 
 
-def _require_no_setup(context: typer.Context) -> None:
+def _require_no_setup(context: click.Context) -> None:
     """Refuse options whose values a truth file already contains."""
     for parameter in context.command.params:
         name = parameter.name or ""

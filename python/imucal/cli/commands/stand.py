@@ -6,14 +6,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from click.exceptions import Exit
 
 import imucal.cli.completion as completion
 from imucal.cli.commands import stand_calibrate
 from imucal.cli.equipment import Equipment, equipment_options
-from imucal.cli.group import group
+from imucal.cli.group import Commands
 from imucal.cli.options import JsonPath, RecordingPath
 from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
+from imucal.cli.parameters import argument, option
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -22,24 +23,24 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-app = group(
+app = Commands(
+    "stand",
     help="Move a stand, record the unit on it, and calibrate.",
-    no_args_is_help=True,
     epilog="Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv",
 )
 
 ProgramName = Annotated[
     str,
-    typer.Argument(
+    argument(
         metavar="PROGRAM",
         help="random, grid or optimal, or a program file.",
-        autocompletion=completion.plans,
+        completion=completion.plans,
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", help="Seed of the random program and of simulated noise.")]
+Seed = Annotated[int, option("--seed", help="Seed of the random program and of simulated noise.")]
 
 
-@app.command()
+@app.subcommand
 @equipment_options
 def run(
     program: ProgramName,
@@ -47,7 +48,7 @@ def run(
     output: RecordingPath,
     target_sigma: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--target-sigma",
             metavar="NAME=SIGMA",
             help="End early when the predicted standard deviations reach this target, SI units: "
@@ -55,7 +56,7 @@ def run(
         ),
     ] = None,
     seed: Seed = 1,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite OUTPUT if it exists.")] = False,
+    force: Annotated[bool, option("--force", help="Overwrite OUTPUT if it exists.")] = False,
     json: JsonPath = None,
 ) -> None:
     """Run a program on a stand and record the unit.
@@ -102,9 +103,9 @@ def run(
     out.document(done.to_dict())
     show_run(out, done)
     if not done.good:
-        raise typer.Exit(NO_RESULT)
+        raise Exit(NO_RESULT)
     if any(event["code"] == "target_missed" for event in done.events):
-        raise typer.Exit(POOR_VERDICT)
+        raise Exit(POOR_VERDICT)
 
 
 def show_run(out: Output, done: Done) -> None:
@@ -121,16 +122,14 @@ def show_run(out: Output, done: Done) -> None:
     out.line(f"run: {done.state} at step {done.step + 1} of {done.steps}")
 
 
-@app.command()
+@app.subcommand
 def gcode(
     program: ProgramName,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="G-code file to write.")],
-    axes: Annotated[
-        str, typer.Option("--axes", help="Axis letters of the three motors, outermost first.")
-    ] = "XYZ",
+    output: Annotated[Path, option("--output", "-o", metavar="FILE", help="G-code file to write.")],
+    axes: Annotated[str, option("--axes", help="Axis letters of the three motors, outermost first.")] = "XYZ",
     max_rate_dps: Annotated[
         str,
-        typer.Option(
+        option(
             "--max-rate-dps",
             metavar="A[,B,C]",
             help="Highest rate of each motor, deg/s: settings $110 to $112 of the controller, divided by 60.",
@@ -138,7 +137,7 @@ def gcode(
     ] = "360",
     acceleration_dps2: Annotated[
         str,
-        typer.Option(
+        option(
             "--acceleration-dps2",
             metavar="A[,B,C]",
             help="Acceleration of each motor, deg/s^2: settings $120 to $122 of the controller.",
@@ -204,12 +203,12 @@ def _three(text: str) -> tuple[float, float, float]:
     return (x, y, z)
 
 
-app.command()(stand_calibrate.calibrate)
+app.subcommand(stand_calibrate.calibrate)
 
 
-@app.command()
+@app.subcommand
 def recover(
-    journal: Annotated[Path, typer.Argument(metavar="JOURNAL", help="Journal of an interrupted run.")],
+    journal: Annotated[Path, argument(metavar="JOURNAL", help="Journal of an interrupted run.")],
     output: RecordingPath,
     json: JsonPath = None,
 ) -> None:

@@ -8,12 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from click.exceptions import Exit
 
 import imucal.cli.completion as completion
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.options import Gravity, JsonPath, LimitsPath, Require, Required
 from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
+from imucal.cli.parameters import option
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
@@ -35,23 +36,21 @@ def calibrate(
     equipment: Equipment,
     folder: Annotated[
         Path,
-        typer.Option("--output", "-o", metavar="FOLDER", help="Parent folder of the units' folders."),
+        option("--output", "-o", metavar="FOLDER", help="Parent folder of the units' folders."),
     ],
     program: Annotated[
         str,
-        typer.Option(
+        option(
             "--program",
             metavar="PROGRAM",
             help="random or optimal, or a program file.",
-            autocompletion=completion.line_programs,
+            completion=completion.line_programs,
         ),
     ] = "random",
-    seed: Annotated[
-        int, typer.Option("--seed", help="Seed of the random program and of simulated noise.")
-    ] = 1,
+    seed: Annotated[int, option("--seed", help="Seed of the random program and of simulated noise.")] = 1,
     control_program: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--control-program",
             metavar="FILE",
             help="Program file of the control run. By default it is drawn: random turns, or for a program "
@@ -60,19 +59,19 @@ def calibrate(
     ] = None,
     control_seed: Annotated[
         int | None,
-        typer.Option("--control-seed", help="Seed of the control program; drawn if not given."),
+        option("--control-seed", help="Seed of the control program; drawn if not given."),
     ] = None,
     serial_number: Annotated[
-        str | None, typer.Option("--serial-number", help="Serial number of the unit; names its folder.")
+        str | None, option("--serial-number", help="Serial number of the unit; names its folder.")
     ] = None,
     operator: Annotated[
-        str, typer.Option("--operator", help="Name of the operator, stored in the calibration.")
+        str, option("--operator", help="Name of the operator, stored in the calibration.")
     ] = "",
     limits: LimitsPath = None,
     require: Require = Required.incomplete,
     export: Annotated[
         list[str] | None,
-        typer.Option("--export", metavar="FORMAT", help="Export if the unit passes; may be repeated."),
+        option("--export", metavar="FORMAT", help="Export if the unit passes; may be repeated."),
     ] = None,
     gravity: Gravity = STANDARD_GRAVITY_MPS2,
     json: JsonPath = None,
@@ -135,7 +134,7 @@ def calibrate(
     out.document(outcome.to_dict())
     code = EXIT[outcome.verdict]
     if code or outcome.not_written:
-        raise typer.Exit(code or NO_RESULT)
+        raise Exit(code or NO_RESULT)
 
 
 def _turned(program: Program) -> str:

@@ -1,0 +1,69 @@
+"""`--install-completion` and `--show-completion`: the script that completes commands in a shell."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Final
+
+import click
+from click.shell_completion import get_completion_class
+
+from imucal.errors import InputError
+
+__all__ = ["install_completion", "show_completion"]
+
+# File of the script in the home folder, and the shell's start file with the lines that load it.
+PLACES: Final[dict[str, tuple[str, str | None, str]]] = {
+    "bash": (".bash_completions/imucal.sh", ".bashrc", "source {path}"),
+    "zsh": (".zfunc/_imucal", ".zshrc", "fpath+=~/.zfunc; autoload -Uz compinit; compinit"),
+    "fish": (".config/fish/completions/imucal.fish", None, ""),
+}
+
+
+def show_completion(context: click.Context) -> None:
+    """Print the script for the current shell."""
+    print(_script(context, _shell()))
+
+
+def install_completion(context: click.Context) -> None:
+    """Write the script for the current shell, and load it in the shell's start file, if this needs a line.
+
+    Raises InputError for another shell, or if a file cannot be written.
+    """
+    shell = _shell()
+    script, started_by, line = PLACES[shell]
+    path = Path.home() / script
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(_script(context, shell), encoding="utf-8")
+        if started_by is not None:
+            _add_line(Path.home() / started_by, line.format(path=f"'{path}'"))
+    except OSError as error:
+        raise InputError(f"{error.filename or path} cannot be written: {error.strerror}") from None
+    print(f"{shell} completion is installed in {path}. It works in new terminals.")
+
+
+def _add_line(file: Path, line: str) -> None:
+    """Add the line at the end of a file that does not have it."""
+    text = file.read_text(encoding="utf-8", errors="surrogateescape") if file.exists() else ""
+    if line not in text.splitlines():
+        with file.open("a", encoding="utf-8", errors="surrogateescape") as end:
+            end.write(f"{'' if text.endswith(chr(10)) or not text else chr(10)}{line}\n")
+
+
+def _shell() -> str:
+    name = Path(os.environ.get("SHELL", "")).name
+    if name not in PLACES:
+        raise InputError(
+            f"there is no completion for the shell {name or '(SHELL is not set)'}: it works in "
+            f"{', '.join(PLACES)}"
+        )
+    return name
+
+
+def _script(context: click.Context, shell: str) -> str:
+    found = get_completion_class(shell)
+    if found is None:
+        raise InputError(f"there is no completion for the shell {shell}: it works in {', '.join(PLACES)}")
+    return found(context.command, {}, "imucal", "_IMUCAL_COMPLETE").source().strip("\n")
