@@ -4,7 +4,7 @@ from . import effects as effects, io as io, plot as plot, report as report, stan
 from ._core import __version__ as __version__
 from .calibration.calibration import Calibration as Calibration
 from .calibration.difference import Change as Change, Difference as Difference, diff as diff
-from .calibration.provenance import Provenance as Provenance
+from .calibration.provenance import Imported as Imported, Provenance as Provenance
 from .calibration.triad import Parameter as Parameter, Triad as Triad
 from .document.source import Source as Source
 from .effects.definition import UserEffect as UserEffect
@@ -24,6 +24,7 @@ from .estimation.result import CalibrationResult as CalibrationResult
 from .exporting import Export as Export, Residual as Residual, export as export
 from .finding import Finding as Finding, Place as Place
 from .gap import Gap as Gap, find_gap as find_gap
+from .importing import read_calibration as read_calibration
 from .io import read as read, write as write
 from .limits.judgement import Check as Check, Judgement as Judgement
 from .limits.limit import FigureLimit as FigureLimit, ParameterLimit as ParameterLimit

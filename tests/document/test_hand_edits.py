@@ -34,6 +34,7 @@ ALONE = {
         (r"\$\.provenance\.(control_)?files\[0\]\.path", "other text|reversed text|empty", "any file name"),
         (r"\$\.provenance\.(date|imucal_version|operator)", "empty", "empty is not known"),
         (r"\$\.provenance\.operator", "delete|other text", "any name; older files have none"),
+        (r"\$\.provenance\.(imported|composed_of)", "delete", "older files have none"),
         (r"\$\.serial_number", "other text|null", "any name"),
         (r"\$\.(reference_temperature_degc|axes)", "delete", "older files have none"),
         (r"\$\.references", "delete", "files of other programs have none"),

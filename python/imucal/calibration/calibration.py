@@ -42,7 +42,7 @@ class Calibration(SensorModel):
     """The sensor model of one unit, its uncertainty and its origin.
 
     accelerometer, gyroscope  the two triads, raw unit -> SI
-    frame                     the body frame, "symmetric" or "triangular"
+    frame                     the body frame: "symmetric", "triangular", or "given" by another program
     accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
     gravity_mps2              local gravity in the calibration, m/s^2
     effects                   effects from the catalogue and user-defined effects, with their values
@@ -100,8 +100,18 @@ class Calibration(SensorModel):
         """The verdict with its reasons.
 
         Figures that make a calibration poor decide if the verdict is better, or not known, as in a file of an
-        older version.
+        older version. A calibration that no recording has judged here is incomplete.
         """
+        if self.verdict is None and (imported := self.provenance.imported) is not None:
+            return "incomplete", (
+                f"this is a calibration of {imported.program}, which no recording has judged here: use "
+                "imucal evaluate",
+            )
+        if self.verdict is None and self.provenance.composed_of:
+            return "incomplete", (
+                "these are two calibrations applied one after the other, which no recording has judged: use "
+                "imucal evaluate",
+            )
         return saved_verdict(self.verdict, self.reasons, self.calibration_set, self.control_set)
 
     @property

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.calibration.triad import ACCEL_ENTRIES, BASE, GYRO_ENTRIES, Frame, Parameter
+from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES, Frame, Parameter, base_count
 from imucal.document.agreement import ROUNDING, Origin, require_agreement
 from imucal.document.json_document import Node
 from imucal.errors import FormatError
@@ -23,7 +23,16 @@ __all__ = ["origins_of", "require_covariance", "require_written_again"]
 WAY_OUT: Final = "correct one of them, or calibrate again"
 # Fields that older files do not have.
 OPTIONAL: Final = frozenset(
-    {"axes", "reference_temperature_degc", "operator", "references", "verdict", "reasons"}
+    {
+        "axes",
+        "reference_temperature_degc",
+        "operator",
+        "imported",
+        "composed_of",
+        "references",
+        "verdict",
+        "reasons",
+    }
 )
 # Standard deviations are often written with three digits.
 STD_ROUNDING: Final = 1e-3
@@ -61,6 +70,7 @@ def origins_of(
 ) -> dict[str, Origin]:
     """By path, the other place in the file for each field that repeats one."""
     places = _places(written, frame)
+    base = base_count(frame)
     names = [] if written["covariance"] is None else written["covariance"]["names"]
     variances = {name: f"$.covariance.matrix[{k}][{k}]" for k, name in enumerate(names)}
     sizes = {
@@ -75,9 +85,9 @@ def origins_of(
     for k, parameter in enumerate(parameters):
         place, unit_place = places[parameter.name]
         scale = (
-            sizes[parameter.name.partition("_")[0]] if "_sensitivity_" in parameter.name and k < BASE else 1.0
+            sizes[parameter.name.partition("_")[0]] if "_sensitivity_" in parameter.name and k < base else 1.0
         )
-        tolerance = max(DECIMALS_ROUNDING * scale if k < BASE else 0.0, SHARE_OF_STD * (parameter.std or 0.0))
+        tolerance = max(DECIMALS_ROUNDING * scale if k < base else 0.0, SHARE_OF_STD * (parameter.std or 0.0))
         std = Origin(
             f"the root of {variances[parameter.name]}" if parameter.name in variances else "$.covariance",
             relative=STD_ROUNDING,
@@ -89,7 +99,7 @@ def origins_of(
             f"{row}.std": std,
             f"{row}.unit": Origin(unit_place),
         }
-        if k >= BASE:
+        if k >= base:
             origins[place.removesuffix("value") + "std"] = std
     return origins
 

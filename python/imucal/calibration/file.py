@@ -22,7 +22,7 @@ from imucal.calibration.plausibility import (
     require_noise,
     require_temperature_range,
 )
-from imucal.calibration.provenance import Provenance
+from imucal.calibration.provenance import Imported, Provenance
 from imucal.calibration.references import References
 from imucal.calibration.report import (
     require_date,
@@ -56,6 +56,8 @@ BODY_FRAME: Final[dict[str, str]] = {
     "symmetric positive definite; a still sensor reads +g on the axis that points up",
     "triangular": "right-handed orthogonal frame with x along the accelerometer's x axis and y in its x-y "
     "plane: its T is lower triangular; a still sensor reads +g on the axis that points up",
+    "given": "frame in which another program, or the second of two composed calibrations, gives corrected "
+    "samples; T of the accelerometer has nine free entries",
 }
 # Fields of a Calibration that the file has under the same name, in the order of the file.
 OTHERS: Final = (
@@ -143,6 +145,11 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
 
     Raises FormatError that names a wrong field, and InputError for values that Triad or UserEffect refuses.
     """
+    if isinstance(node.value, dict) and "schema" not in node.value:
+        raise FormatError(
+            f"{node.file}: the document has no schema, {SCHEMA!r} is needed: imucal import reads "
+            "calibrations of other programs"
+        )
     node.require_schema(SCHEMA)
     _require_reference_temperature(node)
     effects = [_effect(item, user_effects) for item in node.get("effects").items()]
@@ -160,7 +167,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
     gyro_unit = units.get("gyroscope").text(get_args(GyroUnit))
     accelerometer, gyroscope = _triad(node.get("accelerometer")), _triad(node.get("gyroscope"))
     require_accelerometer(node.get("accelerometer"), accelerometer, frame, accel_unit)
-    require_gyroscope(node.get("gyroscope"), gyroscope, gyro_unit)
+    require_gyroscope(node.get("gyroscope"), gyroscope, frame, gyro_unit)
     covariance = node.get("covariance")
     names: tuple[str, ...] = ()
     if covariance.value is not None:
@@ -302,13 +309,7 @@ def _triad(node: Node) -> Triad:
 
 
 def _provenance(node: Node, control_set: Node) -> Provenance:
-    def sources(field: str) -> tuple[Source, ...]:
-        return tuple(
-            Source(item.get("path").text(), require_sha256(item.get("sha256")))
-            for item in node.get(field).items()
-        )
-
-    files, control_files = sources("files"), sources("control_files")
+    files, control_files = _sources(node.get("files")), _sources(node.get("control_files"))
     for k, source in enumerate(control_files):
         for j, other in enumerate(files):
             if source.sha256 == other.sha256:
@@ -330,6 +331,25 @@ def _provenance(node: Node, control_set: Node) -> Provenance:
         require_date(node.get("date")),
         # Older files have none.
         _name(node.get("operator"), empty=True) if "operator" in node.mapping() else "",
+        _imported(node.get("imported")) if "imported" in node.mapping() else None,
+        _sources(node.get("composed_of")) if "composed_of" in node.mapping() else (),
+    )
+
+
+def _sources(node: Node) -> tuple[Source, ...]:
+    return tuple(Source(item.get("path").text(), require_sha256(item.get("sha256"))) for item in node.items())
+
+
+def _imported(node: Node) -> Imported | None:
+    if node.value is None:
+        return None
+    return Imported(
+        node.get("format").text(),
+        node.get("program").text(),
+        node.get("formula").text(),
+        _sources(node.get("files")),
+        tuple(item.text() for item in node.get("missing").items()),
+        tuple(item.text() for item in node.get("notes").items()),
     )
 
 

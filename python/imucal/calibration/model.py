@@ -33,7 +33,7 @@ class SensorModel:
     """The parameters of the sensor model, without their uncertainty.
 
     accelerometer, gyroscope  the two triads, raw unit -> SI
-    frame                     the body frame, "symmetric" or "triangular"
+    frame                     the body frame: "symmetric", "triangular", or "given" by another program
     accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
     gravity_mps2              local gravity in the calibration, m/s^2
     effects                   effects from the catalogue and user-defined effects, with their values
@@ -78,7 +78,9 @@ class SensorModel:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All parameters: the 21 of the triads in their fixed order, then those of each effect.
+        """All parameters: those of the triads in their fixed order, then those of each effect.
+
+        The triads have 21 parameters, and 24 in the frame "given".
 
         A parameter of an effect is named <effect>_<parameter>; the shape of an effect comes last.
         """

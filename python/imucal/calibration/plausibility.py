@@ -37,12 +37,19 @@ SENSITIVITY: Final[dict[tuple[str, str], tuple[float, float]]] = {
 }
 # Largest bias by raw unit; for counts half the range of 34 bits, because counts may have an offset.
 BIAS: Final = {**{unit: most["bias"] for unit, most in LARGEST.items()}, "lsb": 2.0**33}
-# Largest white noise of a unit at rest by unit.
+# Largest noise density and random walk of a unit at rest by unit.
 NOISE: Final = {
     "mps2": LARGEST["m/s^2"]["noise_density"],
     "radps": LARGEST["rad/s"]["noise_density"],
+    "mps3": LARGEST["m/s^2"]["random_walk"],
+    "radps2": LARGEST["rad/s"]["random_walk"],
 }
-NOISE_UNITS: Final = {"accel": "mps2", "gyro": "radps"}
+NOISE_UNITS: Final = {
+    ("accel", "noise_density"): "mps2",
+    ("gyro", "noise_density"): "radps",
+    ("accel", "random_walk"): "mps3",
+    ("gyro", "random_walk"): "radps2",
+}
 # Range of temperatures, degC: what MEMS sensors are specified for, with some margin.
 TEMPERATURE_DEGC: Final = (-60.0, 150.0)
 
@@ -64,6 +71,9 @@ def require_accelerometer(node: Node, triad: Triad, frame: Frame, unit: str) -> 
                 f"{node.file}: {places[1]} is {upper}, but in the frame {node.path}.frame, triangular, it is "
                 f"0: {AGAIN}"
             )
+    if frame == "given":
+        _require_range(node, triad, "accelerometer", unit)
+        return
     smallest = float(np.linalg.eigvalsh((matrix + matrix.T) / 2.0)[0] if frame == "symmetric" else 1.0)
     if smallest <= 0.0:
         raise FormatError(
@@ -74,10 +84,13 @@ def require_accelerometer(node: Node, triad: Triad, frame: Frame, unit: str) -> 
     _require_range(node, triad, "accelerometer", unit)
 
 
-def require_gyroscope(node: Node, triad: Triad, unit: str) -> None:
-    """Raise FormatError unless the triad is one of a gyroscope in a right-handed body frame."""
+def require_gyroscope(node: Node, triad: Triad, frame: Frame, unit: str) -> None:
+    """Raise FormatError unless the triad is one of a gyroscope in a right-handed body frame.
+
+    In the frame "given" the matrices may also change the handedness of the sensor axes.
+    """
     determinant = float(np.linalg.det(triad.sensitivity / np.abs(triad.sensitivity).max()))
-    if determinant <= 0.0:
+    if determinant <= 0.0 and frame != "given":
         raise FormatError(
             f"{node.file}: {node.path}.T has a negative determinant, but the body frame of the accelerometer "
             f"is right-handed: {AGAIN}"
@@ -149,18 +162,20 @@ def require_noise(node: Node) -> dict[str, float]:
     """The noise figures; FormatError for an unknown name, a missing axis, or noise that no sensor has."""
     figures = {name: node.get(name).number() for name in node.mapping()}
     for name, value in figures.items():
-        parts = re.fullmatch(r"(accel|gyro)_noise_density(_[xyz])?_(mps2|radps)_per_sqrt_hz", name)
-        if parts is None or NOISE_UNITS[parts[1]] != parts[3]:
+        parts = re.fullmatch(
+            r"(accel|gyro)_(noise_density|random_walk)(_[xyz])?_([a-z]+[23]?)_per_sqrt_hz", name
+        )
+        if parts is None or NOISE_UNITS[parts[1], parts[2]] != parts[4]:
             raise FormatError(
                 f"{node.file}: {node.path}.{name} is no noise figure: its name is like "
                 "gyro_noise_density_x_radps_per_sqrt_hz or accel_noise_density_x_mps2_per_sqrt_hz"
             )
-        if not 0.0 <= value <= NOISE[parts[3]]:
+        if not 0.0 <= value <= NOISE[parts[4]]:
             raise FormatError(
                 f"{node.file}: {node.path}.{name} is {value}, but the noise of a sensor is 0 to "
-                f"{NOISE[parts[3]]}: {AGAIN}"
+                f"{NOISE[parts[4]]}: {AGAIN}"
             )
-        others = [name.replace(f"{parts[2]}_", f"_{axis}_", 1) for axis in "xyz"] if parts[2] else []
+        others = [name.replace(f"{parts[3]}_", f"_{axis}_", 1) for axis in "xyz"] if parts[3] else []
         missing = [other for other in others if other not in figures]
         if missing:
             raise FormatError(f"{node.file}: {node.path} has {name}, but not {missing[0]}: {AGAIN}")

@@ -7,7 +7,38 @@ from dataclasses import dataclass
 from imucal.document.name import require_name
 from imucal.document.source import Source
 
-__all__ = ["Provenance", "require_serial_number"]
+__all__ = ["Imported", "Provenance", "require_serial_number"]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Origin of a calibration that was read from files of another program.
+
+    format    name of the format in `imucal import --from`
+    program   the program whose files they are
+    formula   correction that the other program computes
+    files     the files
+    missing   what the files do not state: "covariance", "temperature", "noise", "gravity", or triads and
+              parameters such as "gyroscope", "accel_bias" or "gyro_scale", which have neutral values here
+    notes     further remarks about the file
+    """
+
+    format: str
+    program: str
+    formula: str
+    files: tuple[Source, ...] = ()
+    missing: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def lacks(self, parameter: str) -> bool:
+        """Whether the files do not state this parameter, such as accel_bias_x or gyro_sensitivity_xy."""
+        sensor, _, rest = parameter.partition("_")
+        if not rest.startswith(("bias_", "sensitivity_")):
+            return False
+        on_diagonal = rest[-1] == rest[-2]
+        kind = "bias" if rest.startswith("bias_") else "scale" if on_diagonal else "misalignment"
+        triad = {"accel": "accelerometer", "gyro": "gyroscope"}.get(sensor, "")
+        return triad in self.missing or f"{sensor}_{kind}" in self.missing
 
 
 @dataclass(frozen=True)
@@ -19,6 +50,8 @@ class Provenance:
     imucal_version  version of the package that made the calibration
     date            ISO 8601, UTC
     operator        who made it
+    imported        origin of a calibration of another program, or None
+    composed_of     files of two calibrations that are applied one after the other
     """
 
     files: tuple[Source, ...] = ()
@@ -26,6 +59,8 @@ class Provenance:
     imucal_version: str = ""
     date: str = ""
     operator: str = ""
+    imported: Imported | None = None
+    composed_of: tuple[Source, ...] = ()
 
 
 def require_serial_number(serial_number: str | None) -> None:

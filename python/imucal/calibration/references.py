@@ -20,7 +20,7 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["References", "references_of"]
 
-Origin = Literal["standard", "given", "latitude"]
+Origin = Literal["standard", "given", "latitude", "unknown"]
 
 # Lowest and highest gravity on the surface of the Earth, m/s^2 (Hirt and others, Geophys. Res. Lett. 40,
 # 2013, doi 10.1002/grl.50838).
@@ -36,7 +36,8 @@ GRAVITY_ROUNDING_MPS2: Final = 1e-6
 class References:
     """How gravity and the clock of a calibration are known.
 
-    gravity_from        "standard" (9.80665 m/s^2 was assumed), "given", or "latitude" (normal gravity)
+    gravity_from        "standard" (9.80665 m/s^2 was assumed), "given", "latitude" (normal gravity), or
+                        "unknown" (a file of another program, which does not state it)
     gravity_sigma_mps2  standard deviation of local gravity in the covariance, m/s^2; None if it is not in it
     clock_ppm           standard deviation of the rate of the clock in the covariance, 1e-6; None if it is
                         not in it
@@ -66,6 +67,11 @@ class References:
     def _of_gravity(self, gravity_mps2: float) -> list[str]:
         if self.gravity_sigma_mps2 is not None:
             return []
+        if self.gravity_from == "unknown":
+            return [
+                "the file of the other program does not state the gravity of its calibration: figures use "
+                f"{gravity_mps2:.6g} m/s^2"
+            ]
         if self.gravity_from == "given":
             ppm = 1e6 * 1e-3 / gravity_mps2
             return [

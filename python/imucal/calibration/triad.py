@@ -2,9 +2,10 @@
 
     measured = sensitivity * true + bias
 
-The sensitivity is the product of scale factors and misalignment. The accelerometer defines the body frame:
-its sensitivity is symmetric in the frame "symmetric" and lower triangular in the frame "triangular", so it
-has six free entries. The gyroscope's sensitivity has nine.
+The sensitivity is the product of scale factors and misalignment. In the calibrations of this package
+the accelerometer defines the body frame: its sensitivity is symmetric in the frame "symmetric" and lower
+triangular in the frame "triangular", so it has six free entries. In the frame "given", that of another
+program or of two composed calibrations, it has nine, as the gyroscope's sensitivity always has.
 """
 
 from __future__ import annotations
@@ -17,17 +18,31 @@ import numpy as np
 from imucal.arrays import FloatArray, as_matrix
 from imucal.errors import InputError
 
-__all__ = ["ACCEL_ENTRIES", "BASE", "FRAMES", "GYRO_ENTRIES", "Frame", "Parameter", "Triad", "as_frame"]
+__all__ = [
+    "ACCEL_ENTRIES",
+    "BASE",
+    "FRAMES",
+    "GYRO_ENTRIES",
+    "Frame",
+    "Parameter",
+    "Triad",
+    "as_estimated_frame",
+    "as_frame",
+    "base_count",
+    "frame_of",
+]
 
-Frame: TypeAlias = Literal["symmetric", "triangular"]
-FRAMES: Final[tuple[Frame, ...]] = ("symmetric", "triangular")
+Frame: TypeAlias = Literal["symmetric", "triangular", "given"]
+FRAMES: Final[tuple[Frame, ...]] = ("symmetric", "triangular", "given")
 # Row and column of the free entries of the sensitivity, in the order of the parameters.
 ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "symmetric": ("xx", "yy", "zz", "xy", "xz", "yz"),
     "triangular": ("xx", "yy", "zz", "yx", "zx", "zy"),
+    "given": ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"),
 }
 GYRO_ENTRIES: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
-# Number of parameters of both triads, which come before those of effects in a table and in a covariance.
+# Number of parameters of both triads in the frames that the accelerometer defines. They come before those of
+# effects in a table and in a covariance.
 BASE: Final = 21
 # Largest condition number of a sensitivity. Real triads are below 2. At 100 two axes are within a degree of
 # each
@@ -41,6 +56,29 @@ def as_frame(name: str) -> Frame:
         if name == frame:
             return frame
     raise InputError(f"frame is {name!r}: give symmetric or triangular")
+
+
+def as_estimated_frame(name: str) -> Frame:
+    """The body frame of a calibration from recordings; raises InputError for any other name."""
+    frame = as_frame(name)
+    if frame == "given":
+        raise InputError(f"frame is {name!r}: give symmetric or triangular")
+    return frame
+
+
+def base_count(frame: Frame) -> int:
+    """Number of parameters of both triads in this body frame."""
+    return 3 + len(ACCEL_ENTRIES[frame]) + 3 + len(GYRO_ENTRIES)
+
+
+def frame_of(sensitivity: FloatArray) -> Frame:
+    """The body frame whose form an accelerometer's sensitivity has exactly; "given" if it has neither."""
+    # A rotation by 180 deg is symmetric as well, so the eigenvalues must be positive too.
+    if np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all()):
+        return "symmetric"
+    if np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all()):
+        return "triangular"
+    return "given"
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,6 +38,8 @@ SUMMARIES = {
     "gap": "Find a missing effect from the residuals of a calibration, and add it to the model.",
     "apply": "Correct a recording: SI units, body frame, the same column names; effects are compensated.",
     "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
+    "import": "Read a calibration of another program: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, "
+    "imu_tk.",
     "diff": "Compare two calibrations of a unit: difference of each parameter in standard deviations.",
     "simulate": "Simulate a unit: on a stand, turned by hand, or at rest.",
     "plan": "Plan a motion, and predict what it determines before anything moves.",
@@ -49,6 +51,8 @@ SUMMARIES = {
     "limits": "Limits for units: write a first limits file from good units, and check units against it.",
     "stand": "Move a stand, record the unit on it, and calibrate.",
 }
+# Commands whose module and function have another name, as theirs is a word of Python.
+OTHER_NAMES = {"import": "import_calibration"}
 # Commands whose module has a group, `app`, instead of a function.
 GROUPS = ("demo", "limits", "stand")
 
@@ -76,8 +80,9 @@ def _flag(name: str, callback: Callable[..., None], help: str) -> click.Option:
 app = Commands(
     "imucal",
     {
-        name: Lazy(f"imucal.cli.commands.{name}", "app" if name in GROUPS else name, summary)
+        name: Lazy(f"imucal.cli.commands.{module}", "app" if name in GROUPS else module, summary)
         for name, summary in SUMMARIES.items()
+        for module in (OTHER_NAMES.get(name, name),)
     },
     help="Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.",
     epilog="Exit codes: 0 good or incomplete, 1 bad input or no result, 2 finished with a poor verdict, "

@@ -16,6 +16,7 @@ __all__ = ["as_typed", "document_as_typed"]
 RENAMED: Final = {"gravity_mps2": "gravity", "effects": "effect"}
 ARGUMENTS: Final = (
     *RENAMED,
+    "accel_bias",
     "accel_nominal",
     "accel_unit",
     "axes",
@@ -25,6 +26,7 @@ ARGUMENTS: Final = (
     "format",
     "frame",
     "group",
+    "gyro_bias",
     "gyro_nominal",
     "gyro_unit",
     "instance",
@@ -32,6 +34,7 @@ ARGUMENTS: Final = (
     "rate_hz",
     "receive_time",
     "skip_rows",
+    "temperature_degc",
     "time_unit",
     "topic",
 )

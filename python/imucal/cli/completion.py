@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 __all__ = [
+    "calibration_formats",
     "effects",
     "effects_and_disturbances",
     "effects_to_estimate",
@@ -53,6 +54,13 @@ def formats(incomplete: str) -> list[str]:
     from imucal.io import FORMATS
 
     return _starting(list(FORMATS), incomplete)
+
+
+def calibration_formats(incomplete: str) -> list[str]:
+    """Formats of calibrations of other programs."""
+    from imucal.importing import READERS
+
+    return _starting(list(READERS), incomplete)
 
 
 def line_programs(incomplete: str) -> list[str]:

@@ -14,7 +14,7 @@ from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.references import References, references_of
-from imucal.calibration.triad import Frame, Triad, as_frame
+from imucal.calibration.triad import Frame, Triad, as_estimated_frame
 from imucal.calibration.verdict import ResidualFit, verdict_of, worst
 from imucal.document.json_document import now
 from imucal.document.plain import plain
@@ -98,7 +98,7 @@ def calibrate(
         raise InputError(
             f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
         )
-    body_frame = as_frame(frame)
+    body_frame = as_estimated_frame(frame)
     wanted, partly, own = asked_for(effects, unit_data)
     if own and body_frame != "symmetric":
         raise InputError(

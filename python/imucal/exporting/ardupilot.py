@@ -22,7 +22,7 @@ from imucal.exporting.model import FRAMES
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
 
-__all__ = ["ARDUPILOT"]
+__all__ = ["ARDUPILOT", "NAMES", "PER_UNIT", "POLYNOMIAL_REFERENCE_DEGC", "RANGE_DEGC"]
 
 # Abbreviation of each sensor in the names of the INS_TCAL1 parameters.
 NAMES: Final = {"accel": "ACC", "gyro": "GYR"}

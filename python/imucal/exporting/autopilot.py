@@ -19,7 +19,7 @@ from imucal.calibration.triad import Triad
 from imucal.effects.effect import EffectValues
 from imucal.exporting.model import lost_effects, misalignment, off_scale, per_axis, rotated
 
-__all__ = ["PerAxis", "Thermal", "per_axis_model"]
+__all__ = ["THERMAL", "PerAxis", "Thermal", "per_axis_model"]
 
 # Temperature effect of each sensor that the autopilots can represent.
 THERMAL: Final = {"accel": "accel_bias_temperature", "gyro": "gyro_bias_temperature"}

@@ -9,7 +9,7 @@ S of the accelerometer is lower triangular. Each array holds the three biases, t
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -20,20 +20,27 @@ from imucal.exporting.model import FRAMES, inverse, lost_effects, rotated, turne
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
 
-__all__ = ["BASALT"]
+__all__ = ["BASALT", "ENTRIES"]
+
+# Entries of S in the order of the arrays, which follow the three biases: column by column, and of the
+# accelerometer only those of a lower triangular matrix.
+ENTRIES: Final = {
+    "calib_accel_bias": ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2)),
+    "calib_gyro_bias": tuple((i, j) for j in range(3) for i in range(3)),
+}
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     """The two arrays, in the triangular frame, where the inverse of the sensitivity is lower triangular."""
     moved, rotation = rotated(calibration, "triangular")
     fields = {}
-    for name, triad, entries in (
-        ("calib_accel_bias", moved.accelerometer, ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2))),
-        ("calib_gyro_bias", moved.gyroscope, tuple((i, j) for j in range(3) for i in range(3))),
-    ):
+    for name, triad in (("calib_accel_bias", moved.accelerometer), ("calib_gyro_bias", moved.gyroscope)):
         correction = inverse(triad)
         scale = correction - np.eye(3)
-        fields[name] = [*(correction @ triad.bias).tolist(), *(float(scale[entry]) for entry in entries)]
+        fields[name] = [
+            *(correction @ triad.bias).tolist(),
+            *(float(scale[entry]) for entry in ENTRIES[name]),
+        ]
     return Written(
         body=json.dumps({"value0": fields}),
         lost=lost_effects(calibration),

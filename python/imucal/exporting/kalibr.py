@@ -26,7 +26,7 @@ from imucal.noise_analysis.files import kalibr_yaml
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
 
-__all__ = ["KALIBR", "KALIBR_IMU"]
+__all__ = ["G_SENSITIVITY", "KALIBR", "KALIBR_IMU"]
 
 G_SENSITIVITY = "gyro_g_sensitivity"
 

@@ -20,7 +20,7 @@ from imucal.exporting.model import FRAMES
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
 
-__all__ = ["PX4"]
+__all__ = ["LETTERS", "PX4", "RANGE_DEGC"]
 
 # Parameter types in QGroundControl's parameter files (MAV_PARAM_TYPE of MAVLink).
 INT32: Final = 6

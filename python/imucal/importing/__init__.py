@@ -1,0 +1,192 @@
+"""Calibrations of other programs: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot and imu_tk.
+
+    calibration = imucal.read_calibration("imu.yaml")
+    calibration.provenance.imported.missing      # what the file does not state
+
+The correction of the result is that of the other program, in its body frame. A part that a file does not
+state, such as a covariance, is absent and listed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import imucal._core as _core
+from imucal.arrays import as_rows
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.provenance import Imported, Provenance
+from imucal.calibration.references import References
+from imucal.calibration.triad import Triad, frame_of
+from imucal.errors import FormatError, InputError
+from imucal.importing.ardupilot import ARDUPILOT
+from imucal.importing.basalt import BASALT
+from imucal.importing.content import content_of
+from imucal.importing.imu_tk import IMU_TK
+from imucal.importing.kalibr import KALIBR
+from imucal.importing.px4 import PX4
+from imucal.importing.realsense import IMU_INFO, REALSENSE
+from imucal.importing.ros import ROS
+from imucal.importing.source_format import Content, Found, Reader, Wanted
+
+__all__ = ["READERS", "Reader", "read_calibration", "readers_markdown"]
+
+READERS: Final[dict[str, Reader]] = {
+    reader.name: reader for reader in (KALIBR, BASALT, REALSENSE, IMU_INFO, ROS, PX4, ARDUPILOT, IMU_TK)
+}
+
+
+def read_calibration(
+    *paths: str | os.PathLike[str],
+    format: str | None = None,
+    instance: int = 0,
+    accel_unit: str | None = None,
+    gyro_unit: str | None = None,
+    accel_bias: ArrayLike | None = None,
+    gyro_bias: ArrayLike | None = None,
+    temperature_degc: float | None = None,
+    serial_number: str | None = None,
+) -> Calibration:
+    """Read a calibration of another program, or a calibration file of imucal.
+
+    paths         the file, or for imu_tk and IMUInfo the files of accelerometer and gyroscope
+    format        a name of `imucal import --list`; recognised from the contents if not given
+    instance      number of the sensor in a file of several, from 0
+    accel_unit, gyro_unit   raw units, for imu_tk: m/s^2, g, mg, rad/s, deg/s, mdeg/s or lsb
+    accel_bias, gyro_bias   (3,) biases in raw units, for files without biases, such as those of Kalibr
+    temperature_degc        evaluate the thermal terms of PX4 and ArduPilot at this temperature
+    serial_number           serial number of the unit
+
+    The result has no covariance, and `provenance.imported` lists all that the files do not state.
+
+    Raises InputError if a file cannot be read or several formats are possible, and FormatError that names
+    the field if a file is damaged or incomplete.
+    """
+    if not paths:
+        raise InputError("no file is given: give that of a calibration")
+    if isinstance(instance, bool) or not isinstance(instance, int) or instance < 0:
+        raise InputError(f"instance is {instance!r}: a whole number from 0 is needed")
+    if temperature_degc is not None and not np.isfinite(temperature_degc):
+        raise InputError(f"temperature_degc is {temperature_degc}: a finite number is needed")
+    contents = tuple(map(content_of, paths))
+    if format is None and len(paths) == 1 and "schema" in contents[0].fields:
+        return Calibration.load(paths[0])
+    reader = _reader(contents, format)
+    wanted = Wanted(instance, accel_unit, gyro_unit, temperature_degc)
+    names = " and ".join(content.name for content in contents)
+    try:
+        found = reader.read(contents, wanted)
+    except InputError as error:
+        # Values of a file that are no triad, such as a singular matrix.
+        if str(error).startswith("the sensitivity"):
+            raise FormatError(f"{names}: {error}") from None
+        raise
+    except np.linalg.LinAlgError:
+        raise FormatError(
+            f"{names}: a matrix is singular, so an axis is missing: the file is damaged, export it again"
+        ) from None
+    found = _with_bias(_with_bias(found, "accel", accel_bias, names), "gyro", gyro_bias, names)
+    return _calibration(reader, contents, found, serial_number)
+
+
+def _reader(contents: Sequence[Content], format: str | None) -> Reader:
+    """The format of the files. Raises InputError or FormatError if it is unknown or ambiguous."""
+    names = ", ".join(READERS)
+    if format is not None:
+        if format not in READERS:
+            raise InputError(f"there is no format {format!r}: give one of {names}")
+        reader = READERS[format]
+        for content in contents:
+            if not reader.recognises(content):
+                raise FormatError(f"{content.name} is no file of {reader.title}: it lacks the fields of it")
+    else:
+        fitting = [reader for reader in READERS.values() if all(map(reader.recognises, contents))]
+        if len(fitting) > 1:
+            raise InputError(
+                f"{contents[0].name} may be of {' or '.join(r.name for r in fitting)}: give "
+                f"format={fitting[0].name!r}"
+            )
+        if not fitting:
+            raise FormatError(
+                f"{contents[0].name} is no calibration that imucal reads: it has the fields of none of "
+                f"{names}; `imucal import --list` describes them"
+            )
+        reader = fitting[0]
+    least, most = reader.files
+    if not least <= len(contents) <= most:
+        raise InputError(
+            f"{len(contents)} files are given, a calibration of {reader.name} has {most}: import them "
+            "one by one"
+        )
+    return reader
+
+
+def _with_bias(found: Found, sensor: Literal["accel", "gyro"], bias: ArrayLike | None, name: str) -> Found:
+    """The calibration with a bias that the files do not state."""
+    if bias is None:
+        return found
+    values = as_rows(bias, f"{sensor}_bias")
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise InputError(f"{sensor}_bias is {bias!r}: three numbers are needed")
+    if f"{sensor}_bias" not in found.missing:
+        raise InputError(f"{name} states the bias of the {sensor} sensor: leave out {sensor}_bias")
+    field = {"accel": "accelerometer", "gyro": "gyroscope"}[sensor]
+    changed: dict[str, Any] = {field: Triad(getattr(found, field).sensitivity, values)}
+    return replace(
+        found,
+        **changed,
+        missing=tuple(part for part in found.missing if part != f"{sensor}_bias"),
+        notes=(*found.notes, f"{sensor}_bias {values.tolist()} was given on import"),
+    )
+
+
+def _calibration(
+    reader: Reader, contents: Sequence[Content], found: Found, serial_number: str | None
+) -> Calibration:
+    missing = ["covariance", *(["temperature"] if not found.temperature_range_degc else []), "gravity"]
+    neutral = Triad(np.eye(3), np.zeros(3))
+    for field in ("accelerometer", "gyroscope"):
+        if getattr(found, field) is None:
+            missing.append(field)
+    missing += [part for part in found.missing if part not in missing]
+    accelerometer = found.accelerometer or neutral
+    calibration = Calibration(
+        accelerometer,
+        found.gyroscope or neutral,
+        frame=frame_of(accelerometer.sensitivity),
+        accel_unit="lsb" if found.accel_unit == "lsb" else "m/s^2",
+        gyro_unit="lsb" if found.gyro_unit == "lsb" else "rad/s",
+        references=References("unknown"),
+        effects=found.effects,
+        noise=found.noise,
+        temperature_range_degc=found.temperature_range_degc,
+        provenance=Provenance(
+            imucal_version=str(_core.__version__),
+            imported=Imported(
+                reader.name,
+                reader.program,
+                reader.formula,
+                tuple(content.source for content in contents),
+                tuple(missing),
+                found.notes,
+            ),
+        ),
+        serial_number=serial_number or found.serial_number,
+    )
+    # The same checks as for a calibration file: ranges of sensitivities, biases, noise and temperatures.
+    return Calibration.from_dict(calibration.to_dict(), " and ".join(content.name for content in contents))
+
+
+def readers_markdown() -> str:
+    """The table of all formats for docs/imports.md, as Markdown."""
+    rows = [
+        f"| `{reader.name}` | {reader.title} | {reader.formula} | {reader.without} | {reader.source} |"
+        for reader in READERS.values()
+    ]
+    heads = ("`--from`", "file", "correction", "never in the file", "source of the formula")
+    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])

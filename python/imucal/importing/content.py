@@ -1,0 +1,86 @@
+"""Contents of the files of other programs as text, JSON or YAML."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from typing import Any, Final
+
+from imucal.document.json_document import Node, read_json
+from imucal.document.source import open_file, parsing
+from imucal.errors import FormatError
+from imucal.importing.source_format import Content
+from imucal.io.extra import library
+
+__all__ = ["content_of"]
+
+# Largest file of a calibration, bytes. Parameter files of autopilots have 50 kB, calibrations with cameras
+# 1 MB; a larger file is a recording.
+LARGEST_BYTES: Final = 4 << 20
+# A line of YAML with a field.
+YAML_FIELD: Final = re.compile(r"^\s*[A-Za-z_][\w ]*:(\s|$)", re.MULTILINE)
+# A number as YAML 1.1 reads it as text, because it has an exponent and no decimal point.
+EXPONENT_ONLY: Final = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+
+
+def content_of(path: str | os.PathLike[str]) -> Content:
+    """The content of a file.
+
+    Raises InputError if it cannot be read, FormatError if it is no text or damaged, and ImucalError if it is
+    YAML and PyYAML is not installed.
+    """
+    file = open_file(path)
+    name = file.source.path
+    if len(file.content) > LARGEST_BYTES:
+        raise FormatError(
+            f"{name} has {len(file.content)} bytes: a calibration has at most {LARGEST_BYTES}; recordings "
+            "are converted by `imucal convert`"
+        )
+    try:
+        text = file.content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FormatError(
+            f"{name} is no text: give the text file of the calibration, such as calibration.json instead of "
+            "calibration.bin of a RealSense camera"
+        ) from None
+    document = None
+    if text.lstrip().startswith("{"):
+        document = read_json(path)
+    elif YAML_FIELD.search(text) and not re.search(r"^#?\s*(param set|x? *[+*]? *(CAL|TC)_)", text):
+        document = Node(_yaml(text, name), "$", name)
+    return Content(name, text, document, file.source)
+
+
+def _yaml(text: str, name: str) -> Any:
+    """The value of a YAML document, or the list of several."""
+    yaml = library("yaml", "yaml", "YAML files")
+
+    class Once(yaml.SafeLoader):  # type: ignore[misc, name-defined]
+        """Refuses a field that stands twice, of which YAML keeps the last."""
+
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+            for key in keys:
+                if keys.count(key) > 1:
+                    raise FormatError(f"{name}: the field {key!r} stands twice: keep one")
+            return super().construct_mapping(node, deep)
+
+    # OpenCV writes a directive that YAML does not know.
+    text = re.sub(r"\A\s*%YAML:1\.0\s*\n(---)?", "", text)
+    with parsing(name, "YAML", "export or copy it again"):
+        found = [document for document in yaml.load_all(text, Once) if document is not None]
+        # Through JSON, which has neither dates nor references.
+        plain = json.loads(json.dumps(found, default=str))
+    return _with_numbers(plain[0] if len(plain) == 1 else plain)
+
+
+def _with_numbers(value: Any) -> Any:
+    """Numbers such as 1e-5, which YAML 1.1 reads as text, as numbers."""
+    if isinstance(value, dict):
+        return {key: _with_numbers(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_with_numbers(item) for item in value]
+    if isinstance(value, str) and EXPONENT_ONLY.fullmatch(value):
+        return float(value)
+    return value

@@ -1,0 +1,140 @@
+"""imu_tk: text files of 21 numbers, one per sensor.
+
+    corrected = T K (raw - B)
+
+A file has the misalignment matrix T and the scale matrix K row by row, then the bias B (CalibratedTriad_ in
+calibration.h of imu_tk, save, load and unbiasNormalize). It does not state the raw unit, which is inferred
+from the scale where that is unambiguous.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import PurePath
+from typing import Final
+
+import numpy as np
+
+from imucal.calibration.triad import Triad
+from imucal.errors import FormatError, InputError
+from imucal.importing.source_format import Content, Found, Reader, Wanted
+from imucal.units import STANDARD_GRAVITY_MPS2
+
+__all__ = ["IMU_TK"]
+
+COUNT: Final = 21
+SENSORS: Final = {"acc": "accelerometer", "gyr": "gyroscope"}
+# Units of raw samples per SI unit. Samples in other units than counts are converted to SI units on reading.
+UNITS: Final[dict[str, dict[str, float]]] = {
+    "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
+    "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},
+}
+# A sensitivity within this factor of a unit's suggests that unit: more than scale factors of MEMS sensors.
+SAME_UNIT: Final = 1.3
+
+
+def recognises(content: Content) -> bool:
+    """Whether the file has 21 numbers and nothing else."""
+    return content.document is None and len(_numbers(content.text) or ()) == COUNT
+
+
+def _numbers(text: str) -> list[float] | None:
+    words = re.sub(r"#.*", "", text).split()
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return None
+
+
+def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
+    """The sensors of one or two files."""
+    triads: dict[str, Triad] = {}
+    units = {"accelerometer": "m/s^2", "gyroscope": "rad/s"}
+    given = {"accelerometer": wanted.accel_unit, "gyroscope": wanted.gyro_unit}
+    for place, content in enumerate(contents):
+        sensor = _sensor(content.name, place, len(contents))
+        if sensor in triads:
+            raise InputError(f"{content.name}: a second file of the {sensor}: give one of each sensor")
+        triad = _triad(content)
+        unit = given[sensor] or _unit(content.name, sensor, triad)
+        if unit != "lsb":
+            factor = _factor(sensor, unit)
+            triad = Triad(triad.sensitivity / factor, triad.bias / factor)
+        triads[sensor], units[sensor] = triad, "lsb" if unit == "lsb" else units[sensor]
+    return Found(
+        triads.get("accelerometer"),
+        triads.get("gyroscope"),
+        accel_unit=units["accelerometer"],
+        gyro_unit=units["gyroscope"],
+        missing=("noise",),
+    )
+
+
+def _sensor(name: str, place: int, count: int) -> str:
+    """The sensor by the name of the file, or by its place among two files."""
+    found = [sensor for word, sensor in SENSORS.items() if word in PurePath(name).name.lower()]
+    if len(found) == 1:
+        return found[0]
+    if count == 2:
+        return ("accelerometer", "gyroscope")[place]
+    raise InputError(
+        f"{name}: an imu_tk file does not state its sensor: give the file of the accelerometer and that of "
+        "the gyroscope, in this order, or a name with acc or gyr"
+    )
+
+
+def _triad(content: Content) -> Triad:
+    numbers = _numbers(content.text)
+    if numbers is None or len(numbers) != COUNT:
+        count = "other text" if numbers is None else f"{len(numbers)} numbers"
+        raise FormatError(
+            f"{content.name} has {count}: an imu_tk calibration has {COUNT} numbers, export it again"
+        )
+    values = np.array(numbers)
+    if not np.isfinite(values).all():
+        raise FormatError(f"{content.name}: a number is not finite: export it again")
+    misalignment, scale, bias = values[:9].reshape(3, 3), values[9:18].reshape(3, 3), values[18:]
+    if (scale != np.diag(np.diag(scale))).any() or not np.diag(scale).all():
+        raise FormatError(
+            f"{content.name}: the second matrix must be the diagonal of the scales, without zeros: the file "
+            "is damaged, or of another program"
+        )
+    return Triad(np.linalg.inv(misalignment @ scale), bias)
+
+
+def _unit(name: str, sensor: str, triad: Triad) -> str:
+    """The raw unit that the scale implies. Raises InputError if it is ambiguous."""
+    option = "accel_unit" if sensor == "accelerometer" else "gyro_unit"
+    si, *others = UNITS[sensor]
+    size = float(np.cbrt(abs(np.linalg.det(triad.sensitivity))))
+    near = [
+        unit for unit, factor in UNITS[sensor].items() if factor / SAME_UNIT <= size <= factor * SAME_UNIT
+    ]
+    if near == [si]:
+        return si
+    if not near and size > 2.0:
+        return "lsb"
+    raise InputError(
+        f"{name}: the {sensor} has {size:.4g} raw units per {si}, which may be {' or '.join(near or others)} "
+        f"or counts: give {option}='{(near or others)[0]}' or {option}='lsb'"
+    )
+
+
+def _factor(sensor: str, unit: str) -> float:
+    if unit not in UNITS[sensor]:
+        raise InputError(f"the unit of the {sensor} is {unit!r}: give {', '.join(UNITS[sensor])} or lsb")
+    return UNITS[sensor][unit]
+
+
+IMU_TK: Final = Reader(
+    name="imu_tk",
+    title="imu_tk: text files of both sensors, 21 numbers each",
+    program="imu_tk",
+    formula="corrected = T K (raw - B), for each sensor",
+    source="imu_tk, calibration.h, CalibratedTriad_::unbiasNormalize",
+    recognises=recognises,
+    read=read,
+    without="raw unit, covariance, temperature, noise",
+    files=(1, 2),
+)

@@ -1,0 +1,138 @@
+"""Parameters of autopilots as ground stations and consoles write them, and thermal terms of their biases."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+import imucal._core as _core
+from imucal.arrays import FloatArray
+from imucal.effects.effect import EffectValues
+from imucal.errors import FormatError, InputError
+from imucal.exporting.autopilot import THERMAL
+from imucal.importing.source_format import Content
+
+__all__ = ["AXES", "Cubic", "Parameters", "names_in"]
+
+AXES: Final = "XYZ"
+# NAME,VALUE and NAME=VALUE and NAME VALUE, after Vehicle-Id and Component-Id or `param set`, and the lines of
+# `param show`: x + NAME [12,34] : VALUE.
+LINE: Final = re.compile(
+    r"^\s*(?:(?:\d+\s+\d+|param\s+set|x?\s*[+*]?)\s+)?([A-Z][A-Z0-9_]{2,16})"
+    r"(?:\s*\[[\d,]+\]\s*:\s*|\s*[,=\t]\s*|\s+)([-+]?[\w.+-]+)"
+)
+
+
+def names_in(text: str) -> set[str]:
+    """The names of all parameters in a text."""
+    return {match[1] for match in map(LINE.match, text.splitlines()) if match}
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The parameters of a file by name, as they are written.
+
+    Raises FormatError for two values of one parameter.
+    """
+
+    file: str
+    values: dict[str, str]
+
+    @staticmethod
+    def of(content: Content) -> Parameters:
+        """The parameters in a file."""
+        found: dict[str, str] = {}
+        for match in map(LINE.match, content.text.splitlines()):
+            if match is None:
+                continue
+            name, value = match.groups()
+            if found.setdefault(name, value) != value:
+                raise FormatError(f"{content.name}: {name} is {found[name]} and {value}: keep one of them")
+        return Parameters(content.name, found)
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """A finite number. FormatError if it is missing and has no default."""
+        if name not in self.values:
+            if default is not None:
+                return default
+            raise FormatError(
+                f"{self.file}: the parameter {name} is missing: save all parameters of the vehicle again"
+            )
+        try:
+            value = float(self.values[name])
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise FormatError(f"{self.file}: {name} is {self.values[name]!r}: a finite number is needed")
+        return value
+
+    def vector(self, name: str, axes: Sequence[str] = AXES, default: float | None = None) -> FloatArray:
+        """Three parameters, `{}` in the name being the axis."""
+        return np.array([self.number(name.format(axis), default) for axis in axes])
+
+    def scale(self, name: str) -> FloatArray:
+        """Three scale factors. FormatError for one that is not positive, as before any calibration."""
+        scale = self.vector(name)
+        for axis, value in zip(AXES, scale, strict=True):
+            if value <= 0:
+                raise FormatError(
+                    f"{self.file}: {name.format(axis)} is {value:g}: the accelerometer is not calibrated"
+                )
+        return scale
+
+
+@dataclass(frozen=True, eq=False)
+class Cubic:
+    """A thermal offset of a sensor: the sum of coefficients[k] (T - reference)^k for k = 0 to 3, raw units.
+
+    coefficients    (4, 3)
+    reference_degc  temperature T at which the powers are zero
+    range_degc      T is clamped to this range
+    names           names of the three cubic parameters, for messages
+    """
+
+    coefficients: FloatArray
+    reference_degc: float
+    range_degc: tuple[float, float]
+    names: str
+
+    def at(self, temperature_degc: float) -> FloatArray:
+        """The offset at a temperature, which is clamped."""
+        held = min(max(temperature_degc, self.range_degc[0]), self.range_degc[1])
+        powers = (held - self.reference_degc) ** np.arange(4)
+        offset: FloatArray = powers @ self.coefficients
+        return offset
+
+    def about(self, reference_degc: float) -> FloatArray:
+        """Coefficients (4, 3) of the same polynomial in T - reference_degc, without the clamp."""
+        shift = reference_degc - self.reference_degc
+        a, b, c, d = self.coefficients
+        return np.array(
+            [
+                a + (b + (c + d * shift) * shift) * shift,
+                b + (2 * c + 3 * d * shift) * shift,
+                c + 3 * d * shift,
+                d,
+            ]
+        )
+
+    def effect(self, file: str, sensor: str, scale: FloatArray) -> tuple[FloatArray, EffectValues]:
+        """The offset at the reference temperature of imucal, and the rest as an effect.
+
+        sensor   "accel" or "gyro"
+        scale    corrected / raw of each axis
+
+        Raises InputError for cubic terms, which no effect of the catalogue has.
+        """
+        constant, linear, square, cubic = self.about(_core.REFERENCE_TEMPERATURE_DEGC)
+        if cubic.any():
+            raise InputError(
+                f"{file}: the cubic terms {self.names} of the temperature are not zero, and imucal's "
+                f"{THERMAL[sensor]} has a linear and a square term: give temperature_degc=25 for the "
+                "calibration at 25 degC, or another temperature"
+            )
+        return constant, EffectValues(THERMAL[sensor], np.concatenate((scale * linear, scale * square)))

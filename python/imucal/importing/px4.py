@@ -1,0 +1,108 @@
+"""PX4: the parameters CAL_ACC, CAL_GYRO and TC_ of a parameter file.
+
+    corrected_accel = (data - thermal_offset - offset) * scale    Accelerometer.hpp, Correct
+    corrected_gyro  =  data - thermal_offset - offset             Gyroscope.hpp, Correct
+    thermal_offset  =  x0 + x1 dT + x2 dT^2 + x3 dT^3             TemperatureCompensation.cpp,
+                       dT = T - TREF, T clamped to [TMIN, TMAX]   calc_thermal_offsets_3D
+
+PX4 then rotates both to the axes of the board, by CAL_*_ROT or SENS_BOARD_ROT. The inverse is
+`imucal.exporting.px4`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from imucal.errors import InputError
+from imucal.exporting.px4 import LETTERS, RANGE_DEGC
+from imucal.importing.autopilot import per_axis_found
+from imucal.importing.parameters import Cubic, Parameters, names_in
+from imucal.importing.source_format import Content, Found, Reader, Wanted
+
+__all__ = ["PX4"]
+
+SENSORS: Final = {"accel": "ACC", "gyro": "GYRO"}
+# Slots of thermal terms of each sensor.
+SLOTS: Final = range(4)
+
+
+def recognises(content: Content) -> bool:
+    """Whether the file has calibration parameters of PX4."""
+    return content.document is None and any(
+        name.startswith(("CAL_ACC", "CAL_GYRO")) for name in names_in(content.text)
+    )
+
+
+def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
+    """The accelerometer and the gyroscope with the number `instance`."""
+    parameters = Parameters.of(contents[0])
+    n = wanted.instance
+    for name in SENSORS.values():
+        if parameters.number(f"CAL_{name}{n}_ID", 1.0) == 0:
+            raise InputError(
+                f"{parameters.file}: CAL_{name}{n}_ID is 0: PX4 has no calibration of this sensor"
+            )
+    return per_axis_found(
+        parameters.file,
+        {sensor: parameters.vector(f"CAL_{name}{n}_{{}}OFF") for sensor, name in SENSORS.items()},
+        parameters.scale(f"CAL_ACC{n}_{{}}SCALE"),
+        {sensor: cubic for sensor in SENSORS if (cubic := _thermal(parameters, sensor, n)) is not None},
+        wanted,
+        notes=_notes(parameters, n),
+    )
+
+
+def _thermal(parameters: Parameters, sensor: str, n: int) -> Cubic | None:
+    """The thermal terms of the sensor with the same device ID, or in a file without IDs those of slot n."""
+    letter = LETTERS[sensor]
+    if parameters.number(f"TC_{letter}_ENABLE", 0.0) != 1:
+        return None
+    device = parameters.values.get(f"CAL_{SENSORS[sensor]}{n}_ID")
+    ids = {slot: parameters.values.get(f"TC_{letter}{slot}_ID") for slot in SLOTS}
+    slots = [slot for slot, found in ids.items() if device is not None and found == device]
+    if not slots and (device is not None and any(ids.values())):
+        return None
+    slot = f"TC_{letter}{slots[0] if slots else n}"
+    return Cubic(
+        np.array([parameters.vector(f"{slot}_X{power}_{{}}", "012") for power in range(4)]),
+        parameters.number(f"{slot}_TREF"),
+        (parameters.number(f"{slot}_TMIN", RANGE_DEGC[0]), parameters.number(f"{slot}_TMAX", RANGE_DEGC[1])),
+        f"{slot}_X3",
+    )
+
+
+def _notes(parameters: Parameters, n: int) -> tuple[str, ...]:
+    rotations = {name: parameters.number(f"CAL_{name}{n}_ROT", -1.0) for name in SENSORS.values()}
+    if len(set(rotations.values())) > 1:
+        raise InputError(
+            f"{parameters.file}: CAL_ACC{n}_ROT is {rotations['ACC']:g} and CAL_GYRO{n}_ROT is "
+            f"{rotations['GYRO']:g}: the two sensors have different axes; correct the wrong one"
+        )
+    notes = ["raw samples are those of the topics sensor_accel and sensor_gyro"]
+    board = parameters.number("SENS_BOARD_ROT", 0.0)
+    if rotations["ACC"] > 0 or board > 0:
+        name = f"CAL_ACC{n}_ROT {rotations['ACC']:g}" if rotations["ACC"] > 0 else f"SENS_BOARD_ROT {board:g}"
+        notes.append(
+            f"corrected samples are along the axes of the sensor; PX4 then rotates them to the board ({name})"
+        )
+    others = [i for i in range(4) if i != n and parameters.number(f"CAL_ACC{i}_ID", 0.0) != 0]
+    if others:
+        notes.append(
+            f"the file also has the sensors {', '.join(map(str, others))}: "
+            f"instance={others[0]} reads the first of them"
+        )
+    return tuple(notes)
+
+
+PX4: Final = Reader(
+    name="px4",
+    title="PX4: parameter file (QGroundControl), `param save` or `param show` as text",
+    program="PX4",
+    formula="accel = (raw - thermal - OFF) * SCALE, gyro = raw - thermal - OFF, for each axis",
+    source="PX4-Autopilot, Accelerometer.hpp, Gyroscope.hpp and TemperatureCompensation.cpp",
+    recognises=recognises,
+    read=read,
+    without="misalignment, scale of the gyroscope, covariance, noise",
+)

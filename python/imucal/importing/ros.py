@@ -1,0 +1,46 @@
+"""ROS: the calibration file of the package imu_calib, an accelerometer alone.
+
+    corrected_accel = SM raw - bias
+
+SM is row by row (AccelCalib::loadCalib and applyCalib in accel_calib.cpp of dpkoch/imu_calib). The node
+apply_calib subtracts the mean rate after its start from the gyroscope, which is in no file. The inverse is
+`imucal.exporting.ros`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from imucal.importing.source_format import Content, Found, Reader, Wanted, corrected_by
+
+__all__ = ["ROS"]
+
+
+def recognises(content: Content) -> bool:
+    """Whether the file has the matrix SM."""
+    return "SM" in content.fields
+
+
+def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
+    """The accelerometer."""
+    document = contents[0].document
+    assert document is not None
+    matrix = document.get("SM").array(9).reshape(3, 3)
+    return Found(
+        corrected_by(matrix, document.get("bias").array(3)),
+        None,
+        missing=("noise",),
+        notes=("the node apply_calib subtracts the mean rate after its start from the gyroscope",),
+    )
+
+
+ROS: Final = Reader(
+    name="ros",
+    title="ROS package imu_calib: YAML with SM and bias",
+    program="imu_calib",
+    formula="corrected_accel = SM raw - bias",
+    source="dpkoch/imu_calib, accel_calib.cpp, applyCalib",
+    recognises=recognises,
+    read=read,
+    without="gyroscope, covariance, temperature, noise",
+)

@@ -1,0 +1,117 @@
+"""Formats of calibrations of other programs: how a file is recognised, and what it contains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration.triad import Triad
+from imucal.document.json_document import Node
+from imucal.document.source import Source
+from imucal.effects.effect import EffectValues
+
+__all__ = ["Content", "Found", "Reader", "Wanted"]
+
+
+@dataclass(frozen=True)
+class Content:
+    """The contents of one file.
+
+    name      the path as it was given
+    text      the text of the file
+    document  the root of a JSON or YAML document; None for other text
+    source    the path and the hash
+    """
+
+    name: str
+    text: str
+    document: Node | None
+    source: Source
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The fields of the document; empty for a list, a single value or other text."""
+        value = None if self.document is None else self.document.value
+        return value if isinstance(value, dict) else {}
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the user asks for.
+
+    instance      number of the sensor in a file of several, from 0
+    accel_unit, gyro_unit   units of the raw samples, for formats that do not define them
+    temperature_degc        temperature at which thermal terms are evaluated, None to keep the terms
+    """
+
+    instance: int = 0
+    accel_unit: str | None = None
+    gyro_unit: str | None = None
+    temperature_degc: float | None = None
+
+
+@dataclass(frozen=True)
+class Found:
+    """A calibration as the files state it.
+
+    accelerometer, gyroscope   the triads in raw units; None for a sensor that the files do not describe
+    effects                    effects of the catalogue
+    accel_unit, gyro_unit      raw units: m/s^2 and rad/s, or lsb
+    noise                      noise figures, named as in a calibration file
+    temperature_range_degc     temperatures between which the thermal terms vary
+    missing                    further parts that the files do not state, see `Imported.missing`
+    notes                      remarks for the user
+    """
+
+    accelerometer: Triad | None
+    gyroscope: Triad | None
+    effects: tuple[EffectValues, ...] = ()
+    accel_unit: str = "m/s^2"
+    gyro_unit: str = "rad/s"
+    noise: dict[str, float] = field(default_factory=dict)
+    temperature_range_degc: tuple[float, float] | None = None
+    serial_number: str | None = None
+    missing: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A format of another program that contains calibrations.
+
+    name        value of `imucal import --from`
+    title       short description of the file
+    program     the program whose files they are
+    formula     correction that the other program computes
+    source      source file of the other program that contains the formula
+    files       number of files of one calibration, the smallest and the largest
+    recognises  whether the content of a file is of this format
+    read        the calibration in the contents
+    without     what files of this format never state, for the table of formats
+    """
+
+    name: str
+    title: str
+    program: str
+    formula: str
+    source: str
+    recognises: Callable[[Content], bool]
+    read: Callable[[tuple[Content, ...], Wanted], Found]
+    without: str
+    files: tuple[int, int] = (1, 1)
+
+
+def corrected_by(matrix: FloatArray, bias: FloatArray) -> Triad:
+    """The triad of `corrected = matrix raw - bias`: sensitivity matrix^-1, bias matrix^-1 bias.
+
+    The inverse of a lower triangular matrix is exactly lower triangular, and that of a diagonal one diagonal.
+    """
+    inverse: FloatArray = np.linalg.inv(matrix).astype(np.float64, copy=False)
+    for part in (np.tril, np.triu):
+        if np.array_equal(matrix, part(matrix)):
+            inverse = part(inverse)
+    return Triad(inverse, inverse @ bias)
