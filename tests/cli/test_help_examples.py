@@ -49,7 +49,7 @@ def examples():
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """What the examples are given: recordings, calibrations, limits, and an imu_tk pair."""
+    """What the examples are given: recordings, calibrations, limits, an imu_tk pair, and a Kalibr file."""
     folder = tmp_path_factory.mktemp("examples")
     for name, seed in (("run", 1), ("control", 2)):
         imucal.write(imucal.simulate("random", seed=seed, rate_hz=100.0).recording, folder / f"{name}.csv")
@@ -70,6 +70,7 @@ def files(tmp_path_factory):
     limits_from([imucal.Calibration.load(folder / f"good-{n}.json") for n in (1, 2)], deviations=4.0).save(
         folder / "limits.json"
     )
+    (folder / "imu.yaml").write_text("imu0: {model: calibrated, accelerometer_noise_density: 0.002}\n")
     with Journal(folder / "broken-off.csv.journal", [name for name, _ in column_names(run)], {}) as journal:
         journal.samples(np.column_stack([values for _, values in column_names(run)]), 0.0)
     return folder
