@@ -14,9 +14,10 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import click
+from click.exceptions import Exit
 
 from imucal.cli.ending import INTERRUPTED, as_interrupts
 from imucal.cli.failure import TRACEBACK, is_fault, message_of
@@ -26,6 +27,8 @@ from imucal.cli.streams import printable, standing_streams
 
 __all__ = ["app", "main"]
 
+# Environment variable with which the completion script of a shell calls the command.
+COMPLETE = "_IMUCAL_COMPLETE"
 # Messages longer than this number of characters are broken at "; " into one item per line.
 MOST_ON_A_LINE = 300
 
@@ -69,7 +72,7 @@ def _completion(context: click.Context, parameter: click.Parameter, wanted: bool
     if wanted:
         from imucal.cli.shells import install_completion, show_completion
 
-        (install_completion if parameter.name == "install_completion" else show_completion)(context)
+        (install_completion if parameter.name == "install_completion" else show_completion)(context, COMPLETE)
         context.exit()
 
 
@@ -117,7 +120,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     try:
-        result = app.main(arguments, prog_name="imucal", standalone_mode=False)
+        if COMPLETE in os.environ:
+            _complete(os.environ[COMPLETE])
+        # `app.main` would print an empty line at an interrupt.
+        with app.make_context(app.name, arguments) as context:
+            app.invoke(context)
+    except Exit as end:
+        return end.exit_code
     except (KeyboardInterrupt, click.Abort):
         return INTERRUPTED
     except (SystemExit, OSError):
@@ -125,8 +134,14 @@ def _run(arguments: list[str]) -> int:
     except BaseException as error:
         # A panic of the compiled library is a BaseException.
         return _failed(error)
-    # The exit code with which a command ends early; None otherwise.
-    return result if isinstance(result, int) else 0
+    return 0
+
+
+def _complete(instruction: str) -> NoReturn:
+    """Answer the completion script of a shell."""
+    from click.shell_completion import shell_complete
+
+    sys.exit(shell_complete(app, {}, "imucal", COMPLETE, instruction))
 
 
 def _unwritable(error: OSError) -> int:

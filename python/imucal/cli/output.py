@@ -118,12 +118,13 @@ class Output:
         """Print a line of text without wrapping it, with options as they are typed."""
         from imucal.cli.as_typed import as_typed
 
-        print(printable(as_typed(text)), file=self._stream)
+        # Flushed, so that messages on standard error stay in order.
+        print(printable(as_typed(text)), file=self._stream, flush=True)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """Print a table, with the first column aligned left and the others right."""
         for line in table_lines(headings, [list(map(shown, row)) for row in rows], self._bold):
-            print(line, file=self._stream)
+            print(line, file=self._stream, flush=True)
 
     def _bold(self, text: str) -> str:
         is_terminal = self._stream.isatty() and os.environ.get("TERM", "") not in ("", "dumb", "unknown")

@@ -21,12 +21,12 @@ PLACES: Final[dict[str, tuple[str, str | None, str]]] = {
 }
 
 
-def show_completion(context: click.Context) -> None:
+def show_completion(context: click.Context, complete: str) -> None:
     """Print the script for the current shell."""
-    print(_script(context, _shell()))
+    print(_script(context, _shell(), complete))
 
 
-def install_completion(context: click.Context) -> None:
+def install_completion(context: click.Context, complete: str) -> None:
     """Write the script for the current shell, and load it in the shell's start file, if this needs a line.
 
     Raises InputError for another shell, or if a file cannot be written.
@@ -36,7 +36,7 @@ def install_completion(context: click.Context) -> None:
     path = Path.home() / script
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(_script(context, shell), encoding="utf-8")
+        path.write_text(_script(context, shell, complete), encoding="utf-8")
         if started_by is not None:
             _add_line(Path.home() / started_by, line.format(path=f"'{path}'"))
     except OSError as error:
@@ -62,8 +62,8 @@ def _shell() -> str:
     return name
 
 
-def _script(context: click.Context, shell: str) -> str:
+def _script(context: click.Context, shell: str, complete: str) -> str:
     found = get_completion_class(shell)
     if found is None:
         raise InputError(f"there is no completion for the shell {shell}: it works in {', '.join(PLACES)}")
-    return found(context.command, {}, "imucal", "_IMUCAL_COMPLETE").source().strip("\n")
+    return found(context.command, {}, "imucal", complete).source().strip("\n")
