@@ -3,6 +3,7 @@
 from . import effects as effects, io as io, plot as plot, report as report, stand as stand
 from ._core import __version__ as __version__
 from .calibration.calibration import Calibration as Calibration
+from .calibration.composition import compose as compose
 from .calibration.difference import Change as Change, Difference as Difference, diff as diff
 from .calibration.provenance import Imported as Imported, Provenance as Provenance
 from .calibration.triad import Parameter as Parameter, Triad as Triad

@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 import imucal
+from imucal.calibration.frame import in_frame
 from imucal.cli import main
 
 ACCELEROMETER = imucal.Triad(
@@ -154,25 +155,78 @@ def test_a_time_constant_is_compared_where_both_have_one():
 COUNTS = imucal.Calibration(
     imucal.Triad(ACCELEROMETER.sensitivity * 418, [0, 0, 0]), GYROSCOPE, accel_unit="lsb"
 )
-TRIANGULAR = imucal.Calibration(
-    imucal.Triad(np.diag([1.0, 0.9, 1.1]), [0, 0, 0]), GYROSCOPE, frame="triangular"
-)
 
 
-@pytest.mark.parametrize(
-    ("other", "message"),
-    [
-        (
-            COUNTS,
-            r"accelerometer is in m/s\^2 in the first and lsb in the second calibration: calibrate both",
-        ),
-        (TRIANGULAR, "body frame is symmetric in the first and triangular in the second.*--frame"),
-        (EXACT, "second calibration has no standard deviation of accel_bias_x and 20 more"),
-    ],
-)
-def test_what_cannot_be_compared_is_refused(other, message):
+def test_other_raw_units_are_refused():
+    message = r"accelerometer is in m/s\^2 in the first and lsb in the second calibration: calibrate both"
     with pytest.raises(imucal.InputError, match=message):
-        imucal.diff(BEFORE, other)
+        imucal.diff(BEFORE, COUNTS)
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_another_frame_or_other_axes_make_no_difference(moved):
+    """Calibrations of one unit in another frame, and with other axes, against one in the symmetric frame."""
+    after = calibration(VALUES + 8 * np.sqrt(np.diag(sum(COVARIANCES))) * moved, COVARIANCES[1])
+    expected = imucal.diff(BEFORE, after)
+    frd = np.diag([1.0, -1.0, -1.0])
+    signs = np.concatenate(([1, -1, -1], [1, 1, 1, -1, -1, 1], [1, -1, -1], [1, -1, -1, -1, 1, 1, -1, 1, 1]))
+    in_frd = dataclasses.replace(
+        calibration(signs * [p.value for p in after.parameters], np.outer(signs, signs) * COVARIANCES[1]),
+        axes="frd",
+    )
+    np.testing.assert_allclose(
+        in_frd.accelerometer.sensitivity, frd @ after.accelerometer.sensitivity @ frd, rtol=0, atol=1e-15
+    )
+    for other in (in_frame(after, "triangular"), in_frd):
+        found = imucal.diff(BEFORE, other)
+        assert found.verdict == expected.verdict == ("moved" if moved else "same")
+        assert [c.name for c in found.changes] == [c.name for c in expected.changes]
+        np.testing.assert_allclose(
+            [c.sigmas for c in found.changes], [c.sigmas for c in expected.changes], rtol=1e-4, atol=1e-4
+        )
+        assert found.chi2 == pytest.approx(expected.chi2, rel=1e-4, abs=1e-4)
+        assert "compared in the symmetric frame" in found.notes[0]
+
+
+def imported(missing, **changes):
+    return dataclasses.replace(
+        EXACT,
+        provenance=imucal.Provenance(imported=imucal.Imported("kalibr", "Kalibr", "f", missing=missing)),
+        **changes,
+    )
+
+
+def test_a_calibration_without_standard_deviations_is_listed_and_not_judged(tmp_path, capsys):
+    found = imucal.diff(BEFORE, imported(("accel_bias", "gyro_scale")))
+    assert found.verdict == "unknown" and found.p_value is None and not found.moved
+    names = [c.name for c in found.changes]
+    assert "accel_bias_x" not in names and "gyro_sensitivity_xx" not in names
+    assert "gyro_bias_x" in names and "gyro_sensitivity_xy" in names
+    assert {c.std for c in found.changes} == {None} and {c.sigmas for c in found.changes} == {None}
+    assert any("Kalibr, does not state accel_bias_x" in note for note in found.notes)
+    assert any("no standard deviation of any parameter" in note for note in found.notes)
+    BEFORE.save(tmp_path / "a.json")
+    imported(("covariance",)).save(tmp_path / "b.json")
+    document = tmp_path / "d.json"
+    words = ["diff", str(tmp_path / "a.json"), str(tmp_path / "b.json"), "--json", str(document)]
+    assert main(words) == 2
+    assert "verdict: unknown; no parameter has a standard deviation" in capsys.readouterr().out
+    found = json.loads(document.read_text())
+    assert found["joint"] is None and found["parameters"][0]["std"] is None
+
+
+def test_parameters_with_a_standard_deviation_are_tested():
+    """One that only one of them lacks is left out of the test, and the others are tested."""
+    kept = [k for k in range(21) if NAMES[k] != "accel_bias_y"]
+    partly = dataclasses.replace(
+        calibration(VALUES, COVARIANCES[1]),
+        covariance=COVARIANCES[1][np.ix_(kept, kept)],
+        covariance_names=tuple(NAMES[k] for k in kept),
+    )
+    found = imucal.diff(BEFORE, partly)
+    assert (found.verdict, found.dof) == ("same", 20)
+    assert [c.name for c in found.changes if c.std is None] == ["accel_bias_y"]
+    assert any("no standard deviation of accel_bias_y: listed" in note for note in found.notes)
 
 
 def test_calibrations_that_are_exact_differ_by_nothing_that_chance_explains():

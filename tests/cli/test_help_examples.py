@@ -70,6 +70,8 @@ def files(tmp_path_factory):
     limits_from([imucal.Calibration.load(folder / f"good-{n}.json") for n in (1, 2)], deviations=4.0).save(
         folder / "limits.json"
     )
+    after = imucal.calibrate(imucal.Calibration.load(folder / "unit-0042.json").apply_recording(control))
+    after.calibration.save(folder / "second.json")
     (folder / "imu.yaml").write_text("imu0: {model: calibrated, accelerometer_noise_density: 0.002}\n")
     with Journal(folder / "broken-off.csv.journal", [name for name, _ in column_names(run)], {}) as journal:
         journal.samples(np.column_stack([values for _, values in column_names(run)]), 0.0)

@@ -100,18 +100,8 @@ class Calibration(SensorModel):
         """The verdict with its reasons.
 
         Figures that make a calibration poor decide if the verdict is better, or not known, as in a file of an
-        older version. A calibration that no recording has judged here is incomplete.
+        older version.
         """
-        if self.verdict is None and (imported := self.provenance.imported) is not None:
-            return "incomplete", (
-                f"this is a calibration of {imported.program}, which no recording has judged here: use "
-                "imucal evaluate",
-            )
-        if self.verdict is None and self.provenance.composed_of:
-            return "incomplete", (
-                "these are two calibrations applied one after the other, which no recording has judged: use "
-                "imucal evaluate",
-            )
         return saved_verdict(self.verdict, self.reasons, self.calibration_set, self.control_set)
 
     @property

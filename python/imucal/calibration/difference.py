@@ -6,6 +6,10 @@ For an unchanged unit the difference has this covariance, because the errors of 
 independent. There are two tests, each with half of the false alarm rate of `sigmas`: of every single
 parameter (Bonferroni), and of all parameters together by chi2, which detects small changes of many
 parameters.
+
+Calibrations in different body frames or with different axes are compared in the symmetric frame, for the
+columns of the recordings. A parameter without a standard deviation, as in a calibration of another program,
+is listed and not tested.
 """
 
 from __future__ import annotations
@@ -20,9 +24,11 @@ import numpy as np
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
+from imucal.calibration.frame import for_columns, in_frame
 from imucal.calibration.provenance import Provenance
 from imucal.document.plain import plain
 from imucal.errors import InputError
+from imucal.recording.axes import UNCHANGED
 
 __all__ = ["Change", "Difference", "diff"]
 
@@ -35,15 +41,15 @@ class Change:
     """One parameter in both calibrations.
 
     before, after   its values; 0 in a calibration without the effect
-    std             standard deviation of the difference, from both covariances
-    moved           whether the difference exceeds the limit
+    std             standard deviation of the difference, from both covariances; None if it is not known
+    moved           whether the difference exceeds the limit; False without a standard deviation
     """
 
     name: str
     unit: str
     before: float
     after: float
-    std: float
+    std: float | None
     moved: bool
 
     @property
@@ -52,8 +58,13 @@ class Change:
         return self.after - self.before
 
     @property
-    def sigmas(self) -> float:
-        """The difference in standard deviations; infinite if a number without uncertainty has changed."""
+    def sigmas(self) -> float | None:
+        """The difference in standard deviations; infinite if an exactly known number has changed.
+
+        None if the standard deviation is not known.
+        """
+        if self.std is None:
+            return None
         if self.difference == 0.0:
             return 0.0
         return self.difference / self.std if self.std > 0 else math.copysign(math.inf, self.difference)
@@ -66,7 +77,7 @@ class Difference:
     changes           every parameter, in the order of the file
     limit_sigmas      limit of a single parameter, in standard deviations
     false_alarm       probability that an unchanged unit is reported as moved
-    chi2, dof, p_value   test of all parameters together
+    chi2, dof, p_value   test of all parameters with a standard deviation together; None without any
     notes             remarks about the pair
     serial_numbers, provenances   of the first calibration, and of the second
     """
@@ -74,9 +85,9 @@ class Difference:
     changes: tuple[Change, ...]
     limit_sigmas: float
     false_alarm: float
-    chi2: float
+    chi2: float | None
     dof: int
-    p_value: float
+    p_value: float | None
     notes: tuple[str, ...]
     serial_numbers: tuple[str | None, str | None] = (None, None)
     provenances: tuple[Provenance, Provenance] = (Provenance(), Provenance())
@@ -84,19 +95,26 @@ class Difference:
     @property
     def moved(self) -> tuple[Change, ...]:
         """The parameters that exceed the limit, the largest first."""
-        return tuple(sorted((c for c in self.changes if c.moved), key=lambda c: -abs(c.sigmas)))
+        return tuple(sorted((c for c in self.changes if c.moved), key=lambda c: -abs(c.sigmas or 0.0)))
 
     @property
     def verdict(self) -> str:
-        """`same` (within the uncertainties) or `moved`."""
+        """`same` (within the uncertainties), `moved`, or `unknown` if no parameter can be tested."""
+        if self.p_value is None:
+            return "unknown"
         return "moved" if self.reasons else "same"
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The reasons for the verdict `moved`, the largest first; otherwise empty."""
+        """The reasons for the verdict `moved`, the largest first, or `unknown`; empty for `same`."""
+        if self.p_value is None:
+            return (
+                "no parameter has a standard deviation in both calibrations, so no difference can be judged: "
+                "compare calibrations from recordings (imucal calibrate)",
+            )
         single = tuple(
-            f"{c.name} has moved by {c.difference:.4g} {c.unit}, {abs(c.sigmas):.1f} sigma (the limit is "
-            f"{self.limit_sigmas:.2f})".replace(" 1,", ",")
+            f"{c.name} has moved by {c.difference:.4g} {c.unit}, {abs(c.sigmas or 0.0):.1f} sigma (the limit "
+            f"is {self.limit_sigmas:.2f})".replace(" 1,", ",")
             for c in self.moved
         )
         if self.p_value < self.false_alarm / 2:
@@ -118,12 +136,14 @@ class Difference:
             "reasons": list(self.reasons),
             "limit_sigmas": self.limit_sigmas,
             "false_alarm": self.false_alarm,
-            "joint": {"chi2": self.chi2, "degrees_of_freedom": self.dof, "p_value": self.p_value},
+            "joint": None
+            if self.p_value is None
+            else {"chi2": self.chi2, "degrees_of_freedom": self.dof, "p_value": self.p_value},
             "parameters": [
                 {
                     **plain(c),
                     "difference": c.difference,
-                    "sigmas": c.sigmas if math.isfinite(c.sigmas) else None,
+                    "sigmas": c.sigmas if c.sigmas is not None and math.isfinite(c.sigmas) else None,
                 }
                 for c in self.changes
             ],
@@ -141,38 +161,57 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
              deviations: at 3, 0.27 % of the pairs of an unchanged unit are reported as moved
 
     An effect that only one calibration has is exactly zero in the other one. Its shape, a time constant, is
-    not compared.
-    Raises InputError for different raw units or body frames, and for a calibration without a covariance.
+    not compared, nor are parameters that the file of another program does not state. Calibrations with
+    different body frames or axes are compared in the symmetric frame.
+    Raises InputError for different raw units, and for effects that have no form in the symmetric frame.
     """
     if not (math.isfinite(sigmas) and sigmas > 0):
         raise InputError(f"sigmas is {sigmas}: a positive number is needed")
-    _require_comparable(before, after)
+    _require_same_units(before, after)
+    notes = _notes(before, after)
+    lacking = [
+        (f"the {place} calibration, of {imported.program},", imported)
+        for place, calibration in (("first", before), ("second", after))
+        if (imported := calibration.provenance.imported) is not None
+    ]
+    if (before.frame, before.axes) != (after.frame, after.axes) or before.frame == "given":
+        notes.append(_of_frames(before, after))
+        before, after = (in_frame(for_columns(c), "symmetric") for c in (before, after))
     names, units = _names(before, after)
-    values = np.array([_values(calibration, names) for calibration in (before, after)])
-    covariance = _covariance(before, names) + _covariance(after, names)
-    change = values[1] - values[0]
-    std = np.sqrt(np.diag(covariance))
+    not_stated = [name for name in names if any(imported.lacks(name) for _, imported in lacking)]
+    for which, imported in lacking:
+        missing = [name for name in names if imported.lacks(name)]
+        if missing:
+            notes.append(f"{which} does not state {', '.join(missing)}: not compared")
+    known = [name for name in names if name not in not_stated]
+    units = [unit for name, unit in zip(names, units, strict=True) if name in known]
+    values = np.array([_values(calibration, known) for calibration in (before, after)])
+    tested = [name for name in known if not (_lacks_std(before, name) or _lacks_std(after, name))]
+    if len(tested) < len(known):
+        notes += _without_std(before, after, known)
+    covariance = _covariance(before, tested) + _covariance(after, tested)
+    std = dict(zip(tested, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     false_alarm = 2 * NormalDist().cdf(-sigmas)
-    limit = -NormalDist().inv_cdf(false_alarm / 4 / len(names))
+    limit = -NormalDist().inv_cdf(false_alarm / 4 / max(len(tested), 1))
     changes = tuple(
-        Change(name, unit, float(a), float(b), float(s), bool(abs(b - a) > limit * s))
-        for name, unit, a, b, s in zip(names, units, values[0], values[1], std, strict=True)
+        Change(name, unit, float(a), float(b), s := std.get(name), s is not None and abs(b - a) > limit * s)
+        for name, unit, a, b in zip(known, units, values[0].tolist(), values[1].tolist(), strict=True)
     )
-    chi2, dof = _joint(change, covariance)
+    chi2, dof = _joint(np.array([c.difference for c in changes if c.std is not None]), covariance)
     return Difference(
         changes,
         limit,
         false_alarm,
-        chi2,
+        chi2 if tested else None,
         dof,
-        _core.chi2_p_value(chi2, dof),
-        tuple(_notes(before, after)),
+        _core.chi2_p_value(chi2, dof) if tested else None,
+        tuple(notes),
         (before.serial_number, after.serial_number),
         (before.provenance, after.provenance),
     )
 
 
-def _require_comparable(before: Calibration, after: Calibration) -> None:
+def _require_same_units(before: Calibration, after: Calibration) -> None:
     pairs = (
         (
             "the accelerometer is in",
@@ -181,19 +220,37 @@ def _require_comparable(before: Calibration, after: Calibration) -> None:
             "calibrate both in the same raw units",
         ),
         ("the gyroscope is in", before.gyro_unit, after.gyro_unit, "calibrate both in the same raw units"),
-        ("the body frame is", before.frame, after.frame, "calibrate both with the same --frame"),
     )
     for what, a, b, way_out in pairs:
         if a != b:
             raise InputError(f"{what} {a} in the first and {b} in the second calibration: {way_out}")
-    for name, calibration in (("first", before), ("second", after)):
-        missing = [p.name for p in calibration.parameters if p.std is None]
+
+
+def _of_frames(before: Calibration, after: Calibration) -> str:
+    """A note that the calibrations are compared in another frame than their own."""
+    first, second = (
+        f"in the frame {c.frame}" + (f" with axes={c.axes!r}" if c.axes != UNCHANGED else "")
+        for c in (before, after)
+    )
+    return f"the first is {first}, the second {second}: both are compared in the symmetric frame"
+
+
+def _lacks_std(calibration: Calibration, name: str) -> bool:
+    """Whether a parameter of this calibration has no standard deviation; one it does not have is exact."""
+    return any(p.name == name and p.std is None for p in calibration.parameters)
+
+
+def _without_std(before: Calibration, after: Calibration, names: list[str]) -> list[str]:
+    """Notes on the parameters without a standard deviation."""
+    notes = []
+    for place, calibration in (("first", before), ("second", after)):
+        missing = [name for name in names if _lacks_std(calibration, name)]
         if missing:
-            raise InputError(
-                f"the {name} calibration has no standard deviation of {missing[0]}"
-                + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
-                + ": give a file of imucal calibrate, which has the covariance"
+            which = "any parameter" if len(missing) == len(names) else ", ".join(missing)
+            notes.append(
+                f"the {place} calibration has no standard deviation of {which}: listed, but not tested"
             )
+    return notes
 
 
 def _names(before: Calibration, after: Calibration) -> tuple[list[str], list[str]]:
@@ -245,7 +302,8 @@ def _notes(before: Calibration, after: Calibration) -> list[str]:
     notes = []
     if before.serial_number != after.serial_number:
         notes.append(f"the serial numbers differ: {before.serial_number} and {after.serial_number}")
-    if before.gravity_mps2 != after.gravity_mps2:
+    known = "unknown" not in (before.references.gravity_from, after.references.gravity_from)
+    if known and before.gravity_mps2 != after.gravity_mps2:
         notes.append(
             f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: right for two places, and an "
             "error of the scale of the accelerometer if it was one"

@@ -43,6 +43,8 @@ SUMMARIES = {
     "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
     "import": "Read a calibration of another program: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, "
     "imu_tk.",
+    "compose": "Combine two calibrations of a unit, the second of data that the first has corrected, into "
+    "one.",
     "diff": "Compare two calibrations of a unit: difference of each parameter in standard deviations.",
     "simulate": "Simulate a unit: on a stand, turned by hand, or at rest.",
     "plan": "Plan a motion, and predict what it determines before anything moves.",

@@ -12,6 +12,7 @@ import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.figures import Figures, figures_text
+from imucal.calibration.frame import in_frame
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance
 from imucal.calibration.triad import BASE
@@ -151,6 +152,9 @@ def evaluate(
 def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s: float) -> _core.Evaluation:
     """The evaluation by the compiled library; raises as `evaluate`."""
     require_judges(calibration, judges)
+    if calibration.frame == "given" and calibration.covariance is not None and not calibration.effects:
+        # The figures are the same in every body frame; the library propagates the covariance in this one.
+        calibration = in_frame(calibration, "symmetric")
     corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
     covariance = _covariance(calibration)
     return _core.evaluate(
@@ -166,7 +170,11 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
 def _covariance(calibration: Calibration) -> FloatArray | None:
     """The covariance of the parameters of both triads; None if the calibration does not have all of it."""
     names = [parameter.name for parameter in calibration.parameters[:BASE]]
-    if calibration.covariance is None or list(calibration.covariance_names[:BASE]) != names:
+    if (
+        calibration.frame == "given"
+        or calibration.covariance is None
+        or list(calibration.covariance_names[:BASE]) != names
+    ):
         return None
     # Both recordings were made with the same gravity and clock, so errors of these cancel in the residuals.
     values = np.array([parameter.value for parameter in calibration.parameters[:BASE]])

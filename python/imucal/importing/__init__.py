@@ -165,6 +165,12 @@ def _calibration(
         effects=found.effects,
         noise=found.noise,
         temperature_range_degc=found.temperature_range_degc,
+        # Usable, but nothing is known of its residuals.
+        verdict="incomplete",
+        reasons=(
+            f"this is a calibration of {reader.program}, which no recording has judged here: use imucal "
+            "evaluate",
+        ),
         provenance=Provenance(
             imucal_version=str(_core.__version__),
             imported=Imported(

@@ -29,7 +29,8 @@ def diff(
 ) -> None:
     """Compare two calibrations of a unit: difference of each parameter in standard deviations.
 
-    Ends with 0 if they agree within their uncertainties, with 2 if not.
+    Ends with 0 if they agree within their uncertainties, and with 2 if not or if no parameter has a standard
+    deviation in both, as with calibrations of other programs.
 
     Example: imucal diff unit-0042-may.json unit-0042-june.json
     """
@@ -47,18 +48,20 @@ def diff(
                 f"{c.before:.7g}",
                 f"{c.after:.7g}",
                 f"{c.difference:+.2e}",
-                f"{c.std:.2e}",
-                f"{c.sigmas:+.1f}",
+                "-" if c.std is None else f"{c.std:.2e}",
+                "-" if c.sigmas is None else f"{c.sigmas:+.1f}",
                 c.unit,
                 "MOVED" if c.moved else "",
             )
             for c in found.changes
         ),
     )
-    out.line(
-        f"threshold for each of {len(found.changes)} parameters: {found.limit_sigmas:.2f} sigma; jointly: "
-        f"chi2 {found.chi2:.4g} with {found.dof} degrees of freedom, p {found.p_value:.2g}"
-    )
+    if found.p_value is not None:
+        tested = sum(c.std is not None for c in found.changes)
+        out.line(
+            f"threshold for each of {tested} parameters: {found.limit_sigmas:.2f} sigma; jointly: chi2 "
+            f"{found.chi2:.4g} with {found.dof} degrees of freedom, p {found.p_value:.2g}"
+        )
     for note in found.notes:
         out.line(f"note: {note}")
     out.line("; ".join((f"verdict: {found.verdict}", *found.reasons)))

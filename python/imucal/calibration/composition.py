@@ -1,0 +1,252 @@
+"""Two calibrations one after the other, the second estimated on data that the first has corrected.
+
+    raw = T1 (x + e1(x)) + b1,      x = T2 (true + e2(true)) + b2
+    raw = T1 T2 (true + e2(true) + T2^-1 e1(x)) + b1 + T1 b2
+
+e1 is expressed by the true values, which is possible for the effects that `_moved` lists.
+
+The second calibration has measured what the first leaves, including the errors of its parameters. So the
+bias and sensitivity of the result have the uncertainty of the second calibration alone. The uncertainty of
+the first remains in the effects that the second does not estimate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+import imucal._core as _core
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration, require_calibration
+from imucal.calibration.correction import left_in_data
+from imucal.calibration.frame import VECTORS
+from imucal.calibration.model import SensorModel
+from imucal.calibration.propagation import jacobian, known_covariance
+from imucal.calibration.provenance import Provenance
+from imucal.calibration.triad import Triad, base_count
+from imucal.document.source import Source
+from imucal.effects.effect import EffectValues
+from imucal.errors import InputError
+from imucal.recording.axes import UNCHANGED, Axes
+
+__all__ = ["compose"]
+
+# Fields of the sensor model.
+MODEL: Final = (
+    "accelerometer",
+    "gyroscope",
+    "frame",
+    "accel_unit",
+    "gyro_unit",
+    "gravity_mps2",
+    "effects",
+    "user_effects",
+    "axes",
+)
+# Effects of the first calibration whose form with matrices changes with T2.
+G_SENSITIVITY: Final = "gyro_g_sensitivity"
+ANGULAR_ACCELERATION: Final = "gyro_angular_acceleration"
+DELAY: Final = "gyro_time_offset"
+# Vectors that are added to a sensor and depend on time or temperature only.
+ADDED: Final = frozenset(name for name in VECTORS if "_bias_" in name)
+
+
+def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...] = ()) -> Calibration:
+    """The calibration that corrects raw samples as `first` and then `second` do.
+
+    second   estimated on recordings that `first` has corrected (`imucal apply`)
+    files    the files of both, for the origin of the result
+
+    The body frame is that of the second, the raw units and axes are those of the first. Without a covariance
+    of the second the result has none.
+
+    Raises InputError if the second expects raw counts, if both are of the same recordings or of different
+    units, and if an effect of the first cannot be expressed after the second correction.
+    """
+    require_calibration(first)
+    require_calibration(second)
+    _require_composable(first, second)
+
+    model = _composed(first, second)
+    covariance, names = _covariance(first, second)
+    fields: dict[str, Any] = {name: getattr(model, name) for name in MODEL}
+    return Calibration(
+        **fields,
+        references=second.references,
+        covariance=covariance,
+        covariance_names=names,
+        noise=second.noise,
+        temperature_range_degc=_temperature_range(first, second),
+        # Usable, but nothing is known of the residuals of both together.
+        verdict="incomplete",
+        reasons=(
+            "these are two calibrations applied one after the other, which no recording has judged: use "
+            "imucal evaluate",
+        ),
+        provenance=Provenance(
+            tuple(dict.fromkeys((*first.provenance.files, *second.provenance.files))),
+            tuple(dict.fromkeys((*first.provenance.control_files, *second.provenance.control_files))),
+            str(_core.__version__),
+            second.provenance.date,
+            second.provenance.operator,
+            composed_of=files,
+        ),
+        serial_number=second.serial_number or first.serial_number,
+    )
+
+
+def _require_composable(first: Calibration, second: Calibration) -> None:
+    if (second.accel_unit, second.gyro_unit) != ("m/s^2", "rad/s"):
+        both = "lsb" in (first.accel_unit, first.gyro_unit)
+        which = "both calibrations expect raw counts" if both else "the second calibration expects raw counts"
+        raise InputError(
+            f"{which}, but the samples that the first gives are in m/s^2 and rad/s: the second was made of "
+            "raw samples and replaces the first, use it alone; or correct its recordings with the first "
+            "(imucal apply) and calibrate again"
+        )
+    if (
+        None not in (first.serial_number, second.serial_number)
+        and first.serial_number != second.serial_number
+    ):
+        raise InputError(
+            f"the first calibration is of unit {first.serial_number}, the second of unit "
+            f"{second.serial_number}: give two of the same unit"
+        )
+    shared = {s.sha256 for s in first.provenance.files} & {s.sha256 for s in second.provenance.files}
+    if shared:
+        paths = [s.path for s in first.provenance.files if s.sha256 in shared]
+        raise InputError(
+            f"both calibrations are made of {', '.join(paths)}, so the second is not of data that the first "
+            "has corrected: use one of them alone"
+        )
+    if first.user_effects:
+        raise InputError(
+            f"{first.user_effects[0].name} is a user's effect of the first calibration: its field cannot be "
+            "expressed after the second correction; correct in two steps"
+        )
+
+
+def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
+    """The model that does both."""
+    axes = Axes.parse(second.axes)
+    accel2, gyro2 = _along(second.accelerometer, axes.accel), _along(second.gyroscope, axes.gyro)
+    accel_bias, gyro_bias = accel2.bias, gyro2.bias
+    moved = []
+    left = left_in_data(first)
+    for values in first.effects:
+        if values.name not in left:
+            moved.append(_moved(values, accel2, gyro2, second))
+            if values.name == G_SENSITIVITY:
+                # The rate that the first correction takes away for the bias b2 of the force.
+                gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel_bias
+    accel_t, gyro_t = first.accelerometer.sensitivity, first.gyroscope.sensitivity
+    # A product of lower triangular matrices is lower triangular; other products have no special form.
+    triangular = first.frame == second.frame == "triangular" and second.axes == UNCHANGED
+    return SensorModel(
+        Triad(accel_t @ accel2.sensitivity, first.accelerometer.bias + accel_t @ accel_bias),
+        Triad(gyro_t @ gyro2.sensitivity, first.gyroscope.bias + gyro_t @ gyro_bias),
+        "triangular" if triangular else "given",
+        first.accel_unit,
+        first.gyro_unit,
+        second.gravity_mps2,
+        _together(moved, second.effects),
+        second.user_effects,
+        first.axes,
+    )
+
+
+def _along(triad: Triad, axes: FloatArray) -> Triad:
+    """The triad for samples before a change of axes."""
+    return Triad(axes.T @ triad.sensitivity, axes.T @ triad.bias)
+
+
+def _moved(values: EffectValues, accel2: Triad, gyro2: Triad, second: SensorModel) -> EffectValues:
+    """An effect of the first calibration as an effect on the true values, T2^-1 e1(x(true)).
+
+    Raises InputError if it has no such form.
+    """
+    accel_t, gyro_t = accel2.sensitivity, gyro2.sensitivity
+    sensors = {second.definition(effect).sensor for effect in second.effects}
+    name, numbers = values.name, values.values
+    moved: npt.NDArray[np.floating[Any]] = numbers
+    if name in ADDED:
+        matrix = accel_t if name.startswith("accel_") else gyro_t
+        moved = np.linalg.solve(matrix, numbers.reshape(-1, 3).T).T
+    elif name == G_SENSITIVITY and "accelerometer" not in sensors:
+        moved = np.linalg.solve(gyro_t, numbers.reshape(3, 3) @ accel_t)
+    elif name == ANGULAR_ACCELERATION and "gyroscope" not in sensors:
+        moved = np.linalg.solve(gyro_t, numbers.reshape(3, 3) @ gyro_t)
+    elif not (name == DELAY and "gyroscope" not in sensors) and not _is_neutral(accel2, gyro2, sensors):
+        raise InputError(
+            f"the first calibration has the effect {name}, which depends on the samples that the second then "
+            "corrects: no effect of the catalogue describes both together; correct recordings in two steps "
+            "(imucal apply), or calibrate raw recordings with this effect"
+        )
+    return replace(values, values=np.asarray(moved, dtype=np.float64).ravel())
+
+
+def _is_neutral(accel2: Triad, gyro2: Triad, sensors: set[str]) -> bool:
+    """Whether the second calibration leaves all samples as they are."""
+    return not sensors and all(
+        np.array_equal(triad.sensitivity, np.eye(3)) and not triad.bias.any() for triad in (accel2, gyro2)
+    )
+
+
+def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tuple[EffectValues, ...]:
+    """The effects of both; those of the same name are added. Raises InputError for two time constants."""
+    found = {values.name: values for values in first}
+    for values in second:
+        if (other := found.get(values.name)) is not None:
+            if other.shape != values.shape:
+                raise InputError(
+                    f"{values.name} has the time constant {other.shape} s in the first calibration and "
+                    f"{values.shape} s in the second: their sum is no effect of the catalogue; correct in "
+                    "two steps"
+                )
+            # The linear form is the full one with zeros.
+            total = np.zeros(max(len(other.values), len(values.values)))
+            total[: len(other.values)] += other.values
+            total[: len(values.values)] += values.values
+            values = replace(values, values=total)
+        found[values.name] = values
+    return tuple(found.values())
+
+
+def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """The covariance of the result and the names of its parameters; None without that of the second."""
+    from_second, from_first = known_covariance(second), known_covariance(first)
+    names = [parameter.name for parameter in _composed(first, second).parameters]
+    if from_second is None:
+        return None, ()
+    to_second = jacobian(lambda model: _composed(first, model), second)
+    covariance = to_second @ from_second @ to_second.T
+    # Effects that only the first has estimated.
+    estimated = {values.name for values in second.effects}
+    places, alone = [], []
+    for k, name in enumerate(parameter.name for parameter in first.parameters):
+        if k >= base_count(first.frame) and not name.startswith(tuple(f"{effect}_" for effect in estimated)):
+            places.append(k)
+            alone.append(name)
+    if places and from_first is not None:
+        to_first = jacobian(lambda model: _composed(model, second), first)[:, places]
+        covariance = covariance + to_first @ from_first[np.ix_(places, places)] @ to_first.T
+        alone = []
+    kept = [k for k, name in enumerate(names) if name not in alone]
+    covariance = (covariance + covariance.T) / 2
+    return covariance[np.ix_(kept, kept)], tuple(names[k] for k in kept)
+
+
+def _temperature_range(first: Calibration, second: Calibration) -> tuple[float, float] | None:
+    """The temperatures in which the thermal effects of both hold; those of the second if there are none."""
+    ranges = [
+        calibration.temperature_range_degc
+        for calibration in (first, second)
+        if calibration.temperature_effects and calibration.temperature_range_degc is not None
+    ]
+    if not ranges:
+        return second.temperature_range_degc
+    low, high = max(low for low, _ in ranges), min(high for _, high in ranges)
+    return (low, high) if low <= high else ranges[-1]

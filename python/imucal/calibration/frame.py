@@ -1,0 +1,136 @@
+"""The same calibration in another body frame, or for the columns of a recording before a change of axes.
+
+Two body frames differ by one rotation Q: T' = T Q^T for both triads (docs/model.md (2)). Residuals and the
+norm of the force are the same in both. The covariance is propagated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+import imucal._core as _core
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.model import SensorModel
+from imucal.calibration.propagation import jacobian, known_covariance
+from imucal.calibration.triad import Frame, Triad
+from imucal.effects.effect import EffectValues
+from imucal.errors import InputError
+from imucal.recording.axes import UNCHANGED, Axes
+
+__all__ = ["VECTORS", "for_columns", "in_frame", "rotated_effect"]
+
+# Effects whose values are vectors in the body frame, one after another: they add Q k in another frame.
+VECTORS: Final = frozenset(
+    {
+        "accel_bias_temperature",
+        "gyro_bias_temperature",
+        "accel_bias_drift",
+        "gyro_bias_drift",
+        "accel_bias_warmup",
+        "gyro_bias_warmup",
+        "accel_lever_arm",
+    }
+)
+# Effects whose nine values are a matrix in the body frame, by rows: Q K Q^T in another frame.
+MATRICES: Final = frozenset({"gyro_g_sensitivity", "gyro_angular_acceleration"})
+# Effects that do not depend on the body frame: delays, and a rate in the world frame.
+INVARIANT: Final = frozenset({"gyro_time_offset", "earth_rate"})
+
+
+def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
+    """The calibration in the frame "symmetric" or "triangular", with its covariance.
+
+    Raises InputError for effects that are defined along the axes of their frame, such as nonlinear scales,
+    and for left-handed accelerometer axes.
+    """
+    if calibration.frame == frame:
+        return calibration
+    if np.linalg.det(calibration.accelerometer.sensitivity) < 0:
+        raise InputError(
+            "the accelerometer's sensitivity has a negative determinant, so its axes are left-handed and no "
+            f"rotation leads to the frame {frame}: change the sign of an axis in the recordings"
+        )
+
+    def convert(model: SensorModel) -> SensorModel:
+        accel, gyro = _core.convert_frame(model.accelerometer.sensitivity, model.gyroscope.sensitivity, frame)
+        rotation: FloatArray = np.linalg.solve(accel, model.accelerometer.sensitivity).astype(np.float64)
+        return SensorModel(
+            Triad(accel, model.accelerometer.bias),
+            Triad(gyro, model.gyroscope.bias),
+            frame,
+            model.accel_unit,
+            model.gyro_unit,
+            model.gravity_mps2,
+            tuple(rotated_effect(values, rotation) for values in model.effects),
+            model.user_effects,
+            model.axes,
+        )
+
+    return _converted(calibration, convert)
+
+
+def for_columns(calibration: Calibration) -> Calibration:
+    """The calibration for raw samples along the columns of the recordings, before their change of axes.
+
+    The body frame remains, so the frame becomes "given".
+    """
+    if calibration.axes == UNCHANGED:
+        return calibration
+    axes = Axes.parse(calibration.axes)
+
+    def convert(model: SensorModel) -> SensorModel:
+        return replace(
+            model,
+            accelerometer=_before(model.accelerometer, axes.accel),
+            gyroscope=_before(model.gyroscope, axes.gyro),
+            frame="given",
+            axes=UNCHANGED,
+        )
+
+    return _converted(calibration, convert)
+
+
+def rotated_effect(values: EffectValues, rotation: FloatArray) -> EffectValues:
+    """An effect in another body frame, v' = rotation v. Raises InputError if it has no form there."""
+    if values.name in VECTORS:
+        rows = values.values.reshape(-1, 3) @ rotation.T
+    elif values.name in MATRICES:
+        rows = rotation @ values.values.reshape(3, 3) @ rotation.T
+    elif values.name in INVARIANT:
+        return values
+    else:
+        raise InputError(
+            f"{values.name} is defined along the axes of its body frame, and the frames of the two "
+            "calibrations differ: compare calibrations in the same frame"
+        )
+    return replace(values, values=rows.ravel())
+
+
+def _before(triad: Triad, axes: FloatArray) -> Triad:
+    return Triad(axes.T @ triad.sensitivity, axes.T @ triad.bias)
+
+
+def _converted(calibration: Calibration, convert: Callable[[SensorModel], SensorModel]) -> Calibration:
+    model = convert(calibration)
+    covariance = known_covariance(calibration)
+    if covariance is not None:
+        derivative = jacobian(convert, calibration)
+        covariance = derivative @ covariance @ derivative.T
+        covariance = (covariance + covariance.T) / 2
+    return replace(
+        calibration,
+        accelerometer=model.accelerometer,
+        gyroscope=model.gyroscope,
+        frame=model.frame,
+        effects=model.effects,
+        axes=model.axes,
+        covariance=covariance,
+        covariance_names=()
+        if covariance is None
+        else tuple(parameter.name for parameter in model.parameters),
+    )

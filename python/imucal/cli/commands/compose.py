@@ -1,0 +1,55 @@
+"""`imucal compose`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from imucal.cli.options import JsonPath
+from imucal.cli.output import Output, require_apart
+from imucal.cli.parameters import argument, option
+
+__all__ = ["compose"]
+
+
+def compose(
+    first: Annotated[Path, argument(metavar="FIRST.JSON", help="Calibration file of the raw samples.")],
+    second: Annotated[
+        Path,
+        argument(metavar="SECOND.JSON", help="Calibration file of recordings that the first has corrected."),
+    ],
+    output: Annotated[Path, option("--output", "-o", metavar="CAL.JSON", help="Calibration file to write.")],
+    json: JsonPath = None,
+) -> None:
+    """Combine two calibrations of a unit, the second of data that the first has corrected, into one.
+
+    The result corrects raw samples as both do one after the other. It has the uncertainty of the second, and
+    that of the effects that only the first has.
+
+    Example: imucal compose unit-0042.json second.json -o both.json
+    """
+    import imucal
+    from imucal.document.source import open_file
+
+    require_apart([first, second], {"--output": output, "--json": json})
+    calibrations = [imucal.Calibration.load(path) for path in (first, second)]
+    files = tuple(open_file(path).source for path in (first, second))
+    both = imucal.compose(*calibrations, files=files)
+    both.save(output)
+    unknown = [parameter.name for parameter in both.parameters if parameter.std is None]
+    out = Output(json)
+    out.document(
+        {
+            "output": str(output),
+            "composed_of": [{"path": source.path, "sha256": source.sha256} for source in files],
+            "frame": both.frame,
+            "effects": [effect.name for effect in both.effects],
+            "parameters": both.to_dict()["parameters"],
+            "without_std": unknown,
+        }
+    )
+    out.line(f"{output}: {first} and then {second}, {both!r}")
+    if len(unknown) == len(both.parameters):
+        out.line(f"no standard deviations, because {second} has none")
+    elif unknown:
+        out.line(f"no standard deviation of {', '.join(unknown)}, because {first} has none")
