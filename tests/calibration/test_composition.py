@@ -9,6 +9,7 @@ import pytest
 import imucal
 from imucal.calibration.frame import for_columns, in_frame
 from imucal.cli import main
+from imucal.effects.formula_effect import FormulaEffect
 
 RANDOM = np.random.default_rng(5)
 RATE, FORCE = RANDOM.normal(0, 2, (200, 3)), RANDOM.normal(0, 10, (200, 3))
@@ -63,6 +64,22 @@ def test_both_corrections_in_one(first_effects, second_effects):
     np.testing.assert_allclose(corrected.angular_rate, expected.angular_rate, rtol=0, atol=1e-12)
     np.testing.assert_allclose(corrected.specific_force, expected.specific_force, rtol=0, atol=1e-11)
     assert (found.frame, found.accel_unit) == ("given", "lsb")
+
+
+def test_a_formula_of_the_temperature_in_the_first():
+    """As the cubic thermal terms of an autopilot."""
+    x = "(min(max(temp_degc, 0.0), 50.0) - 25.0)"
+    formula = FormulaEffect.of(f"thermal = accel: k1 * {x} + k3 * {x}**3")
+    values = imucal.EffectValues("thermal", 1e-3 * np.array([2.0, -1.0, 3.0, 1e-3, 2e-3, -1e-3]))
+    first = dataclasses.replace(FIRST, effects=(values,), user_effects=(formula,))
+    expected = SECOND.apply_recording(first.apply_recording(recording()))
+    found = imucal.compose(first, SECOND).apply_recording(recording())
+    np.testing.assert_allclose(found.specific_force, expected.specific_force, rtol=0, atol=1e-11)
+    of_force = FormulaEffect.of("rub = accel: k * f**2")
+    values = imucal.EffectValues("rub", [1e-4, 2e-4, 3e-4])
+    first = dataclasses.replace(FIRST, effects=(values,), user_effects=(of_force,))
+    with pytest.raises(imucal.InputError, match="effect rub, which depends on the samples"):
+        imucal.compose(first, SECOND)
 
 
 def test_axes_of_both_and_the_triangular_frame():

@@ -4,6 +4,7 @@ The matrices are random, neither symmetric nor close to the identity, so that a 
 fails. Each formula names the file and function of the other program.
 """
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -417,18 +418,20 @@ AUTOPILOTS = {
 
 
 @pytest.mark.parametrize("name", AUTOPILOTS)
-def test_cubic_thermal_terms_need_a_temperature(name, tmp_path):
+def test_cubic_thermal_terms(name, tmp_path):
+    """As fits of autopilots have them; they are constant at temperatures outside of their range."""
     make, formula, layout = AUTOPILOTS[name]
     values = plain(make(cubic=1e-6))
     prefix = "param set " if name == "px4" else ""
     text = "\n".join(prefix + layout.format(n, repr(v)) for n, v in values.items())
     path = written(tmp_path, "cubic.param", text)
-    with pytest.raises(imucal.InputError, match=r"cubic terms .*3 .*give temperature_degc=25"):
-        imucal.read_calibration(path)
-    calibration = imucal.read_calibration(path, temperature_degc=51.0)
-    at_51 = imucal.Recording(WARM.time_s, FORCE, RATE, temperature_degc=np.full(400, 51.0))
-    assert_same_recording(calibration, at_51, *formula(values, at_51))
-    assert calibration.temperature_range_degc == (51.0, 51.0)
+    hot = dataclasses.replace(WARM, temperature_degc=np.linspace(-40.0, 100.0, 400))
+    calibration = same_after_a_file(imucal.read_calibration(path), tmp_path)
+    assert_same_recording(calibration, hot, *formula(values, hot))
+    at_one = imucal.read_calibration(path, temperature_degc=51.0)
+    at_51 = dataclasses.replace(WARM, temperature_degc=np.full(400, 51.0))
+    assert_same_recording(at_one, at_51, *formula(values, at_51))
+    assert at_one.temperature_range_degc == (51.0, 51.0) and not at_one.effects
 
 
 def test_an_autopilot_that_rotates_after_the_correction_is_noted(tmp_path):
@@ -632,10 +635,13 @@ def test_command_names_the_formats_and_the_faults(tmp_path, capsys):
     assert "-o CAL.JSON" in capsys.readouterr().err
     assert main(["import", str(tmp_path / "x.txt"), "-o", str(tmp_path / "o.json")]) == 1
     assert "no calibration that imucal reads" in capsys.readouterr().err
-    values = plain(px4_values(cubic=1e-6))
-    text = "\n".join(PX4_LAYOUTS["QGroundControl"](*item) for item in values.items())
-    assert main(["import", str(written(tmp_path, "v.params", text)), "-o", str(tmp_path / "o.json")]) == 1
-    assert "--temperature-degc 25" in capsys.readouterr().err
+    numbers = [
+        imu_tk_text(MISALIGNMENT, np.full(3, 9.8), B_ACCEL),
+        imu_tk_text(MISALIGNMENT, np.ones(3), B_GYRO),
+    ]
+    pair = [str(written(tmp_path, name, text)) for name, text in zip(("acc", "gyro"), numbers, strict=True)]
+    assert main(["import", *pair, "-o", str(tmp_path / "o.json")]) == 1
+    assert "give --accel-unit g or --accel-unit lsb" in capsys.readouterr().err
     assert not (tmp_path / "o.json").exists()
 
 

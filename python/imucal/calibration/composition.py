@@ -22,12 +22,13 @@ import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.correction import left_in_data
-from imucal.calibration.frame import VECTORS
+from imucal.calibration.frame import is_added
 from imucal.calibration.model import SensorModel
 from imucal.calibration.propagation import jacobian, known_covariance
 from imucal.calibration.provenance import Provenance
 from imucal.calibration.triad import Triad, base_count
 from imucal.document.source import Source
+from imucal.effects.definition import UserEffect
 from imucal.effects.effect import EffectValues
 from imucal.errors import InputError
 from imucal.recording.axes import UNCHANGED, Axes
@@ -50,8 +51,6 @@ MODEL: Final = (
 G_SENSITIVITY: Final = "gyro_g_sensitivity"
 ANGULAR_ACCELERATION: Final = "gyro_angular_acceleration"
 DELAY: Final = "gyro_time_offset"
-# Vectors that are added to a sensor and depend on time or temperature only.
-ADDED: Final = frozenset(name for name in VECTORS if "_bias_" in name)
 
 
 def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...] = ()) -> Calibration:
@@ -122,11 +121,6 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
             f"both calibrations are made of {', '.join(paths)}, so the second is not of data that the first "
             "has corrected: use one of them alone"
         )
-    if first.user_effects:
-        raise InputError(
-            f"{first.user_effects[0].name} is a user's effect of the first calibration: its field cannot be "
-            "expressed after the second correction; correct in two steps"
-        )
 
 
 def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
@@ -138,7 +132,7 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
     left = left_in_data(first)
     for values in first.effects:
         if values.name not in left:
-            moved.append(_moved(values, accel2, gyro2, second))
+            moved.append(_moved(first, values, accel2, gyro2, second))
             if values.name == G_SENSITIVITY:
                 # The rate that the first correction takes away for the bias b2 of the force.
                 gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel_bias
@@ -153,7 +147,7 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
         first.gyro_unit,
         second.gravity_mps2,
         _together(moved, second.effects),
-        second.user_effects,
+        _definitions(first, second),
         first.axes,
     )
 
@@ -163,7 +157,21 @@ def _along(triad: Triad, axes: FloatArray) -> Triad:
     return Triad(axes.T @ triad.sensitivity, axes.T @ triad.bias)
 
 
-def _moved(values: EffectValues, accel2: Triad, gyro2: Triad, second: SensorModel) -> EffectValues:
+def _definitions(first: SensorModel, second: SensorModel) -> tuple[UserEffect, ...]:
+    """The user-defined effects of both. Raises InputError for two of the same name."""
+    found = {effect.name: effect for effect in first.user_effects}
+    for effect in second.user_effects:
+        other = found.setdefault(effect.name, effect)
+        if other is not effect and getattr(other, "text", other) != getattr(effect, "text", effect):
+            raise InputError(
+                f"both calibrations have an effect {effect.name}, with different fields: rename one"
+            )
+    return tuple(found.values())
+
+
+def _moved(
+    first: SensorModel, values: EffectValues, accel2: Triad, gyro2: Triad, second: SensorModel
+) -> EffectValues:
     """An effect of the first calibration as an effect on the true values, T2^-1 e1(x(true)).
 
     Raises InputError if it has no such form.
@@ -172,8 +180,8 @@ def _moved(values: EffectValues, accel2: Triad, gyro2: Triad, second: SensorMode
     sensors = {second.definition(effect).sensor for effect in second.effects}
     name, numbers = values.name, values.values
     moved: npt.NDArray[np.floating[Any]] = numbers
-    if name in ADDED:
-        matrix = accel_t if name.startswith("accel_") else gyro_t
+    if is_added(first, values):
+        matrix = accel_t if first.definition(values).sensor == "accelerometer" else gyro_t
         moved = np.linalg.solve(matrix, numbers.reshape(-1, 3).T).T
     elif name == G_SENSITIVITY and "accelerometer" not in sensors:
         moved = np.linalg.solve(gyro_t, numbers.reshape(3, 3) @ accel_t)

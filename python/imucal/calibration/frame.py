@@ -19,10 +19,12 @@ from imucal.calibration.model import SensorModel
 from imucal.calibration.propagation import jacobian, known_covariance
 from imucal.calibration.triad import Frame, Triad
 from imucal.effects.effect import EffectValues
+from imucal.effects.formula import AXES, INPUTS
+from imucal.effects.formula_effect import FormulaEffect
 from imucal.errors import InputError
 from imucal.recording.axes import UNCHANGED, Axes
 
-__all__ = ["VECTORS", "for_columns", "in_frame", "rotated_effect"]
+__all__ = ["for_columns", "in_frame", "is_added"]
 
 # Effects whose values are vectors in the body frame, one after another: they add Q k in another frame.
 VECTORS: Final = frozenset(
@@ -66,7 +68,7 @@ def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
             model.accel_unit,
             model.gyro_unit,
             model.gravity_mps2,
-            tuple(rotated_effect(values, rotation) for values in model.effects),
+            tuple(rotated_effect(model, values, rotation) for values in model.effects),
             model.user_effects,
             model.axes,
         )
@@ -95,9 +97,18 @@ def for_columns(calibration: Calibration) -> Calibration:
     return _converted(calibration, convert)
 
 
-def rotated_effect(values: EffectValues, rotation: FloatArray) -> EffectValues:
+def is_added(model: SensorModel, values: EffectValues) -> bool:
+    """Whether an effect adds vectors to a sensor that depend on time, temperature or columns only."""
+    effect = model.definition(values)
+    if isinstance(effect, FormulaEffect):
+        samples = {name for name in INPUTS if name not in ("temp_degc", "time_s")}
+        return effect.formula.axes == AXES and not effect.formula.inputs & samples
+    return values.name in VECTORS and "_bias_" in values.name
+
+
+def rotated_effect(model: SensorModel, values: EffectValues, rotation: FloatArray) -> EffectValues:
     """An effect in another body frame, v' = rotation v. Raises InputError if it has no form there."""
-    if values.name in VECTORS:
+    if values.name in VECTORS or is_added(model, values):
         rows = values.values.reshape(-1, 3) @ rotation.T
     elif values.name in MATRICES:
         rows = rotation @ values.values.reshape(3, 3) @ rotation.T

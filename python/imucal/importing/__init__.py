@@ -163,6 +163,7 @@ def _calibration(
         gyro_unit="lsb" if found.gyro_unit == "lsb" else "rad/s",
         references=References("unknown"),
         effects=found.effects,
+        user_effects=found.user_effects,
         noise=found.noise,
         temperature_range_degc=found.temperature_range_degc,
         # Usable, but nothing is known of its residuals.

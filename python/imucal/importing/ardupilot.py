@@ -62,7 +62,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     thermal = {}
     if parameters.number(f"INS_TCAL{wanted.instance + 1}_ENABLE", 0.0) == APPLIED:
         thermal = {sensor: _thermal(parameters, sensor, wanted.instance + 1) for sensor in NAMES}
-    return per_axis_found(parameters.file, offsets, scale, thermal, wanted, notes=tuple(notes))
+    return per_axis_found(offsets, scale, thermal, wanted, notes=tuple(notes))
 
 
 def _thermal(parameters: Parameters, sensor: str, number: int) -> Cubic:
@@ -73,9 +73,9 @@ def _thermal(parameters: Parameters, sensor: str, number: int) -> Cubic:
         parameters.number(f"{group}_TMIN", RANGE_DEGC[0]),
         parameters.number(f"{group}_TMAX", RANGE_DEGC[1]),
     )
-    cubic = Cubic(np.array([np.zeros(3), *powers]), POLYNOMIAL_REFERENCE_DEGC, limits, f"{group}_{name}3")
+    cubic = Cubic(np.array([np.zeros(3), *powers]), POLYNOMIAL_REFERENCE_DEGC, limits)
     at_calibration = cubic.at(parameters.number(f"INS_{name}{number}_CALTEMP", NO_CALTEMP_DEGC))
-    return Cubic(np.array([-at_calibration, *powers]), cubic.reference_degc, limits, cubic.names)
+    return Cubic(np.array([-at_calibration, *powers]), cubic.reference_degc, limits)
 
 
 ARDUPILOT: Final = Reader(

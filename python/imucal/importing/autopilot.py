@@ -12,21 +12,18 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.calibration.triad import Triad
-from imucal.effects.effect import EffectValues
-from imucal.importing.parameters import Cubic
+from imucal.importing.parameters import Cubic, Thermal
 from imucal.importing.source_format import Found, Wanted
 
 __all__ = ["per_axis_found"]
 
 
 def per_axis_found(
-    file: str,
     offsets: dict[str, FloatArray],
     accel_scale: FloatArray,
     thermal: dict[str, Cubic],
     wanted: Wanted,
     *,
-    missing: tuple[str, ...] = (),
     notes: tuple[str, ...] = (),
 ) -> Found:
     """The calibration of offsets and scales.
@@ -35,31 +32,33 @@ def per_axis_found(
     thermal   by sensor, only for sensors whose thermal terms the autopilot applies
     """
     scales = {"accel": accel_scale, "gyro": np.ones(3)}
-    effects: list[EffectValues] = []
-    ranges = [cubic.range_degc for cubic in thermal.values()]
+    found: list[Thermal] = []
     remarks = list(notes)
     for sensor, cubic in thermal.items():
         if wanted.temperature_degc is not None:
             offsets = {**offsets, sensor: offsets[sensor] + cubic.at(wanted.temperature_degc)}
             continue
-        constant, effect = cubic.effect(file, sensor, scales[sensor])
-        offsets = {**offsets, sensor: offsets[sensor] + constant}
-        if effect.values.any():
-            effects.append(effect)
+        terms = cubic.effect(sensor, scales[sensor])
+        offsets = {**offsets, sensor: offsets[sensor] + terms.offset}
+        if terms.effect.values.any():
+            found.append(terms)
     temperatures = None
     if thermal and wanted.temperature_degc is not None:
         temperatures = (wanted.temperature_degc, wanted.temperature_degc)
         remarks.append(f"the thermal terms are those at {wanted.temperature_degc:g} degC")
-    elif effects:
+    elif found:
+        ranges = [cubic.range_degc for cubic in thermal.values()]
         temperatures = max(low for low, _ in ranges), min(high for _, high in ranges)
-        remarks.append(
-            f"the autopilot holds the thermal terms constant outside {temperatures[0]:g} to "
-            f"{temperatures[1]:g} degC, imucal extrapolates them with a warning"
-        )
+        if any(terms.definition is None for terms in found):
+            remarks.append(
+                f"the autopilot holds the thermal terms constant outside {temperatures[0]:g} to "
+                f"{temperatures[1]:g} degC, imucal extrapolates them with a warning"
+            )
     return Found(
         Triad(np.diag(1 / accel_scale), offsets["accel"]),
         Triad(np.eye(3), offsets["gyro"]),
-        tuple(effects),
+        tuple(terms.effect for terms in found),
+        tuple(terms.definition for terms in found if terms.definition is not None),
         temperature_range_degc=temperatures,
         missing=(
             "accel_misalignment",
@@ -67,7 +66,6 @@ def per_axis_found(
             "gyro_misalignment",
             *(() if thermal else ("temperature",)),
             "noise",
-            *missing,
         ),
         notes=tuple(remarks),
     )

@@ -12,11 +12,12 @@ import numpy as np
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.effects.effect import EffectValues
-from imucal.errors import FormatError, InputError
+from imucal.effects.formula_effect import FormulaEffect
+from imucal.errors import FormatError
 from imucal.exporting.autopilot import THERMAL
 from imucal.importing.source_format import Content
 
-__all__ = ["AXES", "Cubic", "Parameters", "names_in"]
+__all__ = ["AXES", "Cubic", "Parameters", "Thermal", "names_in"]
 
 AXES: Final = "XYZ"
 # NAME,VALUE and NAME=VALUE and NAME VALUE, after Vehicle-Id and Component-Id or `param set`, and the lines of
@@ -92,13 +93,11 @@ class Cubic:
     coefficients    (4, 3)
     reference_degc  temperature T at which the powers are zero
     range_degc      T is clamped to this range
-    names           names of the three cubic parameters, for messages
     """
 
     coefficients: FloatArray
     reference_degc: float
     range_degc: tuple[float, float]
-    names: str
 
     def at(self, temperature_degc: float) -> FloatArray:
         """The offset at a temperature, which is clamped."""
@@ -120,19 +119,39 @@ class Cubic:
             ]
         )
 
-    def effect(self, file: str, sensor: str, scale: FloatArray) -> tuple[FloatArray, EffectValues]:
-        """The offset at the reference temperature of imucal, and the rest as an effect.
+    def effect(self, sensor: str, scale: FloatArray) -> Thermal:
+        """The polynomial as an offset and an effect.
 
         sensor   "accel" or "gyro"
         scale    corrected / raw of each axis
 
-        Raises InputError for cubic terms, which no effect of the catalogue has.
+        Without cubic terms it is the effect of the catalogue, relative to its reference temperature. With
+        them it is a formula, which also holds the terms constant outside the range.
         """
         constant, linear, square, cubic = self.about(_core.REFERENCE_TEMPERATURE_DEGC)
-        if cubic.any():
-            raise InputError(
-                f"{file}: the cubic terms {self.names} of the temperature are not zero, and imucal's "
-                f"{THERMAL[sensor]} has a linear and a square term: give temperature_degc=25 for the "
-                "calibration at 25 degC, or another temperature"
-            )
-        return constant, EffectValues(THERMAL[sensor], np.concatenate((scale * linear, scale * square)))
+        if not cubic.any():
+            values = np.concatenate((scale * linear, scale * square))
+            return Thermal(constant, EffectValues(THERMAL[sensor], values), None)
+        low, high = self.range_degc
+        x = f"(min(max(temp_degc, {low!r}), {high!r}) - {self.reference_degc!r})"
+        name = f"{THERMAL[sensor]}_cubic"
+        definition = FormulaEffect.of(f"{sensor}: k1 * {x} + k2 * {x}**2 + k3 * {x}**3", name=name)
+        return Thermal(
+            self.coefficients[0],
+            EffectValues(name, (scale * self.coefficients[1:]).ravel()),
+            definition,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Thermal:
+    """The thermal terms of a sensor.
+
+    offset      constant part, raw units
+    effect      the rest, with its values
+    definition  of an effect that is not in the catalogue
+    """
+
+    offset: FloatArray
+    effect: EffectValues
+    definition: FormulaEffect | None

@@ -45,7 +45,6 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
                 f"{parameters.file}: CAL_{name}{n}_ID is 0: PX4 has no calibration of this sensor"
             )
     return per_axis_found(
-        parameters.file,
         {sensor: parameters.vector(f"CAL_{name}{n}_{{}}OFF") for sensor, name in SENSORS.items()},
         parameters.scale(f"CAL_ACC{n}_{{}}SCALE"),
         {sensor: cubic for sensor in SENSORS if (cubic := _thermal(parameters, sensor, n)) is not None},
@@ -69,7 +68,6 @@ def _thermal(parameters: Parameters, sensor: str, n: int) -> Cubic | None:
         np.array([parameters.vector(f"{slot}_X{power}_{{}}", "012") for power in range(4)]),
         parameters.number(f"{slot}_TREF"),
         (parameters.number(f"{slot}_TMIN", RANGE_DEGC[0]), parameters.number(f"{slot}_TMAX", RANGE_DEGC[1])),
-        f"{slot}_X3",
     )
 
 

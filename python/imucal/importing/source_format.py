@@ -13,6 +13,7 @@ from imucal.calibration.triad import Triad
 from imucal.document.json_document import Node
 from imucal.document.source import Source
 from imucal.effects.effect import EffectValues
+from imucal.effects.formula_effect import FormulaEffect
 
 __all__ = ["Content", "Found", "Reader", "Wanted"]
 
@@ -59,7 +60,8 @@ class Found:
     """A calibration as the files state it.
 
     accelerometer, gyroscope   the triads in raw units; None for a sensor that the files do not describe
-    effects                    effects of the catalogue
+    effects                    effects of the catalogue, and those of `user_effects`
+    user_effects               effects that a formula defines
     accel_unit, gyro_unit      raw units: m/s^2 and rad/s, or lsb
     noise                      noise figures, named as in a calibration file
     temperature_range_degc     temperatures between which the thermal terms vary
@@ -70,6 +72,7 @@ class Found:
     accelerometer: Triad | None
     gyroscope: Triad | None
     effects: tuple[EffectValues, ...] = ()
+    user_effects: tuple[FormulaEffect, ...] = ()
     accel_unit: str = "m/s^2"
     gyro_unit: str = "rad/s"
     noise: dict[str, float] = field(default_factory=dict)
