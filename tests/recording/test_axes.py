@@ -1,11 +1,14 @@
 """Changes of axes: of recordings, in calibration files, and in exports."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import imucal
 from imucal import Program, Recording
 from imucal.cli import main
+from imucal.recording.axes import Axes
 
 RUN = imucal.simulate(Program.random(seed=2, moves=18, hold_s=1.5), unit="paper", rate_hz=100, seed=2)
 
@@ -121,3 +124,25 @@ def test_exports_of_matrices_correct_raw_samples_to_the_body_frame(files, format
     np.testing.assert_allclose(of_raw.angular_rate, of_file.angular_rate, atol=tolerance)
     residual = exported.residual(imucal.read(files / "frd.csv", axes="frd"))
     assert residual.exported.figures.gravity_norm_rms_mps2 < 0.01
+
+
+def rows_of_makers():
+    page = (Path(__file__).resolve().parents[2] / "docs/frames.md").read_text(encoding="utf-8")
+    table = page.partition("`--axes` for FLU |\n")[2].partition("\n\n")[0]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[1:]]
+    return [row for row in rows if row[4]]
+
+
+@pytest.mark.parametrize("row", rows_of_makers(), ids=lambda row: row[0])
+def test_the_page_on_frames_gives_axes_with_z_up(row):
+    """With the axes of the page, a unit at rest reads +g on z, and both sensors are right-handed."""
+    _, _, _, reads, axes = row
+    force = [{"0": 0.0, "+g": 9.81, "-g": -9.81}[word.strip()] for word in reads.strip("()").split(",")]
+    rate = [0.1, 0.2, 0.3]
+    recording = Recording([0.0], [force], [rate]).with_axes(axes.strip("`'"))
+    assert recording.specific_force.tolist() == [[0.0, 0.0, 9.81]]
+    # On iOS the accelerometer alone has the reversed sign.
+    changed = Axes.parse(axes.strip("`'"))
+    assert np.linalg.det(changed.gyro) == pytest.approx(1.0)
+    sign = -1.0 if "iOS" in row[0] else 1.0
+    np.testing.assert_array_equal(changed.accel, sign * changed.gyro)
