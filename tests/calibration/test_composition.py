@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import imucal
 from imucal.calibration.frame import for_columns, in_frame
@@ -117,6 +118,22 @@ def test_the_covariance_is_that_of_the_second_propagated():
     size = np.sqrt(np.outer(np.diag(found.covariance), np.diag(found.covariance)))
     assert np.abs(sampled - found.covariance).max() > 0
     np.testing.assert_allclose(sampled / size, found.covariance / size, rtol=0, atol=0.08)
+
+
+@pytest.mark.slow
+def test_the_covariance_covers_the_truth():
+    """The errors of the first cancel: chi2 of 84 parameters, which the sum of both covariances would halve."""
+    chi2 = 0.0
+    for seed in range(4):
+        runs = [imucal.simulate("random", unit="paper", rate_hz=100, seed=100 * k + seed + 1) for k in (1, 2)]
+        first = imucal.calibrate(runs[0].recording).calibration
+        second = imucal.calibrate(first.apply_recording(runs[1].recording)).calibration
+        both = in_frame(imucal.compose(first, second), "symmetric")
+        truth = {p.name: p.value for p in runs[1].truth.calibration.parameters}
+        error = np.array([p.value - truth[p.name] for p in both.parameters])
+        chi2 += error @ np.linalg.solve(both.covariance, error)
+    assert stats.chi2.ppf(1e-3, 84) < chi2 < stats.chi2.ppf(1 - 1e-3, 84)
+    assert chi2 / 2 < stats.chi2.ppf(1e-3, 84)
 
 
 def test_effects_of_the_first_keep_their_uncertainty():

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 import yaml
@@ -20,6 +21,7 @@ from imucal.importing import READERS, readers_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 
+SCHEMA = json.loads((Path(imucal.__file__).parent / "schema" / "calibration-1.json").read_text())
 RANDOM = np.random.default_rng(11)
 RATE, FORCE = RANDOM.normal(0, 2, (400, 3)), RANDOM.normal(0, 10, (400, 3))
 # Correction matrices (corrected = S raw - b): far from the identity, condition numbers below 10.
@@ -47,6 +49,7 @@ def written(folder, name, text):
 def same_after_a_file(calibration, folder):
     """The calibration file holds the same correction, and every field of the origin."""
     calibration.save(folder / "imported.json")
+    jsonschema.validate(json.loads((folder / "imported.json").read_text()), SCHEMA)
     loaded = imucal.Calibration.load(folder / "imported.json")
     assert loaded.to_dict() == calibration.to_dict()
     return loaded
@@ -203,6 +206,12 @@ def test_realsense_calibration_json(tmp_path):
     assert calibration.frame == "given" and "depth sensor" in calibration.provenance.imported.notes[0]
 
 
+def test_realsense_t265_is_refused_by_name(tmp_path):
+    path = written(tmp_path, "calibration.json", {**REALSENSE, "device_type": "T265"})
+    with pytest.raises(imucal.InputError, match=r"calibration\.json is of a T265"):
+        imucal.read_calibration(path)
+
+
 @pytest.mark.parametrize("files", [1, 2])
 def test_realsense_imu_info(files, tmp_path):
     # realsense-ros fills `data` row by row from rs2_motion_device_intrinsic, whose rows are (S | bias).
@@ -350,7 +359,9 @@ def plain(values):
 @pytest.mark.parametrize("layout", PX4_LAYOUTS)
 def test_px4(layout, instance, tmp_path):
     values = plain(px4_values(instance=instance))
-    lines = ["# Onboard parameters", *(PX4_LAYOUTS[layout](*item) for item in values.items())]
+    # The first lines of QGroundControl, and of the console.
+    head = ["# Onboard parameters for Vehicle 1", "#", "# Stack: PX4 Pro", "Symbols: x = used, + = saved"]
+    lines = [*head, *(PX4_LAYOUTS[layout](*item) for item in values.items())]
     path = written(tmp_path, "vehicle.params", "\n".join(lines))
     calibration = same_after_a_file(imucal.read_calibration(path, instance=instance), tmp_path)
     assert_same_recording(calibration, WARM, *px4_corrected(values, WARM, instance))
@@ -485,6 +496,27 @@ def test_parameters_of_an_export_are_read_back(name, tmp_path):
     # The parameters are float32.
     np.testing.assert_allclose(found.angular_rate, expected.angular_rate, rtol=0, atol=2e-7)
     np.testing.assert_allclose(found.specific_force, expected.specific_force, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "name", ["kalibr", "basalt", "realsense", "ros", "c-header", "rust", "matlab", "fusion"]
+)
+def test_an_imported_calibration_is_exported(name, tmp_path):
+    """Also from the frame of another program, in which the accelerometer has nine free entries."""
+    given = imucal.Calibration(
+        imucal.Triad(np.linalg.inv(S_ACCEL), B_ACCEL),
+        imucal.Triad(np.linalg.inv(S_GYRO), B_GYRO),
+        frame="given",
+    )
+    exported = imucal.export(given, name)
+    rate, force = exported.same_as.apply(RATE, FORCE)
+    expected_rate, expected_force = given.apply(RATE, FORCE)
+    if name == "ros":
+        rate = expected_rate
+    rotation = np.linalg.lstsq(expected_force, force, rcond=None)[0].T
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(force, expected_force @ rotation.T, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(rate, expected_rate @ rotation.T, rtol=0, atol=1e-11)
 
 
 # --- damaged and incomplete files -----------------------------------------------------------------

@@ -19,7 +19,7 @@ from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.exporting.ardupilot import NAMES, PER_UNIT, POLYNOMIAL_REFERENCE_DEGC, RANGE_DEGC
 from imucal.importing.autopilot import per_axis_found
-from imucal.importing.parameters import Cubic, Parameters, names_in
+from imucal.importing.parameters import Cubic, Parameters, has_parameters
 from imucal.importing.source_format import Content, Found, Reader, Wanted
 
 __all__ = ["ARDUPILOT"]
@@ -34,9 +34,7 @@ NO_CALTEMP_DEGC: Final = -300.0
 
 def recognises(content: Content) -> bool:
     """Whether the file has calibration parameters of ArduPilot."""
-    return content.document is None and any(
-        name.startswith(("INS_ACC", "INS_GYR", "INS_TCAL")) for name in names_in(content.text)
-    )
+    return content.document is None and has_parameters(content.text, ("INS_ACC", "INS_GYR", "INS_TCAL"))
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:

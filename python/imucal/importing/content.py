@@ -10,6 +10,7 @@ from typing import Any, Final
 from imucal.document.json_document import Node, read_json
 from imucal.document.source import open_file, parsing
 from imucal.errors import FormatError
+from imucal.importing.parameters import has_parameters
 from imucal.importing.source_format import Content
 from imucal.io.extra import library
 
@@ -47,7 +48,8 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     document = None
     if text.lstrip().startswith("{"):
         document = read_json(path)
-    elif YAML_FIELD.search(text) and not re.search(r"^#?\s*(param set|x? *[+*]? *(CAL|TC)_)", text):
+    # Consoles of autopilots write lines that could be YAML above their parameters.
+    elif YAML_FIELD.search(text) and not has_parameters(text):
         document = Node(_yaml(text, name), "$", name)
     return Content(name, text, document, file.source)
 

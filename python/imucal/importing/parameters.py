@@ -17,15 +17,22 @@ from imucal.errors import FormatError
 from imucal.exporting.autopilot import THERMAL
 from imucal.importing.source_format import Content
 
-__all__ = ["AXES", "Cubic", "Parameters", "Thermal", "names_in"]
+__all__ = ["AXES", "Cubic", "Parameters", "Thermal", "has_parameters"]
 
 AXES: Final = "XYZ"
+# Starts of the names of calibration parameters of PX4 and of ArduPilot.
+PREFIXES: Final = ("CAL_ACC", "CAL_GYRO", "INS_ACC", "INS_GYR", "INS_TCAL")
 # NAME,VALUE and NAME=VALUE and NAME VALUE, after Vehicle-Id and Component-Id or `param set`, and the lines of
 # `param show`: x + NAME [12,34] : VALUE.
 LINE: Final = re.compile(
     r"^\s*(?:(?:\d+\s+\d+|param\s+set|x?\s*[+*]?)\s+)?([A-Z][A-Z0-9_]{2,16})"
     r"(?:\s*\[[\d,]+\]\s*:\s*|\s*[,=\t]\s*|\s+)([-+]?[\w.+-]+)"
 )
+
+
+def has_parameters(text: str, prefixes: tuple[str, ...] = PREFIXES) -> bool:
+    """Whether a text has parameters of an autopilot whose names start with one of the prefixes."""
+    return any(name.startswith(prefixes) for name in names_in(text))
 
 
 def names_in(text: str) -> set[str]:

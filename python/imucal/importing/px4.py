@@ -18,7 +18,7 @@ import numpy as np
 from imucal.errors import InputError
 from imucal.exporting.px4 import LETTERS, RANGE_DEGC
 from imucal.importing.autopilot import per_axis_found
-from imucal.importing.parameters import Cubic, Parameters, names_in
+from imucal.importing.parameters import Cubic, Parameters, has_parameters
 from imucal.importing.source_format import Content, Found, Reader, Wanted
 
 __all__ = ["PX4"]
@@ -30,9 +30,7 @@ SLOTS: Final = range(4)
 
 def recognises(content: Content) -> bool:
     """Whether the file has calibration parameters of PX4."""
-    return content.document is None and any(
-        name.startswith(("CAL_ACC", "CAL_GYRO")) for name in names_in(content.text)
-    )
+    return content.document is None and has_parameters(content.text, ("CAL_ACC", "CAL_GYRO"))
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:

@@ -31,6 +31,12 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     """One IMU of the file."""
     (content,) = contents
     assert content.document is not None
+    device = content.document.mapping().get("device_type")
+    if isinstance(device, str) and device.upper().startswith("T2"):
+        raise InputError(
+            f"{content.name} is of a {device}, whose files have another order of the matrices than those of "
+            "rs-imu-calibration (D435i, D455, L515): it is not read"
+        )
     imus = content.document.get("imus").items()
     if not wanted.instance < len(imus):
         raise InputError(f"{content.name} has {len(imus)} IMUs, numbered from 0: give instance=0")
