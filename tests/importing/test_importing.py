@@ -368,6 +368,21 @@ def test_px4(layout, instance, tmp_path):
     assert calibration.temperature_range_degc == (-10.0, 70.0)
 
 
+def test_px4_of_old_versions_scales_the_gyroscope(tmp_path):
+    values = plain(px4_values()) | {
+        f"CAL_GYRO0_{a}SCALE": v for a, v in zip("XYZ", (1.2, 0.9, 1.1), strict=True)
+    }
+    text = "\n".join(PX4_LAYOUTS["QGroundControl"](*item) for item in values.items())
+    calibration = imucal.read_calibration(written(tmp_path, "old.params", text))
+    # Module sensors of old versions: (raw - thermal - offset) * scale for the gyroscope too.
+    rate, force = px4_corrected(values, WARM)
+    assert_same_recording(calibration, WARM, rate * [1.2, 0.9, 1.1], force)
+    assert "gyro_scale" not in calibration.provenance.imported.missing
+    text += "\n" + PX4_LAYOUTS["QGroundControl"]("TC_G1_SCL_0", 1.01)
+    with pytest.raises(imucal.InputError, match="TC_G1_SCL is not 1"):
+        imucal.read_calibration(written(tmp_path, "older.params", text))
+
+
 def ardupilot_values(cubic=0.0, instance=0):
     number, other = ("", "2", "3")[instance], instance + 1
     values = {f"INS_ACC{number}OFFS_{a}": v for a, v in zip("XYZ", B_ACCEL, strict=True)}
@@ -589,7 +604,7 @@ DAMAGED = {
     ),
     "ardupilot not calibrated": (
         with_entry(ARDUPILOT_TEXT, "INS_ACCSCAL_X,1.31", "INS_ACCSCAL_X,0"),
-        "INS_ACCSCAL_X is 0: the accelerometer is not calibrated",
+        "INS_ACCSCAL_X is 0: the sensor is not calibrated",
     ),
     "ardupilot twice": (
         ARDUPILOT_TEXT + "\nINS_ACCOFFS_X,0.5",
@@ -615,6 +630,29 @@ def test_a_damaged_file_is_named(case, tmp_path):
     with pytest.raises(imucal.FormatError, match=message) as raised:
         imucal.read_calibration(path)
     assert "acc.txt" in str(raised.value)
+
+
+@pytest.mark.parametrize("name", ["kalibr", "basalt", "realsense", "ardupilot", "imu_tk"])
+def test_a_file_that_is_cut_off_or_lacks_a_line_is_read_or_refused(name, tmp_path):
+    """Never another exception than those of the package, wherever the file ends."""
+    text = {
+        "kalibr": yaml.dump({"imu0": kalibr_block()}),
+        "basalt": json.dumps({"calib_accel_bias": [0.1] * 9, "calib_gyro_bias": [0.1] * 12}),
+        "realsense": json.dumps(REALSENSE, indent=1),
+        "ardupilot": ARDUPILOT_TEXT,
+        "imu_tk": imu_tk_text(MISALIGNMENT, np.full(3, 0.0024), B_ACCEL),
+    }[name]
+    lines = text.splitlines(keepends=True)
+    cut = [text[: len(text) * k // 30] for k in range(1, 30)]
+    cut += ["".join(lines[:k] + lines[k + 1 :]) for k in range(0, len(lines), max(1, len(lines) // 20))]
+    refused = 0
+    for damaged in cut:
+        try:
+            imucal.read_calibration(written(tmp_path, "acc.txt", damaged))
+        except imucal.ImucalError as error:
+            refused += 1
+            assert "acc.txt" in str(error)
+    assert refused > len(cut) / 3
 
 
 def test_a_file_of_another_format_than_given(tmp_path):

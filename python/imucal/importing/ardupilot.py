@@ -60,7 +60,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     thermal = {}
     if parameters.number(f"INS_TCAL{wanted.instance + 1}_ENABLE", 0.0) == APPLIED:
         thermal = {sensor: _thermal(parameters, sensor, wanted.instance + 1) for sensor in NAMES}
-    return per_axis_found(offsets, scale, thermal, wanted, notes=tuple(notes))
+    return per_axis_found(offsets, {"accel": scale}, thermal, wanted, notes=tuple(notes))
 
 
 def _thermal(parameters: Parameters, sensor: str, number: int) -> Cubic:

@@ -1,7 +1,7 @@
 """The calibration of an autopilot: an offset and a scale per axis, and thermal offsets.
 
     corrected_accel = (raw - thermal(T) - offset) * scale         for each axis
-    corrected_gyro  =  raw - thermal(T) - offset
+    corrected_gyro  =  raw - thermal(T) - offset                  old versions of PX4: also * scale
 
 The inverse is `imucal.exporting.autopilot`.
 """
@@ -20,7 +20,7 @@ __all__ = ["per_axis_found"]
 
 def per_axis_found(
     offsets: dict[str, FloatArray],
-    accel_scale: FloatArray,
+    scales: dict[str, FloatArray],
     thermal: dict[str, Cubic],
     wanted: Wanted,
     *,
@@ -29,9 +29,16 @@ def per_axis_found(
     """The calibration of offsets and scales.
 
     offsets   by sensor ("accel", "gyro"), raw units
+    scales    by sensor, corrected / raw; without "gyro" the autopilot has no scale of the gyroscope
     thermal   by sensor, only for sensors whose thermal terms the autopilot applies
     """
-    scales = {"accel": accel_scale, "gyro": np.ones(3)}
+    missing = [
+        "accel_misalignment",
+        "gyro_misalignment",
+        *([] if "gyro" in scales else ["gyro_scale"]),
+        "noise",
+    ]
+    scales = {"gyro": np.ones(3), **scales}
     found: list[Thermal] = []
     remarks = list(notes)
     for sensor, cubic in thermal.items():
@@ -55,17 +62,11 @@ def per_axis_found(
                 f"{temperatures[1]:g} degC, imucal extrapolates them with a warning"
             )
     return Found(
-        Triad(np.diag(1 / accel_scale), offsets["accel"]),
-        Triad(np.eye(3), offsets["gyro"]),
+        Triad(np.diag(1 / scales["accel"]), offsets["accel"]),
+        Triad(np.diag(1 / scales["gyro"]), offsets["gyro"]),
         tuple(terms.effect for terms in found),
         tuple(terms.definition for terms in found if terms.definition is not None),
         temperature_range_degc=temperatures,
-        missing=(
-            "accel_misalignment",
-            "gyro_scale",
-            "gyro_misalignment",
-            *(() if thermal else ("temperature",)),
-            "noise",
-        ),
+        missing=tuple(missing if thermal else ["temperature", *missing]),
         notes=tuple(remarks),
     )

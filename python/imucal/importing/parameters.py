@@ -88,7 +88,7 @@ class Parameters:
         for axis, value in zip(AXES, scale, strict=True):
             if value <= 0:
                 raise FormatError(
-                    f"{self.file}: {name.format(axis)} is {value:g}: the accelerometer is not calibrated"
+                    f"{self.file}: {name.format(axis)} is {value:g}: the sensor is not calibrated"
                 )
         return scale
 

@@ -5,7 +5,8 @@
     thermal_offset  =  x0 + x1 dT + x2 dT^2 + x3 dT^3             TemperatureCompensation.cpp,
                        dT = T - TREF, T clamped to [TMIN, TMAX]   calc_thermal_offsets_3D
 
-PX4 then rotates both to the axes of the board, by CAL_*_ROT or SENS_BOARD_ROT. The inverse is
+Old versions also scale the gyroscope (CAL_GYRO0_XSCALE). PX4 then rotates both to the axes of the board, by
+CAL_*_ROT or SENS_BOARD_ROT. The inverse is
 `imucal.exporting.px4`.
 """
 
@@ -42,9 +43,12 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
             raise InputError(
                 f"{parameters.file}: CAL_{name}{n}_ID is 0: PX4 has no calibration of this sensor"
             )
+    scales = {"accel": parameters.scale(f"CAL_ACC{n}_{{}}SCALE")}
+    if f"CAL_GYRO{n}_XSCALE" in parameters.values:
+        scales["gyro"] = parameters.scale(f"CAL_GYRO{n}_{{}}SCALE")
     return per_axis_found(
         {sensor: parameters.vector(f"CAL_{name}{n}_{{}}OFF") for sensor, name in SENSORS.items()},
-        parameters.scale(f"CAL_ACC{n}_{{}}SCALE"),
+        scales,
         {sensor: cubic for sensor in SENSORS if (cubic := _thermal(parameters, sensor, n)) is not None},
         wanted,
         notes=_notes(parameters, n),
@@ -62,6 +66,11 @@ def _thermal(parameters: Parameters, sensor: str, n: int) -> Cubic | None:
     if not slots and (device is not None and any(ids.values())):
         return None
     slot = f"TC_{letter}{slots[0] if slots else n}"
+    if (parameters.vector(f"{slot}_SCL_{{}}", "012", 1.0) != 1.0).any():
+        raise InputError(
+            f"{parameters.file}: {slot}_SCL is not 1: this thermal scale of old versions of PX4 is not read; "
+            "set it to 1 if your version ignores it"
+        )
     return Cubic(
         np.array([parameters.vector(f"{slot}_X{power}_{{}}", "012") for power in range(4)]),
         parameters.number(f"{slot}_TREF"),
