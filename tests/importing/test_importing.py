@@ -528,6 +528,9 @@ def test_an_imported_calibration_is_exported(name, tmp_path):
     expected_rate, expected_force = given.apply(RATE, FORCE)
     if name == "ros":
         rate = expected_rate
+    imported = imucal.Imported("ros", "imu_calib", "f", (imucal.Source("their.yaml", "0" * 64),))
+    made = dataclasses.replace(given, provenance=imucal.Provenance(imported=imported))
+    assert "from their.yaml of imu_calib" in " ".join(imucal.export(made, name).text.split())
     rotation = np.linalg.lstsq(expected_force, force, rcond=None)[0].T
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-12)
     np.testing.assert_allclose(force, expected_force @ rotation.T, rtol=0, atol=1e-11)

@@ -96,6 +96,11 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
     made = calibration.provenance
     unit = f"unit {calibration.serial_number}" if calibration.serial_number else "a unit"
     files = ", ".join(source.path for source in made.files)
+    imported, composed = made.imported, ", then ".join(source.path for source in made.composed_of)
+    if imported is not None:
+        files = f"{', '.join(source.path for source in imported.files)} of {imported.program}"
+    elif composed:
+        files = f"{composed}, applied one after the other"
     lines = [
         f"{form.title}, written by imucal",
         f"Calibration of {unit}"
