@@ -135,7 +135,7 @@ def _run(arguments: list[str]) -> int:
         raise
     except BaseException as error:
         # A panic of the compiled library is a BaseException.
-        return _failed(error)
+        return _failed(error, arguments)
     return 0
 
 
@@ -154,13 +154,13 @@ def _unwritable(error: OSError) -> int:
     return _failed(error)
 
 
-def _failed(error: BaseException) -> int:
-    """Print the message of the error that ended the command."""
+def _failed(error: BaseException, arguments: Sequence[str] = ()) -> int:
+    """Print the message of the error that ended the command with these arguments."""
     if hasattr(error, "format_message"):
         return _wrong_command_line(error)
     if is_fault(error) and os.environ.get(TRACEBACK):
         raise error
-    return _say(message_of(error), NO_RESULT)
+    return _say(message_of(error) + command_offered(error, arguments), NO_RESULT)
 
 
 def _wrong_command_line(error: Any) -> int:

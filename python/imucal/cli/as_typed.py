@@ -31,6 +31,7 @@ ARGUMENTS: Final = (
     "gyro_unit",
     "instance",
     "min_rest_s",
+    "model",
     "rate_hz",
     "receive_time",
     "skip_rows",

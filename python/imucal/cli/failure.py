@@ -8,6 +8,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
+import shlex
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -18,18 +20,32 @@ from click.exceptions import Abort, Exit
 
 from imucal.cli.as_typed import as_typed
 from imucal.cli.output import Output
-from imucal.errors import ImucalError
+from imucal.errors import ImucalError, NotEnoughMotionError
 
-__all__ = ["TRACEBACK", "is_fault", "message_of", "no_result_told", "refusal_told"]
+__all__ = ["TRACEBACK", "command_offered", "is_fault", "message_of", "no_result_told", "refusal_told"]
 
 # Environment variable that makes a bug end with its traceback, if it is set.
 TRACEBACK: Final = "IMUCAL_TRACEBACK"
+# A model of fewer parameters in a message, and the commands that have the option --model.
+OFFERED: Final = re.compile(r"\bmodel='(\w+)'")
+WITH_MODEL: Final = ("calibrate", "gap")
 
 
 def message_of(error: BaseException) -> str:
     """The message for an error that ends a command."""
     known = _foreseen(error)
     return _fault(error) if known is None else known
+
+
+def command_offered(error: BaseException, arguments: Sequence[str]) -> str:
+    """The command that estimates fewer parameters, if the error offers a model; otherwise empty.
+
+    arguments   those of the command that ended with the error
+    """
+    offered = OFFERED.search(str(error)) if isinstance(error, NotEnoughMotionError) else None
+    if offered is None or not arguments or arguments[0] not in WITH_MODEL:
+        return ""
+    return f": imucal {shlex.join([arguments[0], '--model', offered[1], *arguments[1:]])}"
 
 
 def is_fault(error: BaseException) -> bool:

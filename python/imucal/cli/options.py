@@ -21,9 +21,11 @@ __all__ = [
     "Control",
     "ExcludeSaturated",
     "Gravity",
+    "HoldOption",
     "JsonPath",
     "LimitsPath",
     "MinRest",
+    "ModelOption",
     "RecordingPath",
     "ReportPath",
     "Require",
@@ -53,6 +55,24 @@ ExcludeSaturated = Annotated[
 LimitsPath = Annotated[
     Path | None,
     option("--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is not kept."),
+]
+ModelOption = Annotated[
+    str,
+    option(
+        "--model",
+        metavar="MODEL",
+        help="Parameters without a prior: full, orthogonal (biases and scales) or bias. The others are held "
+        "at nominal values within usual tolerances.",
+    ),
+]
+HoldOption = Annotated[
+    list[str] | None,
+    option(
+        "--hold",
+        metavar="NAME[=VALUE][+-SIGMA]",
+        help="Hold a parameter by a prior, such as accel_misalignment_xy=0+-0.005, or a group of them, such as "
+        "accel_misalignment; may be repeated.",
+    ),
 ]
 
 

@@ -26,6 +26,7 @@ from imucal.errors import InputError
 from imucal.estimation.evaluate import evaluated, evaluation_of
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
 from imucal.estimation.options import Options, asked_for, wander_of
+from imucal.estimation.priors import Hold, Priors, holds_of, profile_of
 from imucal.estimation.rests import FittedMove, FittedRest, of_library
 from imucal.estimation.result import CalibrationResult
 from imucal.estimation.user_effects import UserEffectSource
@@ -54,6 +55,8 @@ def calibrate(
     accel_nominal: float | None = None,
     gyro_nominal: float | None = None,
     effects: Sequence[str | UserEffect] = (),
+    model: str = "full",
+    hold: Hold = (),
     joint: bool = True,
     unit: Unit | str | os.PathLike[str] | None = None,
     folds: int | None = None,
@@ -78,11 +81,22 @@ def calibrate(
                        such as "gyro: k * (supply_v - 3.3)", and names of the catalogue; `:full` selects the
                        full form of an effect that has two, and `:seen` estimates only the observable
                        parameters, the others having a prior of that width
-    joint              estimate all parameters in one fit; if False, and without effects, first fit the
-                       accelerometer and then the gyroscope
+    model              parameters that are estimated without a prior: "full" for all; "orthogonal" for biases and
+                       scales, with the misalignments held; "bias" for the biases, with misalignments and
+                       scales held
+    hold               parameters held in addition: they have a normal prior, which is in the standard deviations
+                       of the result. Texts NAME, NAME=VALUE or NAME=VALUE+-SIGMA, or a mapping from names to
+                       None, the value, or (value, sigma). NAME is accel_ or gyro_ with bias, scale or
+                       misalignment, for all axes, or with axes (accel_misalignment_xy). Without VALUE it is
+                       that of a perfect sensor; without SIGMA it is from the spread of `unit`, or the default
+                       for MEMS sensors (docs/model.md (40)). Biases are in the raw unit, scales relative to
+                       the nominal scale, misalignments in rad
+    joint              estimate all parameters in one fit; if False, and without effects and held parameters,
+                       first fit the accelerometer and then the gyroscope
     unit               profile of the unit, its name, or the path of its file: its bias instabilities and
                        random walks, which recordings of minutes hardly show, are included in the standard
-                       deviations, and the estimated biases are means over the recording
+                       deviations, and the estimated biases are means over the recording. Its spread gives
+                       the priors of held parameters
     folds              number of additional fits that each exclude one part of the moves or of the rests, and
                        predict it
 
@@ -118,6 +132,9 @@ def calibrate(
         gyro_nominal=gyro_nominal,
         effects=wanted,
         joint=joint,
+        model=model,
+        hold=holds_of(hold),
+        profile=profile_of(unit),
         wander=wander_of(unit),
         folds=folds,
         partly=partly,
@@ -151,7 +168,10 @@ def result_of(
     own    the user's effects that were estimated
     found  the evaluation on `judges`, if there is one
     """
-    fit, figures = Fit.of_outcome(outcome), Figures(**outcome.figures)
+    names = _names(outcome, own)
+    raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
+    priors = Priors.of_outcome(outcome, options.model, names, raw_units)
+    fit, figures = Fit.of_outcome(outcome, priors), Figures(**outcome.figures)
     rests = tuple(of_library(FittedRest, fields) for fields in outcome.rests)
     moves = tuple(of_library(FittedMove, fields) for fields in outcome.moves)
     verdict = worst(verdict_of(outcome.verdict), "good" if found is None else verdict_of(found.verdict))
@@ -168,7 +188,7 @@ def result_of(
         effects=tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects),
         user_effects=own,
         covariance=outcome.covariance,
-        covariance_names=_names(outcome, own),
+        covariance_names=names,
         noise=_noise(outcome.accel_noise_density, outcome.gyro_noise_density),
         temperature_range_degc=_temperature_range(unit_data),
         fit=fit.to_dict(),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucal.document.plain import plain, without_nan
+from imucal.estimation.priors import Priors
 from imucal.estimation.rests import of_library
 
 if TYPE_CHECKING:
@@ -129,6 +130,7 @@ class Fit:
                               something rigid
     effects                   significance of each estimated effect
     rest_thresholds           how the rests of each recording were found
+    priors                    the held parameters; None if none is held
     """
 
     accelerometer: FitReport
@@ -139,9 +141,10 @@ class Fit:
     tremor_deg: tuple[float | None, ...]
     effects: tuple[EffectSignificance, ...]
     rest_thresholds: tuple[RestThreshold, ...]
+    priors: Priors | None = None
 
     @staticmethod
-    def of_outcome(outcome: _core.Outcome) -> Fit:
+    def of_outcome(outcome: _core.Outcome, priors: Priors | None = None) -> Fit:
         """The fits of an outcome of the compiled library."""
         joint = noise_alone = instability = None
         if outcome.joint_fit is not None and outcome.joint_scales is not None:
@@ -161,11 +164,14 @@ class Fit:
             tremors if joint else (),
             tests if joint else (),
             tuple(of_library(RestThreshold, fields) for fields in outcome.thresholds),
+            priors,
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The section `fit` of documents; without a joint fit its fields are absent."""
+        """The section `fit` of documents; without a joint fit or held parameters their fields are absent."""
         document: dict[str, Any] = plain(self)
+        if self.priors is None:
+            del document["priors"]
         if self.joint is None:
             for name in ("joint", "noise_alone", "bias_instability_radps", "tremor_deg", "effects"):
                 del document[name]

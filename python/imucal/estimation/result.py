@@ -121,6 +121,7 @@ class CalibrationResult:
             f"{effect.dof} would be expected without the effect"
             for effect in self.fit.effects
         ]
+        notes += self.fit.priors.notes if self.fit.priors is not None else []
         notes += [f"{item.message}: {item.way_out}" for item in self.diagnosis]
         notes += self.calibration.references.notes(self.calibration.gravity_mps2)
         return tuple(notes)

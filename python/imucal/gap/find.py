@@ -27,6 +27,7 @@ from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.estimation.evaluate import require_judges
 from imucal.estimation.options import Options
+from imucal.estimation.priors import Hold, holds_of
 from imucal.gap.question import Question
 from imucal.gap.result import Gap
 from imucal.gap.translation import gap_of
@@ -47,6 +48,8 @@ def find_gap(
     gravity_mps2: float | None = None,
     min_rest_s: float = _core.MIN_REST_S,
     exclude_saturated: bool = False,
+    model: str = "full",
+    hold: Hold = (),
     stage: Callable[[str], None] = lambda _: None,
 ) -> Gap:
     """Find where recordings disagree with the model, identify the missing effect, and add it to the model.
@@ -63,6 +66,7 @@ def find_gap(
     gravity_mps2        local gravity, m/s^2; default: that of `calibration`, else standard gravity
     min_rest_s          minimum duration of a rest, s
     exclude_saturated   whether to exclude saturated samples
+    model, hold         parameters that have a prior in all fits, as in `calibrate`
     stage               callback with a description of each step before it starts
 
     Raises the errors of `calibrate`, except that faults of the data are returned as a verdict.
@@ -101,6 +105,8 @@ def find_gap(
         clock_ppm=references.clock_ppm,
         min_rest_s=min_rest_s,
         exclude_saturated=exclude_saturated,
+        model=model,
+        hold=holds_of(hold),
     )
     question = Question(unit_data, judges, options, wanted, named, calibration, references, stage)
     return gap_of(question, question.answer())

@@ -25,6 +25,7 @@ from imucal.document.whole import check_count, check_seed
 from imucal.effects.table import catalogue, find
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.options import Options
+from imucal.estimation.priors import Hold, HoldTuple, holds_of, profile_of
 from imucal.planning.groups import PlannedParameter, Size, worst_of
 from imucal.planning.result import ComparedProgram, NotObservable, Plan
 from imucal.planning.targets import sigma_of, targets_of
@@ -56,6 +57,8 @@ def plan(
     targets: Mapping[str, float | str] | None = None,
     minutes: float | None = None,
     effects: Sequence[str] = (),
+    model: str = "full",
+    hold: Hold = (),
     seed: int = 1,
     proposals: int = PROPOSALS,
     detection_limits: bool = True,
@@ -75,6 +78,8 @@ def plan(
                with the most information on all parameters (D-optimal) in `minutes`
     minutes    maximum duration of the optimal program; by default that of the stand limits, or 3
     effects    names of further effects that the program must determine
+    model, hold  parameters that have a prior, as in `calibrate`; widths that are not given are from the
+               spread of `unit`
     seed       seed of the search and of the random program
     proposals  number of changes of the program that the search tries
     detection_limits  False omits detection limits and `not_observable`, which take most of the time
@@ -102,7 +107,8 @@ def plan(
                 f"the {name} of {unit.name or 'the unit'} has no noise: any program would determine "
                 "everything; give a unit with the noise of its datasheet"
             )
-    planner = _Planner(unit, limits, tuple(effects), seed, proposals, rate_hz, gravity_mps2)
+    held = Held(model, holds_of(hold), profile_of(unit))
+    planner = _Planner(unit, limits, tuple(effects), held, seed, proposals, rate_hz, gravity_mps2)
     targets_si = targets_of(targets or {}, effects)
     if kind != "optimal":
         if targets_si:
@@ -121,6 +127,15 @@ def plan(
 
 
 @dataclass(frozen=True)
+class Held:
+    """The parameters with a prior, for the compiled library."""
+
+    model: str
+    hold: tuple[HoldTuple, ...]
+    profile: tuple[tuple[str, list[float]], ...]
+
+
+@dataclass(frozen=True)
 class CoreSensors:
     """The properties of the unit under the names of the compiled library."""
 
@@ -129,6 +144,9 @@ class CoreSensors:
     gravity_mps2: float
     effects: tuple[str, ...]
     run_s: float
+    model: str
+    hold: tuple[HoldTuple, ...]
+    profile: tuple[tuple[str, list[float]], ...]
 
 
 @dataclass(frozen=True)
@@ -138,6 +156,7 @@ class _Planner:
     unit: Unit
     limits: StandLimits
     effects: tuple[str, ...]
+    held: Held
     seed: int
     proposals: int
     rate_hz: float
@@ -208,7 +227,17 @@ class _Planner:
         return Program.of_steps(steps), reached
 
     def _sensors(self, minutes: float) -> CoreSensors:
-        return CoreSensors(self.unit, self.rate_hz, self.gravity_mps2, self.effects, 60.0 * minutes)
+        held = self.held
+        return CoreSensors(
+            unit=self.unit,
+            rate_hz=self.rate_hz,
+            gravity_mps2=self.gravity_mps2,
+            effects=self.effects,
+            run_s=60.0 * minutes,
+            model=held.model,
+            hold=held.hold,
+            profile=held.profile,
+        )
 
     def _sigma(self, motions: Sequence[Motion], minutes: float) -> tuple[list[float], int]:
         trembles = any(isinstance(motion, Tumble) and motion.tremor_deg > 0 for motion in motions)
@@ -238,7 +267,14 @@ class _Planner:
         return dataclasses.replace(run, stand_rad=None) if self.limits.in_hand else run
 
     def _options(self) -> Options:
-        return Options(gravity_mps2=self.gravity_mps2, min_rest_s=min(1.0, self.limits.min_rest_s))
+        held = self.held
+        return Options(
+            gravity_mps2=self.gravity_mps2,
+            min_rest_s=min(1.0, self.limits.min_rest_s),
+            model=held.model,
+            hold=held.hold,
+            profile=held.profile,
+        )
 
     def _determined(self, run: Recording) -> tuple[list[bool], str | None]:
         """Whether a run determines each of the 21 parameters, and a text on what is missing."""

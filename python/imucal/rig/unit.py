@@ -130,6 +130,9 @@ class Unit:
     """An accelerometer and a gyroscope on one board, with their effects.
 
     description, sources   description of the unit, and the sources of its figures
+    spread                 standard deviations of the units of its kind, from the tolerances of the file, SI
+                           units: accel_bias, accel_scale, accel_misalignment and the same for gyro; one
+                           value, or one per axis
     """
 
     accelerometer: Sensor = field(default_factory=Sensor)
@@ -138,6 +141,7 @@ class Unit:
     name: str = "unit"
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
+    spread: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @staticmethod
     def named(name: str) -> Unit:
@@ -220,8 +224,15 @@ def unit_from(node: Node) -> Unit:
     node.require_schema(SCHEMA)
     require_fields(node, FIELDS, "a unit file")
     sources = {key: node.get("sources").get(key).text() for key in node.get("sources").mapping()}
+    spread: dict[str, FloatArray] = {}
     if node.mapping().get("spread") is not None:
         _require_spread(node.get("spread"), sources)
+        given = node.get("spread").mapping()
+        spread = {
+            figure: _deviation(node.get("spread"), figure, unit, size)
+            for figure, (size, unit) in DRAWN.items()
+            if given.get(figure) is not None
+        }
     try:
         name = require_name(node.get("name").value, "$.name")
     except InputError as error:
@@ -233,6 +244,7 @@ def unit_from(node: Node) -> Unit:
         name,
         node.get("description").text(),
         sources,
+        spread,
     )
 
 

@@ -5,6 +5,7 @@ use imucal::Termination;
 use imucal::calibrate;
 use imucal::calibrate::diagnosis;
 use imucal::evaluate;
+use imucal::held;
 use imucal::recording::Recording;
 use imucal::rests;
 use imucal::verdict;
@@ -67,6 +68,48 @@ impl From<Option<calibrate::Misfit>> for Misfit {
             degrees_of_freedom: misfit.map(|m| m.degrees_of_freedom),
             p_value: misfit.and_then(|m| known(m.p_value)),
         }
+    }
+}
+
+/// A held parameter with its prior and its estimate.
+#[derive(IntoPyObject)]
+pub(crate) struct HeldParameter<'a> {
+    name: &'a str,
+    prior_value: f64,
+    prior_sigma: f64,
+    prior_source: &'static str,
+    estimate: f64,
+    sigma: f64,
+    prior_share: f64,
+    /// Difference of prior and recordings in its standard deviations; None if the recordings say nothing.
+    contradiction: Option<f64>,
+}
+
+impl<'a> From<&'a calibrate::HeldEstimate> for HeldParameter<'a> {
+    fn from(held: &'a calibrate::HeldEstimate) -> Self {
+        Self {
+            name: &held.prior.name,
+            prior_value: held.prior.value,
+            prior_sigma: held.prior.sigma,
+            prior_source: held.prior.source.name(),
+            estimate: held.estimate,
+            sigma: held.sigma,
+            prior_share: held.prior_share,
+            contradiction: held.contradiction,
+        }
+    }
+}
+
+/// Errors that the priors of held parameters leave.
+#[derive(IntoPyObject)]
+pub(crate) struct PriorCost {
+    gravity_direction_deg: f64,
+    rotation_deg: f64,
+}
+
+impl From<held::PriorCost> for PriorCost {
+    fn from(cost: held::PriorCost) -> Self {
+        Self { gravity_direction_deg: cost.gravity_direction_deg, rotation_deg: cost.rotation_deg }
     }
 }
 

@@ -3,6 +3,7 @@
 use imucal::calibrate::{BiasWander, EffectChoice, Options, References, UnitWander};
 use imucal::error::Error;
 use imucal::frame::Frame;
+use imucal::held::{Hold, ParameterModel, Priors};
 use pyo3::prelude::*;
 
 use crate::arrays::UserFieldArrays;
@@ -41,6 +42,11 @@ pub(crate) struct CalibrateOptions<'py> {
     exclude_saturated: bool,
     accel_nominal: Option<f64>,
     gyro_nominal: Option<f64>,
+    /// Name of the parameter model.
+    model: String,
+    hold: Vec<HeldTuple>,
+    /// Standard deviations of the unit's profile, by group of parameters.
+    profile: Vec<(String, Vec<f64>)>,
     joint: bool,
     /// Bias instability and random walk of the accelerometer and of the gyroscope.
     wander: Option<(Wander, Wander)>,
@@ -49,6 +55,14 @@ pub(crate) struct CalibrateOptions<'py> {
     partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,
     folds: Option<usize>,
+}
+
+/// Name, mean and standard deviation of a parameter or group to be held.
+pub(crate) type HeldTuple = (String, Option<f64>, Option<f64>);
+
+pub(crate) fn priors(model: &str, hold: &[HeldTuple], profile: &[(String, Vec<f64>)]) -> Result<Priors, Error> {
+    let hold = hold.iter().map(|(name, value, sigma)| Hold { name: name.clone(), value: *value, sigma: *sigma });
+    Ok(Priors { model: ParameterModel::named(model)?, hold: hold.collect(), profile: profile.to_vec() })
 }
 
 impl CalibrateOptions<'_> {
@@ -66,6 +80,7 @@ impl CalibrateOptions<'_> {
             exclude_saturated: self.exclude_saturated,
             accel_nominal: self.accel_nominal,
             gyro_nominal: self.gyro_nominal,
+            priors: priors(&self.model, &self.hold, &self.profile).to_python(py)?,
             joint: self.joint,
             wander: self.wander.as_ref().map(|(accelerometer, gyroscope)| UnitWander {
                 accelerometer: accelerometer.to_library(),

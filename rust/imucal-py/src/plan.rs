@@ -9,7 +9,7 @@ use crate::arrays::RecordingColumns;
 use crate::error::ToPython;
 use crate::gap::choices;
 use crate::interrupt::interruptible;
-use crate::options::CalibrateOptions;
+use crate::options::{CalibrateOptions, HeldTuple, priors};
 use crate::simulation::{Motion, StepTuple, UnitArrays, steps};
 
 /// The unit of a plan; its attributes are converted.
@@ -19,6 +19,9 @@ pub(crate) struct PlanSensors<'py> {
     rate_hz: f64,
     gravity_mps2: f64,
     effects: Vec<String>,
+    model: String,
+    hold: Vec<HeldTuple>,
+    profile: Vec<(String, Vec<f64>)>,
     /// Approximate duration of the run, s.
     run_s: f64,
 }
@@ -44,7 +47,8 @@ impl PlanSensors<'_> {
     fn sensors(&self, py: Python<'_>) -> PyResult<Sensors> {
         let unit = self.unit.unit(py)?;
         let sensors = Sensors::of(&unit, self.rate_hz, self.gravity_mps2);
-        sensors.with_effects(&self.effects, self.run_s).to_python(py)
+        let held = priors(&self.model, &self.hold, &self.profile).and_then(|priors| sensors.with_priors(&priors));
+        held.and_then(|sensors| sensors.with_effects(&self.effects, self.run_s)).to_python(py)
     }
 }
 

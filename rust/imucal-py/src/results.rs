@@ -16,7 +16,8 @@ use pyo3::prelude::*;
 use crate::arrays::to_rows;
 use crate::error::finding;
 use crate::mappings::{
-    Diagnosis, Fields, Figures, FitReport, GroupMisfit, Misfit, Move, ResidualScales, Rest, Threshold, fields,
+    Diagnosis, Fields, Figures, FitReport, GroupMisfit, HeldParameter, Misfit, Move, PriorCost, ResidualScales, Rest,
+    Threshold, fields,
 };
 
 type Vector = Py<PyArray1<f64>>;
@@ -112,6 +113,12 @@ pub(crate) struct Outcome {
     /// RMS tremor of each recording, rad; None for a unit that is not hand-held.
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
+    /// Held parameters with their priors and estimates; empty if none is held.
+    held: Vec<Fields>,
+    /// Share of the variance of each parameter that comes from the priors; empty if no parameter is held.
+    prior_shares: Vec<f64>,
+    /// Errors that the priors leave; None if no parameter is held.
+    prior_cost: Option<Fields>,
     figures: Fields,
     /// Verdict on the recordings of the calibration: good, incomplete or poor.
     verdict: &'static str,
@@ -185,6 +192,9 @@ impl Outcome {
             tremor_rad: o.tremor_rad,
             joint_scales: o.joint_scales.map(|scales| fields(py, ResidualScales::from(scales))).transpose()?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
+            held: o.held.iter().map(|held| fields(py, HeldParameter::from(held))).collect::<PyResult<_>>()?,
+            prior_shares: o.prior_shares,
+            prior_cost: o.prior_cost.map(|cost| fields(py, PriorCost::from(cost))).transpose()?,
             figures: fields(py, Figures::from(o.figures))?,
             reasons: words_of(&verdict),
             verdict: verdict.name(),

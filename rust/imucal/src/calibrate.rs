@@ -6,7 +6,9 @@ mod checked;
 mod control;
 mod cross_validation;
 pub mod diagnosis;
+mod held_estimates;
 mod jointly;
+mod offer;
 mod outcome;
 mod prospect;
 mod references;
@@ -25,6 +27,7 @@ use imucal_core::sensor::Triad;
 
 use crate::error::Error;
 use crate::frame::Frame;
+use crate::held::Priors;
 pub use crate::joint::WarmStart;
 pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
 use crate::joint::{Kinds, Prepared};
@@ -33,6 +36,7 @@ use crate::recording::Recording;
 pub use checked::Checked;
 pub use control::{require_independent, rest_ranges};
 pub use cross_validation::CrossValidation;
+pub use held_estimates::HeldEstimate;
 pub use outcome::Outcome;
 pub use prospect::{Prospect, prospect};
 pub use references::References;
@@ -62,6 +66,8 @@ pub struct Options<'a> {
     /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s. Without it the start values are estimated from the
     /// data.
     pub gyro_nominal: Option<f64>,
+    /// Parameters that are held by a prior. They require the joint fit, so `joint` is set for them.
+    pub priors: Priors,
     /// Estimates all parameters in a joint fit. Otherwise the result is the two-stage fit, which does not support
     /// effects.
     pub joint: bool,
@@ -96,7 +102,7 @@ pub struct ModelOptions<'a> {
 impl<'a> Options<'a> {
     /// All options except those of the model. Effects require the joint fit, so `joint` is set for them.
     fn without_model(&self) -> Options<'static> {
-        let &Self {
+        let Self {
             gravity_mps2,
             references,
             frame,
@@ -104,9 +110,10 @@ impl<'a> Options<'a> {
             exclude_saturated,
             accel_nominal,
             gyro_nominal,
+            priors,
             wander,
             ..
-        } = self;
+        } = self.clone();
         Options {
             gravity_mps2,
             references,
@@ -115,6 +122,7 @@ impl<'a> Options<'a> {
             exclude_saturated,
             accel_nominal,
             gyro_nominal,
+            priors,
             joint: self.is_joint(),
             wander,
             ..Options::default()
@@ -152,9 +160,9 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Whether the result is that of the joint fit, which effects require.
+    /// Whether the result is that of the joint fit, which effects and priors require.
     fn is_joint(&self) -> bool {
-        self.joint || self.has_effects()
+        self.joint || self.has_effects() || !self.priors.is_empty()
     }
 
     /// Whether a requested effect depends on time or temperature, so that the readings of a sensor may drift during a
@@ -181,6 +189,7 @@ impl Default for Options<'_> {
             exclude_saturated: false,
             accel_nominal: None,
             gyro_nominal: None,
+            priors: Priors::default(),
             joint: true,
             wander: None,
             effects: Vec::new(),

@@ -46,7 +46,7 @@ pub(crate) use lanes::Lanes;
 pub(crate) use linear::{INSIDE, Insides, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
-pub(crate) use model::Model;
+pub(crate) use model::{Model, force_by_parameters};
 pub(crate) use outliers::{Item, outliers};
 pub(crate) use pass::BLOCK_S;
 pub(crate) use pass::segments::MoveSegments;

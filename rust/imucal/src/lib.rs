@@ -44,6 +44,7 @@ pub mod evaluate;
 pub mod finding;
 pub mod frame;
 pub mod gap;
+pub mod held;
 pub mod joint;
 pub mod noise;
 pub mod numerics;

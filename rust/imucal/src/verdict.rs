@@ -10,6 +10,7 @@ use std::fmt;
 pub use group_misfit::{GroupMisfit, ResidualGroup};
 
 use crate::finding::general;
+use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
 /// chi2 per degree of freedom above which a calibration is poor: residuals are ten times what sensor noise explains, so
@@ -126,6 +127,22 @@ pub enum Reason {
         /// Number of all rests.
         all: usize,
     },
+    /// The recordings contradict the prior of a held parameter, so that the other parameters are wrong, too.
+    PriorContradicted {
+        /// Name of the parameter.
+        parameter: String,
+        /// Mean and standard deviation of the prior, in the unit of the parameter.
+        prior: [f64; 2],
+        /// Difference of prior and recordings in standard deviations of this difference.
+        sigmas: f64,
+    },
+    /// Held parameters that the recordings do not determine have the default prior. The verdict is incomplete.
+    ParametersHeld {
+        /// Names of the parameters or of their groups.
+        parameters: String,
+        /// Errors that the priors leave.
+        cost: PriorCost,
+    },
     /// Some kinds of residuals exceed their noise: the model lacks something. The verdict is incomplete.
     ResidualsAboveNoise {
         /// Set of recordings that the verdict refers to.
@@ -201,13 +218,15 @@ impl Reason {
             Self::ContradictingRests { .. } => "contradicting_rests",
             Self::ContradictingMoves { .. } => "contradicting_moves",
             Self::MovingRests { .. } => "moving_rests",
+            Self::PriorContradicted { .. } => "prior_contradicted",
+            Self::ParametersHeld { .. } => "parameters_held",
             Self::ResidualsAboveNoise { .. } => "residuals_above_noise",
         }
     }
 
     /// Whether this reason makes a verdict poor; otherwise it makes it incomplete.
     pub fn is_poor(&self) -> bool {
-        !matches!(self, Self::ResidualsAboveNoise { .. })
+        !matches!(self, Self::ResidualsAboveNoise { .. } | Self::ParametersHeld { .. })
     }
 
     /// The reason for an incomplete verdict: the groups that exceed their noise; `None` if there are none.
@@ -290,6 +309,19 @@ impl fmt::Display for Reason {
                 "{of_calibration}: {count} of {all} rests are left out because their mean rates are far from those of the \
                  others: the unit was not still, its bias has jumped, as it may when power is lost, or these rests are of \
                  another unit"
+            ),
+            Self::PriorContradicted { parameter, prior: [value, sigma], sigmas } => write!(
+                f,
+                "{of_calibration}: the recordings contradict the prior of {parameter}, {value} +- {sigma}, by {} standard \
+                 deviations: hold it with a larger width, at another value, or not at all",
+                general(sigmas.abs(), 3)
+            ),
+            Self::ParametersHeld { parameters, cost: PriorCost { gravity_direction_deg, rotation_deg } } => write!(
+                f,
+                "{of_calibration}: the recordings do not determine {parameters}, which have the default prior: this leaves \
+                 an error (1 sigma) of {} deg in the direction of gravity and of {} deg in a rotation by 90 deg",
+                general(*gravity_direction_deg, 2),
+                general(*rotation_deg, 2)
             ),
             Self::ResidualsAboveNoise { set, groups } => {
                 let groups: Vec<String> = groups.iter().map(GroupMisfit::to_string).collect();

@@ -11,9 +11,11 @@ from imucal.cli.options import (
     MIN_REST_S,
     Control,
     ExcludeSaturated,
+    HoldOption,
     JsonPath,
     LimitsPath,
     MinRest,
+    ModelOption,
     ReportPath,
     Require,
     Required,
@@ -86,10 +88,13 @@ def calibrate(
             completion.effects_to_estimate,
         ),
     ] = None,
+    model: ModelOption = "full",
+    hold: HoldOption = None,
     unit: Annotated[
         str | None,
         unit_option(
-            "Unit file; its bias instability and random walk are included in the standard deviations."
+            "Unit file; its bias instability and random walk are included in the standard deviations, and "
+            "its spread is the prior of held parameters."
         ),
     ] = None,
     folds: Annotated[
@@ -136,6 +141,8 @@ def calibrate(
             accel_nominal=accel_nominal,
             gyro_nominal=gyro_nominal,
             effects=effect or [],
+            model=model,
+            hold=hold or [],
             unit=unit,
             folds=folds,
             serial_number=serial_number,

@@ -13,8 +13,10 @@ from imucal.cli.options import (
     MIN_REST_S,
     Control,
     ExcludeSaturated,
+    HoldOption,
     JsonPath,
     MinRest,
+    ModelOption,
     ReportPath,
     Verbose,
     effect_option,
@@ -53,6 +55,8 @@ def gap(
     ] = None,
     min_rest_s: MinRest = MIN_REST_S,
     exclude_saturated: ExcludeSaturated = False,
+    model: ModelOption = "full",
+    hold: HoldOption = None,
     explain: Annotated[
         str | None,
         option(
@@ -105,6 +109,8 @@ def gap(
             gravity_mps2=gravity,
             min_rest_s=min_rest_s,
             exclude_saturated=exclude_saturated,
+            model=model,
+            hold=hold or [],
             stage=stage,
         )
     if output is not None and found.calibration is not None:

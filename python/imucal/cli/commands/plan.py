@@ -8,7 +8,14 @@ from typing import Annotated
 from click.exceptions import Exit
 
 import imucal.cli.completion as completion
-from imucal.cli.options import JsonPath, effect_option, unit_option, writing_option
+from imucal.cli.options import (
+    HoldOption,
+    JsonPath,
+    ModelOption,
+    effect_option,
+    unit_option,
+    writing_option,
+)
 from imucal.cli.output import POOR_VERDICT, Output, require_apart
 from imucal.cli.parameters import argument, option
 from imucal.cli.working import working
@@ -84,6 +91,8 @@ def plan(
             GOAL,
         ),
     ] = None,
+    model: ModelOption = "full",
+    hold: HoldOption = None,
     proposals: Annotated[
         int,
         option("--proposals", help="Number of changes to try; more give better programs."),
@@ -143,6 +152,8 @@ def plan(
             targets=dict(map(_target, target or ())),
             minutes=minutes,
             effects=effect or (),
+            model=model,
+            hold=hold or (),
             seed=seed,
             proposals=proposals,
             detection_limits=detection_limits,

@@ -42,9 +42,8 @@ pub struct Checked<'a> {
 type Plain = ([Triad<f64>; 2], Selection);
 
 impl<'a> Checked<'a> {
-    /// # Errors
-    /// As [`calibrate`](super::calibrate()).
-    pub fn try_new(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
+    /// As [`Checked::try_new`], without the offer of a model of fewer parameters.
+    pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let accelerometer = data.fit_accelerometer(options)?;
         let (moves, unusable) = data.moves(&accelerometer, options)?;

@@ -266,6 +266,7 @@ impl UnitData<'_> {
         work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
     ) -> Result<T, Error> {
         let directions = self.directions(accelerometer, gyroscope);
+        let held = self.held(options)?;
         let ends: Vec<_> = selection.moves.iter().map(|m| directions.readings(m, drifts)).collect();
         let widths: Vec<Width> = selection.moves.iter().map(|_| Width::default()).collect();
         work(&Prepared {
@@ -279,6 +280,7 @@ impl UnitData<'_> {
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             wander,
+            held: &held,
             encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
             block_s: BLOCK_S,
         })

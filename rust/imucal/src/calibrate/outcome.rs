@@ -6,6 +6,7 @@ use imucal_core::effects::{Effect, EffectValues};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
+use super::held_estimates::{HeldEstimate, held_estimates, prior_cost};
 use super::jointly::Selection;
 use super::unit_data::UnitData;
 use super::{CrossValidation, Options};
@@ -14,6 +15,7 @@ use crate::error::Error;
 use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
 use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
+use crate::held::PriorCost;
 use crate::joint::{JointFit, Misfit, Misfits, Model, ResidualScales, TermEstimate};
 use crate::numerics::fit_report::FitReport;
 use crate::numerics::stats::median;
@@ -67,6 +69,13 @@ pub struct Outcome {
     /// Standard deviation of the tremor about each axis, rad, for each recording; `None` for a unit on a rigid support.
     /// Only the joint fit estimates tremor.
     pub tremor_rad: Vec<Option<f64>>,
+    /// Held parameters with their estimates; empty if none is held.
+    pub held: Vec<HeldEstimate>,
+    /// Share of the variance of each parameter that comes from the priors of the held parameters, in the order of
+    /// `names`; empty if none is held.
+    pub prior_shares: Vec<f64>,
+    /// Errors that the priors leave; `None` if no parameter is held.
+    pub prior_cost: Option<PriorCost>,
     /// Figures of merit on the calibration recordings themselves.
     pub figures: Figures,
     /// Cross-validation, if folds were requested.
@@ -92,7 +101,7 @@ impl Outcome {
             accelerometer: *accelerometer.triad.sensitivity(),
             gyroscope: *gyroscope.fit.triad.sensitivity(),
         };
-        let (sensitivities, covariance) = in_frame(options.frame, symmetric, covariance, &mut moves)?;
+        let (sensitivities, [covariance]) = in_frame(options.frame, symmetric, [covariance], &mut moves)?;
         let calibration = Calibration::new(
             triad(sensitivities.accelerometer, *accelerometer.triad.bias())?,
             triad(sensitivities.gyroscope, data.bias.bias)?,
@@ -116,6 +125,9 @@ impl Outcome {
             joint_scales: None,
             bias_instability_radps: None,
             tremor_rad: vec![None; data.recordings.len()],
+            held: Vec::new(),
+            prior_shares: Vec::new(),
+            prior_cost: None,
             figures,
             held_out: None,
             findings: data.findings,
@@ -157,8 +169,13 @@ impl Outcome {
             .collect();
         let symmetric = Sensitivities { accelerometer: *force.sensitivity(), gyroscope: *rate.sensitivity() };
         let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();
-        let covariance = joint.covariance.submatrix(0, 0, all, all).to_owned();
-        let (sensitivities, covariance) = in_frame(options.frame, symmetric, covariance, &mut moves)?;
+        let (held, of_priors) = held_estimates(joint, &data.held(options)?, &misfits.held);
+        let prior_cost = (!held.is_empty()).then(|| prior_cost(&of_priors, force, rate));
+        let of_unit = |matrix: &Mat<f64>| matrix.submatrix(0, 0, all, all).to_owned();
+        let covariances = [of_unit(&joint.covariance), of_unit(&of_priors)];
+        let (sensitivities, [covariance, of_priors]) = in_frame(options.frame, symmetric, covariances, &mut moves)?;
+        let share = |p: usize| if covariance[(p, p)] > 0.0 { of_priors[(p, p)] / covariance[(p, p)] } else { 0.0 };
+        let prior_shares = if held.is_empty() { Vec::new() } else { (0..all).map(share).collect() };
         let mut calibration = Calibration::new(
             triad(sensitivities.accelerometer, *force.bias())?,
             triad(sensitivities.gyroscope, *rate.bias())?,
@@ -194,6 +211,9 @@ impl Outcome {
             misfit: misfits.all,
             groups: misfits.groups.clone(),
             joint_scales: Some(joint.scales),
+            held,
+            prior_shares,
+            prior_cost,
             held_out: None,
             findings: data.findings,
             calibration,
@@ -218,16 +238,16 @@ fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures:
     judged.map(of).collect()
 }
 
-/// Converts sensitivities, covariance and gravity directions of the moves from the symmetric to the requested body
+/// Converts sensitivities, covariances and gravity directions of the moves from the symmetric to the requested body
 /// frame. Effects are defined in the symmetric frame only.
-fn in_frame(
+fn in_frame<const N: usize>(
     frame: Frame,
     symmetric: Sensitivities,
-    covariance: Mat<f64>,
+    covariances: [Mat<f64>; N],
     moves: &mut [MoveReport],
-) -> Result<(Sensitivities, Mat<f64>), Error> {
+) -> Result<(Sensitivities, [Mat<f64>; N]), Error> {
     if frame == Frame::Symmetric {
-        return Ok((symmetric, covariance));
+        return Ok((symmetric, covariances));
     }
     let converted = frame::convert(&symmetric, frame)?;
     let jacobian = frame::parameter_jacobian(&symmetric, &converted, frame)?;
@@ -236,7 +256,7 @@ fn in_frame(
         report.gravity_before = turn * report.gravity_before;
         report.gravity_after = turn * report.gravity_after;
     }
-    Ok((converted, &jacobian * covariance * jacobian.transpose()))
+    Ok((converted, covariances.map(|covariance| &jacobian * covariance * jacobian.transpose())))
 }
 
 /// The rows of a matrix.

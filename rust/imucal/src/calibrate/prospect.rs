@@ -103,6 +103,7 @@ impl UnitData<'_> {
 
         let directions = self.directions(&accelerometer, &gyroscope);
         let ends: Vec<_> = moves.iter().map(|m| directions.readings(m, false)).collect();
+        let held = self.held(options)?;
         let widths: Vec<Width> = moves.iter().map(|_| Width::default()).collect();
         let prepared = Prepared {
             recordings: self.recordings,
@@ -115,6 +116,7 @@ impl UnitData<'_> {
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             wander: Wander::of(options.wander),
+            held: &held,
             encoders: None,
             block_s: BLOCK_S,
         };
@@ -126,7 +128,9 @@ impl UnitData<'_> {
         let design =
             if measures_gravity { Design::near(&prepared, &terms, &model, &sizes)? } else { Design::default() };
         let (rows, lines) = (&design.rows, &design.lines);
-        let open = design.open()?;
+        let of_held: Vec<usize> =
+            held.iter().filter_map(|held| OBSERVED.iter().position(|p| *p == held.parameter())).collect();
+        let open = design.open()?.without(&of_held);
         let turns: Vec<&[f64; 18]> =
             rows.iter().zip(lines).filter(|(_, l)| matches!(l.source, Source::Move(_))).map(|(row, _)| row).collect();
         let open_to_turns = Open::of(&Mat::from_fn(turns.len(), 9, |i, j| turns[i][9 + j]))?.columns;
@@ -311,7 +315,7 @@ impl Scene {
 /// hundredth of the size of each parameter.
 #[derive(Default)]
 struct Design {
-    /// Rows of the matrix, in the order of [`OBSERVED`].
+    /// Rows of the matrix, in the order of [`OBSERVED`]: those of `lines`, then those of the held parameters.
     rows: Vec<[f64; 18]>,
     /// Residuals in units of the model errors.
     residuals: Vec<f64>,
@@ -324,11 +328,15 @@ impl Design {
         let lines = prepared.linearise(terms, parameters)?.lines;
         let error = |line: &Line| if matches!(line.source, Source::Norm(_)) { REST_ERROR_MPS2 } else { MOVE_ERROR_RAD };
         let row = |line: &Line| OBSERVED.map(|p| line.jacobian[p] * sizes[p] * LARGEST_SHIFT / error(line));
-        Ok(Self {
-            rows: lines.iter().map(row).collect(),
-            residuals: lines.iter().map(|line| line.residual / error(line)).collect(),
-            lines,
-        })
+        let (mut rows, mut residuals): (Vec<_>, Vec<_>) =
+            lines.iter().map(|line| (row(line), line.residual / error(line))).unzip();
+        for held in prepared.held {
+            let prior = held.row(parameters);
+            let by = |p: usize| prior.derivatives.iter().filter(|(own, _)| *own == p).map(|(_, by)| by).sum::<f64>();
+            rows.push(OBSERVED.map(|p| by(p) * sizes[p] * LARGEST_SHIFT));
+            residuals.push(prior.residual);
+        }
+        Ok(Self { rows, residuals, lines })
     }
 
     /// The design at the least-squares values of the determined parameters, with nominal values of the others. Errors

@@ -11,6 +11,8 @@ use crate::check;
 use crate::error::Error;
 use crate::evaluate::{MoveReport, move_report, unusable_report};
 use crate::finding::Finding;
+use crate::held::StageRows;
+use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 use crate::preintegration::kinematics::rate_from_gravity;
 use crate::rests::moves::{Ends, Move, Unusable, between};
 use crate::rests::rest::Rest;
@@ -44,7 +46,8 @@ impl UnitData<'_> {
             .accel_nominal
             .map(|scale| Start { sensitivity: Matrix3::from_diagonal_element(scale), bias: Vector3::zeros() });
         let si = self.raw_is_si(|recording| recording.accel_unit);
-        let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si)
+        let held = self.held(options)?;
+        let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si, &StageRows::new(&held, ACCEL))
             .map_err(|error| self.with_all_that_is_missing(error, options))?;
         // From here on the arrays have one entry for each rest found, including the excluded rests.
         let mut used = vec![false; self.rests.len()];
@@ -79,7 +82,9 @@ impl UnitData<'_> {
         options: &Options<'_>,
     ) -> Result<(Vec<Move>, Vec<Unusable>), Error> {
         let (moves, unusable) = between(self.recordings, &self.rests, &accelerometer.used, &self.saturated);
-        if moves.len() < MIN_MOVES || self.has_silent_gyroscope(&moves, &accelerometer.triad) {
+        let held = self.held(options)?;
+        let is_held = StageRows::new(&held, GYRO_SENSITIVITY).count() == GYRO_SENSITIVITY.len();
+        if !is_held && moves.len() < MIN_MOVES || self.has_silent_gyroscope(&moves, &accelerometer.triad) {
             let words = format!(
                 "{} moves do not determine the gyroscope: {}",
                 moves.len(),
@@ -130,7 +135,9 @@ impl UnitData<'_> {
         // The weights require the scale of the gyroscope, so the fit is made twice: with the weights of the start
         // value, then with those of the first result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
-        let preintegrated = PreintegratedMoves::new(self.recordings, moves, bias.bias);
+        let held = self.held(options)?;
+        let held = StageRows::new(&held, GYRO_SENSITIVITY);
+        let preintegrated = PreintegratedMoves::new(self.recordings, moves, bias.bias, &held);
         let first = preintegrated.first_estimate(&ends, &starts)?;
         let (ends, random_walk_rad) = self.ends(moves, accelerometer, &first);
         let fit = preintegrated.fit(&ends, &first).map_err(|error| self.with_all_that_is_missing(error, options))?;

@@ -9,6 +9,7 @@ use crate::check::{self, at_rest};
 use crate::error::Error;
 use crate::evaluate::{RestReport, rest_report};
 use crate::finding::{Finding, Severity};
+use crate::held::HeldParameter;
 use crate::joint::is_unobservable_hand_held;
 use crate::recording::{RawUnit, Recording};
 use crate::rests::moves::{Directions, Unusable, saturated_stretches};
@@ -123,6 +124,18 @@ impl<'a> UnitData<'a> {
     /// Whether the raw values of the sensor that `unit` selects are in SI units.
     pub(super) fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
         self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
+    }
+
+    /// The held parameters.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for unknown names and invalid priors.
+    pub(super) fn held(&self, options: &Options<'_>) -> Result<Vec<HeldParameter>, Error> {
+        let nominal = |si: bool, given: Option<f64>| if si { Some(1.0) } else { given };
+        options.priors.held([
+            nominal(self.raw_is_si(|recording| recording.accel_unit), options.accel_nominal),
+            nominal(self.raw_is_si(|recording| recording.gyro_unit), options.gyro_nominal),
+        ])
     }
 
     /// Hint about intervals at rest that are slightly too short, for messages about missing rests.

@@ -1,6 +1,7 @@
 //! Verdict of a calibration on the recordings from which it was estimated.
 
 use super::Outcome;
+use super::held_estimates::{HeldEstimate, listed};
 use super::unit_data::NOT_STILL;
 use crate::evaluate::unknown_direction;
 use crate::finding::{Finding, general};
@@ -39,9 +40,28 @@ impl Outcome {
         if are_many(count, all, MAX_MOVING_SHARE) {
             reasons.push(Reason::MovingRests { count, all });
         }
+        reasons.extend(self.contradicted_priors());
+        reasons.extend(self.held_by_default());
         reasons.extend(unknown_direction(RecordingSet::Calibration, &self.moves));
         reasons.extend(Reason::above_noise(RecordingSet::Calibration, &self.groups));
         Verdict::of(reasons)
+    }
+
+    /// The priors that the recordings contradict.
+    fn contradicted_priors(&self) -> Vec<Reason> {
+        let of = |held: &HeldEstimate| Reason::PriorContradicted {
+            parameter: held.prior.name.clone(),
+            prior: [held.prior.value, held.prior.sigma],
+            sigmas: held.contradiction.unwrap_or_default(),
+        };
+        self.held.iter().filter(|held| held.is_contradicted()).map(of).collect()
+    }
+
+    /// The held parameters that neither the recordings nor the user know.
+    fn held_by_default(&self) -> Option<Reason> {
+        let unknown: Vec<&HeldEstimate> = self.held.iter().filter(|held| held.is_unknown()).collect();
+        let cost = self.prior_cost.filter(|_| !unknown.is_empty())?;
+        Some(Reason::ParametersHeld { parameters: listed(&unknown, &self.held), cost })
     }
 
     /// The fits of the result that have not converged: the two-stage fits, or the joint fit.

@@ -11,6 +11,7 @@ use super::evidence::{Column, Gram};
 use super::known::Known;
 use super::predict::Held;
 use crate::error::Error;
+use crate::held;
 use crate::joint::{INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
@@ -124,18 +125,30 @@ pub(crate) fn design(
     let rows = Rows { made, columns: OnceLock::new(), products: OnceLock::new(), groups, items, axes: axes_of(linear) };
     Ok(Design {
         gram,
-        model: columns_of(own, precisions, &values, 0..own.total()),
+        model: columns_of((own, precisions), &values, &base_of(prepared, linear), 0..own.total()),
         candidates,
         residual,
         rows: Arc::new(rows),
     })
 }
 
-/// Columns of a model at these indices, with the values of its effects.
-fn columns_of(own: &Terms<'_>, precisions: &[f64], values: &[f64], places: impl Iterator<Item = usize>) -> Vec<Column> {
+/// Precisions of the priors of the base parameters, and the values of these parameters relative to their priors.
+fn base_of(prepared: &Prepared<'_>, linear: &Linear) -> [(f64, f64); BASE] {
+    held::precisions(prepared.held, &linear.model.parameters())
+}
+
+/// Columns of a model at these indices, with the values of its effects. `base` contains the precisions and values of
+/// the base parameters.
+fn columns_of(
+    (own, precisions): (&Terms<'_>, &[f64]),
+    values: &[f64],
+    base: &[(f64, f64); BASE],
+    places: impl Iterator<Item = usize>,
+) -> Vec<Column> {
     let column = |(p, place): (usize, usize)| {
         let effect = p.checked_sub(BASE).filter(|p| *p < own.count);
-        let (precision, value) = effect.map_or((0.0, 0.0), |effect| (precisions[effect], values[effect]));
+        let of_effect = effect.map(|effect| (precisions[effect], values[effect]));
+        let (precision, value) = of_effect.or_else(|| base.get(p).copied()).unwrap_or((0.0, 0.0));
         Column { place, precision, value }
     };
     places.enumerate().map(column).collect()
@@ -167,12 +180,13 @@ impl Design {
             return Ok(None);
         }
         let (residual, _) = Joint::of_noise(prepared, own, Arc::clone(linear))?.whiten(linear);
-        let residual = residual.col_as_slice(0).to_vec();
+        // The rows of the priors are not part of the design; its columns contain their precisions.
+        let residual = residual.col_as_slice(0)[..self.rows.groups.len()].to_vec();
         let places = (0..BASE).chain(joining.into_iter().flatten()).chain(BASE..self.model.len());
         let is_left = |candidate: &&Candidate| !own.all.iter().any(|term| term.name() == candidate.name);
         Ok(Some(Self {
             gram: self.whole_gram(&residual),
-            model: columns_of(own, precisions, &linear.model.values, places),
+            model: columns_of((own, precisions), &linear.model.values, &base_of(prepared, linear), places),
             candidates: self.candidates.iter().filter(is_left).cloned().collect(),
             residual,
             rows: Arc::clone(&self.rows),

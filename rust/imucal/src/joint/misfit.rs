@@ -55,6 +55,9 @@ pub(crate) struct Misfits {
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
+    /// Residual of the prior of each held parameter in standard deviations; `None` if the other residuals do not depend
+    /// on the parameter.
+    pub(crate) held: Vec<Option<f64>>,
 }
 
 impl Misfits {
@@ -88,6 +91,7 @@ impl Misfits {
             rests: judged(of_rests),
             moves: judged(of_moves),
             groups: group_misfits(linear, (&residuals, &jacobian), &problem.weights),
+            held: (0..prepared.held.len()).map(|k| without.standardised(linear.groups().stand_moves.end + k)).collect(),
         })
     }
 }

@@ -38,6 +38,9 @@ const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Smallest diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. Columns with a smaller
 /// entry are linearly dependent on the others; the limit is far above rounding.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
+/// Smallest share of the variance of a prior that the fit leaves in its residual. With a smaller share, rounding
+/// determines the standardised residual.
+const MIN_JUDGED: f64 = 1e-6;
 /// Minimum number of rests that remain after exclusion (model.md (25)).
 const MIN_REMAINING_RESTS: usize = 12;
 /// Minimum number of moves that remain after exclusion (model.md (25)).
@@ -244,6 +247,13 @@ impl LeaveOut {
             seen.push(dot(&direction[*first..first + column.len()], column));
         }
         self.basis.push(direction);
+    }
+
+    /// Residual of one row divided by its standard deviation in the fit; `None` if the fit follows the residual whatever
+    /// its value.
+    pub(super) fn standardised(&self, row: usize) -> Option<f64> {
+        let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
+        (free > MIN_JUDGED).then(|| self.residuals[row] / free.sqrt())
     }
 
     /// chi2 of all residuals and its degrees of freedom.

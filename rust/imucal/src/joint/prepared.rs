@@ -9,6 +9,7 @@ use super::move_ends::EndDirection;
 use super::pass::Route;
 use super::scatter::Modes;
 use super::wander::Wander;
+use crate::held::HeldParameter;
 use crate::numerics::derivative::Width;
 use crate::recording::Recording;
 use crate::rests::moves::{End, Move};
@@ -32,6 +33,8 @@ pub(crate) struct Prepared<'a> {
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
     pub(crate) wander: Wander,
+    /// Parameters with a prior.
+    pub(crate) held: &'a [HeldParameter],
     /// Encoder readings; `Some` if an effect of the encoders is estimated.
     pub(crate) encoders: Option<Encoders>,
     /// Duration of the blocks inside a move over which the force is averaged, s.

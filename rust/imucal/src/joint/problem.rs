@@ -21,6 +21,7 @@ use super::terms::Terms;
 use super::wander::{UnitWander, Wander};
 use super::weights::Weights;
 use crate::error::Error;
+use crate::held::HeldRow;
 use crate::numerics::lsq::{self, Residuals, Solution};
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use nearby::Nearby;
@@ -70,7 +71,7 @@ impl<'a> Joint<'a> {
         linear: Arc<Linear>,
         weights: Weights,
     ) -> Result<Self, Error> {
-        let rows = linear.groups().stand_moves.end;
+        let rows = linear.groups().stand_moves.end + prepared.held.len();
         let nearby = Nearby::new(Arc::clone(&linear));
         let mut joint =
             Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), priors: Vec::new(), nearby, rows };
@@ -193,7 +194,7 @@ impl<'a> Joint<'a> {
     }
 
     /// Whitened residuals and Jacobian. Rows: norms and moves, mean rates, force inside the moves, residuals against
-    /// the stand, priors.
+    /// the stand, held parameters, priors of effects.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
@@ -271,6 +272,13 @@ impl<'a> Joint<'a> {
             for (p, change) in linear.change.iter().enumerate().filter(|(_, change)| **change != 0.0) {
                 (first..row).for_each(|at| all[(at, n)] += all[(at, p)] * change);
             }
+        }
+        let parameters = linear.model.parameters();
+        for held in self.prepared.held {
+            let HeldRow { residual, derivatives } = held.row(&parameters);
+            derivatives.into_iter().for_each(|(p, by)| all[(row, p)] += by);
+            all[(row, n)] = residual;
+            row += 1;
         }
         for prior in &self.priors {
             for (k, typical) in prior.typical.iter().enumerate() {

@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::DIRECTION;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
+use crate::held::{HeldParameter, Priors, precisions};
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::rounding::Rounding;
 use crate::simulate::{Converter, Moment, Sensor, Unit};
@@ -39,6 +40,7 @@ pub struct Sensors {
     gyroscope_range: f64,
     gravity_mps2: f64,
     effects: Vec<&'static Effect<f64>>,
+    held: Vec<HeldParameter>,
     /// Approximate duration of the run, s, for effects that depend on time.
     pub(super) run_s: f64,
 }
@@ -74,6 +76,7 @@ impl Sensors {
             gyroscope_range: unit.gyroscope.converter.map_or(f64::INFINITY, rails),
             gravity_mps2,
             effects: Vec::new(),
+            held: Vec::new(),
             run_s: 0.0,
         }
     }
@@ -105,6 +108,15 @@ impl Sensors {
         Ok(self)
     }
 
+    /// Holds parameters by priors, as the joint fit does.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for unknown names and invalid priors.
+    pub fn with_priors(mut self, priors: &Priors) -> Result<Self, Error> {
+        self.held = priors.held([Some(1.0); 2])?;
+        Ok(self)
+    }
+
     /// Number of parameters.
     pub fn parameters(&self) -> usize {
         BASE + self.effects.iter().map(|effect| effect.plain).sum::<usize>()
@@ -119,8 +131,8 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Prior precision (inverse variance) of each parameter. The prior standard deviation is a tenth of the parameter's
-    /// size, or ten typical sizes for an effect.
+    /// Prior precision (inverse variance) of each parameter: that of its prior if it is held. The prior standard deviation
+    /// of the others is a tenth of the parameter's size, or ten typical sizes for an effect.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));
@@ -131,7 +143,11 @@ impl Sensors {
         });
         let effects =
             self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
-        base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2)).collect()
+        let widest = base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2));
+        // Those of a perfect sensor; the derivatives of the held parameters hardly depend on the parameters.
+        let perfect: [f64; BASE] = std::array::from_fn(|p| if [3, 4, 5, 12, 16, 20].contains(&p) { 1.0 } else { 0.0 });
+        let held = precisions(&self.held, &perfect).map(|(precision, _)| precision);
+        widest.zip(held.into_iter().chain(std::iter::repeat(0.0))).map(|(widest, held)| widest.max(held)).collect()
     }
 
     /// Whether forces inside moves are used, as the joint fit does for effects of angular acceleration.

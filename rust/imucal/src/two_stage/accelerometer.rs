@@ -13,13 +13,14 @@ use nalgebra::{Matrix3, SVector, Vector3};
 
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
+use crate::held::StageRows;
 use crate::numerics::fit_report::FitReport;
 use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Residuals, Solution};
 use crate::numerics::{robust, stats};
 use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
-use crate::two_stage::observability;
+use crate::two_stage::observability::{self, REST_ERROR_MPS2};
 
 /// Maximum ratio of the noise of a rest mean to the smallest radius of the ellipsoid. It is 0.001 for a noisy sensor,
 /// and 0.5 if the ellipsoid is fitted to noise.
@@ -41,7 +42,7 @@ pub(crate) struct AccelerometerFit {
 /// Fits the nine parameters. Rests that contradict all others are excluded one by one (model.md (14)).
 ///
 /// `nominal` is the start value if the rests determine no ellipsoid. In SI units (`raw_is_si`) the identity is the
-/// default.
+/// default. The rests need not determine the parameters that `held` contains.
 ///
 /// # Errors
 /// * [`Error::NotEnoughMotion`] if the rests do not determine the parameters.
@@ -51,20 +52,30 @@ pub(crate) fn fit(
     gravity_mps2: f64,
     nominal: Option<Start>,
     raw_is_si: bool,
+    held: &StageRows<'_>,
 ) -> Result<AccelerometerFit, Error> {
     let means: Vec<Vector3<f64>> = rests.iter().map(|rest| rest.specific_force.mean).collect();
-    let start = match ellipsoid::fit(&means, gravity_mps2)?.filter(|start| exceeds_noise(start, rests, gravity_mps2)) {
+    // An ellipsoid through poses that do not determine all parameters may be far from the truth.
+    let found = if held.count() == 0 {
+        ellipsoid::fit(&means, gravity_mps2)?
+    } else {
+        ellipsoid::smallest_sphere(&means, gravity_mps2)?
+    };
+    let mut start = match found.filter(|start| exceeds_noise(start, rests, gravity_mps2)) {
         Some(start) => start,
         None => nominal
             .or_else(|| raw_is_si.then(|| Start { sensitivity: Matrix3::identity(), bias: Vector3::zeros() }))
             .ok_or_else(|| Error::NotEnoughMotion(observability::no_start(means.len())))?,
     };
-    check_design(&means, &start, gravity_mps2)?;
+    for (p, scale) in held.scales() {
+        (start.sensitivity[(p - 3, p - 3)], start.bias) = (scale, Vector3::zeros());
+    }
+    check_design(&means, &start, gravity_mps2, held)?;
 
     let mut used = vec![true; rests.len()];
     let mut parameters = parameters_of(&start);
     loop {
-        let problem = Norms::new(rests, &used, gravity_mps2, &parameters)?;
+        let problem = Norms::new(rests, &used, gravity_mps2, &parameters, held)?;
         let solution = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
         if solution.termination == Termination::NotFinite {
             return Err(Error::Fit(
@@ -73,7 +84,7 @@ pub(crate) fn fit(
         }
         parameters = solution.parameters.clone();
         let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 1);
-        match robust::worst_outlier(&scores, 1) {
+        match robust::worst_outlier(&scores[..problem.means.len()], 1) {
             Some(row) if robust::may_exclude(&used, 9 + 3) => used[problem.rest_of_row[row]] = false,
             _ => return finish(rests, used, &problem, &solution),
         }
@@ -88,21 +99,30 @@ fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     start.sensitivity.try_inverse().is_some_and(|inverse| noise * inverse.norm() < NOISE_OVER_SIZE * gravity_mps2)
 }
 
-/// Returns an error if the rests do not determine all nine parameters.
-fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64) -> Result<(), Error> {
-    let triad = triad_of(&parameters_of(start))?;
+/// Returns an error if the rests do not determine all parameters that are not held.
+fn check_design(
+    means: &[Vector3<f64>],
+    start: &Start,
+    gravity_mps2: f64,
+    held: &StageRows<'_>,
+) -> Result<(), Error> {
+    let parameters = parameters_of(start);
+    let triad = triad_of(&parameters)?;
     let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
     // Columns in units of the mean scale, and of the reading of gravity for biases.
     let scale = start.sensitivity.trace() / 3.0;
-    let design = Mat::from_fn(means.len(), 9, |k, j| {
-        let unit = if j < 3 { gravity_mps2 } else { 1.0 };
-        gradients[k][j] * unit * scale
+    let unit = |j: usize| if j < 3 { gravity_mps2 * scale } else { scale };
+    let (mut residuals, mut priors) = (Mat::zeros(held.count(), 1), Mat::zeros(held.count(), 9));
+    held.write(&parameters, 0, &mut residuals, &mut priors);
+    let design = Mat::from_fn(means.len() + held.count(), 9, |k, j| match gradients.get(k) {
+        Some(gradient) => gradient[j] * unit(j),
+        None => priors[(k - means.len(), j)] * unit(j) * REST_ERROR_MPS2,
     });
     let up: Vec<Vector3<f64>> = means.iter().map(|mean| triad.correct(*mean).normalize()).collect();
-    observability::check_accelerometer(&design, &up)
+    observability::check_accelerometer(&design, &up, &held.columns())
 }
 
-fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution) -> Result<AccelerometerFit, Error> {
+fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms<'_>, solution: &Solution) -> Result<AccelerometerFit, Error> {
     let triad = triad_of(&solution.parameters)?;
     let row_gain = lsq::gain(&solution.jacobian);
     let mut gain = Mat::zeros(9, rests.len());
@@ -145,15 +165,22 @@ pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64
 }
 
 /// The residuals of the used rests, with the weights of the start value.
-struct Norms {
+struct Norms<'a> {
     means: Vec<Vector3<f64>>,
     sigma: Vec<f64>,
     rest_of_row: Vec<usize>,
     gravity_mps2: f64,
+    held: &'a StageRows<'a>,
 }
 
-impl Norms {
-    fn new(rests: &[&Rest], used: &[bool], gravity_mps2: f64, parameters: &[f64]) -> Result<Self, Error> {
+impl<'a> Norms<'a> {
+    fn new(
+        rests: &[&Rest],
+        used: &[bool],
+        gravity_mps2: f64,
+        parameters: &[f64],
+        held: &'a StageRows<'a>,
+    ) -> Result<Self, Error> {
         let triad = triad_of(parameters)?;
         let rest_of_row: Vec<usize> = (0..rests.len()).filter(|&k| used[k]).collect();
         let sigma: Vec<f64> = rest_of_row.iter().map(|&k| sigma_norm(rests[k], &triad)).collect();
@@ -162,11 +189,12 @@ impl Norms {
             sigma,
             rest_of_row,
             gravity_mps2,
+            held,
         })
     }
 }
 
-impl Residuals for Norms {
+impl Residuals for Norms<'_> {
     fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
         let Ok(triad) = triad_of(parameters) else {
             residuals.fill(f64::NAN); // the solver then takes a shorter step
@@ -179,10 +207,11 @@ impl Residuals for Norms {
                 jacobian[(k, j)] = gradient[j] / sigma;
             }
         }
+        self.held.write(parameters, self.means.len(), residuals, jacobian);
     }
 
     fn count(&self) -> usize {
-        self.means.len()
+        self.means.len() + self.held.count()
     }
 }
 

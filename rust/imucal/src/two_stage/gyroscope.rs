@@ -20,6 +20,7 @@ use imucal_core::so3::{self, hat};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::error::Error;
+use crate::held::StageRows;
 use crate::numerics::fit_report::FitReport;
 use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Residuals, Solution};
@@ -29,7 +30,7 @@ use crate::numerics::workers::{in_order, threads_for};
 use crate::preintegration::{Preintegrated, RateSegment};
 use crate::recording::Recording;
 use crate::rests::moves::{Ends, Move};
-use crate::two_stage::observability;
+use crate::two_stage::observability::{self, MOVE_ERROR_RAD};
 
 pub(crate) use bias::{GyroscopeBias, bias_from_rests};
 
@@ -53,6 +54,7 @@ pub(crate) struct PreintegratedMoves<'a> {
     /// Rates of each move.
     segments: Vec<RateSegment<'a>>,
     bias: Vector3<f64>,
+    held: &'a StageRows<'a>,
     /// Most recent preintegration.
     last: RefCell<Option<Rc<Linearised>>>,
 }
@@ -70,9 +72,14 @@ const CLOSE_RAD: f64 = 0.05;
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
-    pub(crate) fn new(recordings: &[Recording<'a>], moves: &[Move], bias: Vector3<f64>) -> Self {
+    pub(crate) fn new(
+        recordings: &[Recording<'a>],
+        moves: &[Move],
+        bias: Vector3<f64>,
+        held: &'a StageRows<'a>,
+    ) -> Self {
         let segments = moves.iter().map(|m| RateSegment::of(&recordings[m.recording], m.first, m.last)).collect();
-        Self { segments, bias, last: RefCell::new(None) }
+        Self { segments, bias, held, last: RefCell::new(None) }
     }
 
     /// A first estimate from the start value with the smallest misfit. If this fit ends far from the data, the other
@@ -123,7 +130,7 @@ impl<'a> PreintegratedMoves<'a> {
             let triad = triad_of(&solution.parameters, self.bias)?;
             problem.check(&triad, &solution)?;
             let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 2);
-            match robust::worst_outlier(&scores, 2) {
+            match robust::worst_outlier(&scores[..problem.rows.len()], 2) {
                 Some(item) if robust::may_exclude(&used, 9) => {
                     used[problem.rows[item]] = false;
                     problem.rows.remove(item);
@@ -240,9 +247,10 @@ impl Weighed<'_> {
         }
         let scale = triad.sensitivity().norm() / 3f64.sqrt();
         let design = Mat::from_fn(solution.jacobian.nrows(), 9, |row, j| {
-            solution.jacobian[(row, j)] * self.ends[self.rows[row / 2]].sigma_rad * scale
+            let unit = self.rows.get(row / 2).map_or(MOVE_ERROR_RAD, |k| self.ends[*k].sigma_rad);
+            solution.jacobian[(row, j)] * unit * scale
         });
-        observability::check_gyroscope(&design, self.rows.len())
+        observability::check_gyroscope(&design, self.rows.len(), &self.moves.held.columns())
     }
 }
 
@@ -264,9 +272,10 @@ impl Residuals for Weighed<'_> {
                 }
             }
         }
+        self.moves.held.write(parameters, 2 * self.rows.len(), residuals, jacobian);
     }
 
     fn count(&self) -> usize {
-        2 * self.rows.len()
+        2 * self.rows.len() + self.moves.held.count()
     }
 }

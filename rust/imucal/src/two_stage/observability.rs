@@ -61,6 +61,14 @@ impl Open {
         Ok(Self { traded: traded(&columns, projection), columns })
     }
 
+    /// Without the columns of parameters that have a prior of a given width.
+    pub(crate) fn without(self, held: &[usize]) -> Self {
+        let is_left = |j: &usize| !held.contains(j);
+        let columns: Vec<usize> = self.columns.into_iter().filter(is_left).collect();
+        let traded = self.traded.into_iter().filter(|(members, _)| members.iter().all(is_left)).collect();
+        Self { columns, traded }
+    }
+
     /// One phrase for each group, such as "only 1 independent combination of accelerometer bias z and accelerometer
     /// scale z is observable".
     fn group_phrases(&self) -> Vec<String> {
@@ -137,12 +145,13 @@ fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(V
 /// Returns an error if the rests do not determine the accelerometer.
 ///
 /// `design` is the Jacobian of |f| in m/s^2, with respect to biases in units of the reading of gravity and to entries
-/// of the sensitivity in units of its mean scale. `up` contains the directions of gravity at the rests.
+/// of the sensitivity in units of its mean scale. `up` contains the directions of gravity at the rests, `held` the
+/// columns of parameters with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the parameters and the poses to add.
-pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>]) -> Result<(), Error> {
-    let open = Open::of(&in_hundredths(design, REST_ERROR_MPS2))?;
+pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>], held: &[usize]) -> Result<(), Error> {
+    let open = Open::of(&in_hundredths(design, REST_ERROR_MPS2))?.without(held);
     match open.explain(up.len(), 0, &missing_poses(up), "") {
         Some(words) => Err(Error::NotEnoughMotion(words)),
         None => Ok(()),
@@ -151,12 +160,13 @@ pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>]) -> Res
 
 /// Returns an error if the moves do not determine all entries of the gyroscope, given the accelerometer.
 ///
-/// `design` is the Jacobian of the move residuals in rad, with respect to entries in units of the mean scale.
+/// `design` is the Jacobian of the move residuals in rad, with respect to entries in units of the mean scale. `held` are
+/// the columns of entries with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the entries and the moves to add.
-pub(crate) fn check_gyroscope(design: &Mat<f64>, moves: usize) -> Result<(), Error> {
-    let open = Open::of(&in_hundredths(design, MOVE_ERROR_RAD))?;
+pub(crate) fn check_gyroscope(design: &Mat<f64>, moves: usize, held: &[usize]) -> Result<(), Error> {
+    let open = Open::of(&in_hundredths(design, MOVE_ERROR_RAD))?.without(held);
     if open.columns.is_empty() {
         return Ok(());
     }

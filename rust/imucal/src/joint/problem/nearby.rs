@@ -97,7 +97,8 @@ impl Joint<'_> {
     fn moved(&self, parameters: &[f64], jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*known(&self.nearby.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
-        if encoders || self.terms.all.iter().any(Term::has_shape) {
+        // The distance also contains no held parameters, whose standard deviations are far larger than those of noise.
+        if encoders || !self.prepared.held.is_empty() || self.terms.all.iter().any(Term::has_shape) {
             return Ok(None);
         }
         let change = Mat::from_fn(parameters.len(), 1, |p, _| parameters[p] - from[p]);

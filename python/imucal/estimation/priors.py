@@ -1,0 +1,205 @@
+"""Held parameters: parameters with a prior, for recordings that do not determine all of them (model.md (40))."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+import numpy as np
+
+from imucal.errors import InputError
+from imucal.estimation.rests import of_library
+from imucal.rig.unit import Unit, unit_of
+
+if TYPE_CHECKING:
+    import imucal._core as _core
+
+__all__ = ["HeldParameter", "Hold", "HoldTuple", "PriorShare", "Priors", "holds_of", "profile_of"]
+
+# What to hold: texts NAME, NAME=VALUE, NAME+-SIGMA or NAME=VALUE+-SIGMA, or by name None, the value, or the
+# value and the standard deviation, each of which may be None.
+Hold: TypeAlias = "str | Sequence[str] | Mapping[str, float | tuple[float | None, float | None] | None]"
+# Name, mean and standard deviation for the library.
+HoldTuple: TypeAlias = "tuple[str, float | None, float | None]"
+
+NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+TEXT: Final = re.compile(rf"\s*(\w+)\s*(?:=\s*({NUMBER}))?\s*(?:(?:\+-|±|\+/-)\s*({NUMBER}))?\s*")
+FORM: Final = "give NAME, NAME=VALUE, or NAME=VALUE+-SIGMA, such as accel_misalignment=0+-0.005"
+# Share of the variance of a free parameter that a note reports, if it comes from the priors of others.
+NOTED_SHARE: Final = 0.1
+SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": "default for MEMS sensors"}
+
+
+@dataclass(frozen=True, slots=True)
+class HeldParameter:
+    """A held parameter with its prior and its estimate, symmetric body frame.
+
+    name           such as accel_misalignment_xy: accel_ or gyro_, then bias, scale or misalignment, then axes
+    unit           the raw unit for a bias, 1 for a scale relative to the nominal scale, rad for a misalignment
+    prior_value    mean of the prior
+    prior_sigma    standard deviation of the prior
+    prior_source   origin of this standard deviation: "given", "unit" (its profile) or "default"
+    estimate       estimate from recordings and prior
+    sigma          standard deviation of the estimate
+    prior_share    share of the variance of the estimate that comes from the priors: 1 if the recordings say
+                   nothing about the parameter
+    contradiction  difference of prior and recordings in standard deviations of this difference; None if the
+                   recordings say nothing
+    """
+
+    name: str
+    unit: str
+    prior_value: float
+    prior_sigma: float
+    prior_source: str
+    estimate: float
+    sigma: float
+    prior_share: float
+    contradiction: float | None
+
+    @property
+    def group(self) -> str:
+        """The name without the axes."""
+        return self.name.rpartition("_")[0]
+
+
+@dataclass(frozen=True, slots=True)
+class PriorShare:
+    """Share of the variance of a parameter that comes from the priors of held parameters."""
+
+    name: str
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Priors:
+    """The priors of an estimation, and what they contribute to its uncertainty.
+
+    model                  "full", "orthogonal" or "bias"
+    held                   the held parameters
+    shares                 for each parameter of the calibration, the share of its variance from the priors
+    gravity_direction_deg  error of the gravity direction that the priors leave, deg (1 sigma)
+    rotation_deg           error of a rotation by 90 deg that the priors leave, deg (1 sigma)
+    """
+
+    model: str
+    held: tuple[HeldParameter, ...]
+    shares: tuple[PriorShare, ...]
+    gravity_direction_deg: float
+    rotation_deg: float
+
+    @staticmethod
+    def of_outcome(
+        outcome: _core.Outcome, model: str, names: Sequence[str], raw_units: tuple[str, str]
+    ) -> Priors | None:
+        """The priors in an outcome of the compiled library; None if no parameter is held.
+
+        names      of all parameters
+        raw_units  of the accelerometer and of the gyroscope
+        """
+        if outcome.prior_cost is None:
+            return None
+        held = tuple(
+            of_library(HeldParameter, {**fields, "unit": _unit(fields["name"], raw_units)})
+            for fields in outcome.held
+        )
+        shares = zip(names, outcome.prior_shares, strict=True)
+        return Priors(model, held, tuple(PriorShare(*share) for share in shares), **outcome.prior_cost)
+
+    @property
+    def notes(self) -> list[str]:
+        """The held parameters, the share of the priors, and the errors that they leave, in words."""
+
+        def key(held: HeldParameter) -> tuple[Any, ...]:
+            return held.group, held.prior_value, held.prior_sigma, held.prior_source, held.unit
+
+        notes = []
+        for (group, value, sigma, source, unit), members in groupby(self.held, key):
+            own = list(members)
+            axes = ", ".join(held.name.removeprefix(f"{group}_") for held in own)
+            estimates = ", ".join(f"{held.estimate:.3g} +- {held.sigma:.2g}" for held in own)
+            shares = [held.prior_share for held in own]
+            low, high = f"{100 * min(shares):.0f}", f"{100 * max(shares):.0f}"
+            share = low if low == high else f"{low} to {high}"
+            notes.append(
+                f"{group} {axes} held by the prior {value:g} +- {sigma:.3g} {unit} ({SOURCES[source]}): "
+                f"estimated {estimates} {unit}; {share} % of the variance is that of the prior"
+            )
+        names = {held.group.replace("misalignment", "sensitivity") for held in self.held}
+        others = [
+            f"{item.name} {100 * item.share:.0f} %"
+            for item in self.shares
+            if item.share > NOTED_SHARE and not self._is_held(item.name, names)
+        ]
+        if others:
+            notes.append(f"share of the priors in the variance of parameters that are not held: {', '.join(others)}")
+        notes.append(
+            f"the priors leave an error (1 sigma) of {self.gravity_direction_deg:.2g} deg in the direction of "
+            f"gravity and of {self.rotation_deg:.2g} deg in a rotation by 90 deg"
+        )
+        return notes
+
+    @staticmethod
+    def _is_held(name: str, groups: set[str]) -> bool:
+        """Whether a parameter of the calibration is one of the held groups."""
+        group, _, axes = name.rpartition("_")
+        if group.endswith("sensitivity"):
+            scale = group.replace("sensitivity", "scale")
+            return scale in groups if len(set(axes)) == 1 else group in groups
+        return group in groups
+
+
+def holds_of(hold: Hold) -> tuple[HoldTuple, ...]:
+    """The parameters to hold, for the library; InputError for a form that is not understood."""
+    if isinstance(hold, str):
+        hold = [hold]
+    if isinstance(hold, Mapping):
+        return tuple(_of_mapping(name, given) for name, given in hold.items())
+    found = []
+    for text in hold:
+        match = TEXT.fullmatch(text) if isinstance(text, str) else None
+        if match is None:
+            raise InputError(f"hold has {text!r}: {FORM}")
+        name, value, sigma = match.groups()
+        found.append((name, None if value is None else float(value), None if sigma is None else float(sigma)))
+    return tuple(found)
+
+
+def _of_mapping(name: str, given: Any) -> HoldTuple:
+    value, sigma = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
+    for number in (value, sigma):
+        if number is not None and (isinstance(number, bool) or not isinstance(number, (int, float, np.number))):
+            raise InputError(
+                f"hold of {name!r} is {given!r}: give None, the value, or the value and its standard deviation"
+            )
+    return name, None if value is None else float(value), None if sigma is None else float(sigma)
+
+
+def profile_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[tuple[str, list[float]], ...]:
+    """Standard deviations of the unit's profile in the symmetric body frame, by group of parameters.
+
+    The spread of a profile has the off-diagonal entries in the frame of the package. In the symmetric frame
+    that of the accelerometer is the mean of two of them, and half of their difference is added to that of the
+    gyroscope.
+    """
+    spread = {} if unit is None else unit_of(unit).spread
+    found = {name: np.atleast_1d(spread[name]).tolist() for name in spread if "misalignment" not in name}
+    accel, gyro = (
+        float(np.max(spread.get(f"{sensor}_misalignment", 0.0))) for sensor in ("accel", "gyro")
+    )
+    if accel:
+        found["accel_misalignment"] = [accel / math.sqrt(2.0)]
+    if gyro:
+        found["gyro_misalignment"] = [math.hypot(gyro, accel / math.sqrt(2.0))]
+    return tuple(found.items())
+
+
+def _unit(name: str, raw_units: tuple[str, str]) -> str:
+    if "_bias_" in name:
+        return raw_units[name.startswith("gyro")]
+    return "1" if "_scale_" in name else "rad"

@@ -1,0 +1,129 @@
+//! Held parameters in the result of a calibration: what the recordings add to their priors, and which part of the
+//! uncertainty comes from the priors (model.md (40)).
+//!
+//! ```text
+//! K = C H^T,    prior part of the covariance: B = K K^T,    share of parameter j: B_jj / C_jj
+//! ```
+//!
+//! H contains the derivatives of the residuals of the priors, each divided by its standard deviation.
+
+use std::f64::consts::FRAC_PI_2;
+
+use faer::Mat;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use crate::held::{GROUPS, HeldParameter, PriorCost, PriorSource};
+use crate::joint::{JointFit, force_by_parameters};
+use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
+
+/// Share of the variance of a held parameter from its prior above which the recordings are said not to determine it:
+/// they contain less information than the prior.
+const MAX_PRIOR_SHARE: f64 = 0.5;
+/// Difference of prior and recordings, in standard deviations of this difference, above which they contradict each
+/// other. It is significant at 6e-7.
+const MAX_CONTRADICTION: f64 = 5.0;
+
+/// One held parameter with its prior and its estimate.
+#[derive(Clone, Debug)]
+pub struct HeldEstimate {
+    /// The prior.
+    pub prior: HeldParameter,
+    /// Estimate from the recordings and the prior, in the unit of the prior.
+    pub estimate: f64,
+    /// Standard deviation of the estimate.
+    pub sigma: f64,
+    /// Share of the variance of the estimate that comes from the priors: 1 if the recordings say nothing, 0 if they
+    /// determine the parameter.
+    pub prior_share: f64,
+    /// Difference of prior and recordings in standard deviations of this difference; `None` if the recordings say
+    /// nothing about the parameter.
+    pub contradiction: Option<f64>,
+}
+
+impl HeldEstimate {
+    /// Whether the recordings contain more information about the parameter than its prior.
+    pub(super) fn is_determined(&self) -> bool {
+        self.prior_share <= MAX_PRIOR_SHARE
+    }
+
+    /// Whether the recordings do not determine the parameter, and its prior is the default for MEMS sensors.
+    pub(super) fn is_unknown(&self) -> bool {
+        self.prior.source == PriorSource::Default && !self.is_determined()
+    }
+
+    /// Whether the recordings contradict the prior.
+    pub(super) fn is_contradicted(&self) -> bool {
+        self.contradiction.is_some_and(|sigmas| sigmas.abs() > MAX_CONTRADICTION)
+    }
+}
+
+/// The held parameters of a joint fit, and the prior part B of the covariance. `contradictions` are those of the priors.
+pub(super) fn held_estimates(
+    joint: &JointFit,
+    held: &[HeldParameter],
+    contradictions: &[Option<f64>],
+) -> (Vec<HeldEstimate>, Mat<f64>) {
+    let (parameters, n) = (joint.model.parameters(), joint.covariance.ncols());
+    let mut rows = Mat::<f64>::zeros(held.len(), n);
+    for (row, held) in held.iter().enumerate() {
+        held.row(&parameters).derivatives.into_iter().for_each(|(p, by)| rows[(row, p)] += by);
+    }
+    let by_prior = &joint.covariance * rows.transpose();
+    let between = &rows * &by_prior;
+    let estimate = |k: usize| {
+        let variance = between[(k, k)];
+        let from_priors: f64 = (0..held.len()).map(|other| between[(k, other)].powi(2)).sum();
+        HeldEstimate {
+            estimate: held[k].estimate(&parameters),
+            sigma: held[k].sigma * variance.sqrt(),
+            prior_share: (from_priors / variance).min(1.0),
+            contradiction: contradictions.get(k).copied().flatten(),
+            prior: held[k].clone(),
+        }
+    };
+    ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
+}
+
+/// Errors due to this covariance of the parameters, symmetric frame.
+pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
+    let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
+    let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));
+    let directions = directions();
+    let mean = |variance: &dyn Fn(&Vector3<f64>) -> f64| {
+        (directions.iter().map(variance).sum::<f64>() / directions.len() as f64).max(0.0).sqrt().to_degrees()
+    };
+    let gravity = |up: &Vector3<f64>| {
+        // The bias is not relative to gravity, so the force is that of standard gravity.
+        let g = super::STANDARD_GRAVITY_MPS2;
+        let across = (Matrix3::identity() - up * up.transpose()) * force_by_parameters(accelerometer, &(up * g)) / g;
+        (across * force * across.transpose()).trace()
+    };
+    let turned = |axis: &Vector3<f64>| {
+        let by = SMatrix::<f64, 3, 9>::from_fn(|row, p| gyroscope.inverse()[(row, p / 3)] * axis[p % 3] * FRAC_PI_2);
+        (by * rate * by.transpose()).trace()
+    };
+    PriorCost { gravity_direction_deg: mean(&gravity), rotation_deg: mean(&turned) }
+}
+
+/// The directions to the faces, edges and corners of a cube.
+fn directions() -> Vec<Vector3<f64>> {
+    let signs = [-1.0, 0.0, 1.0];
+    let all = signs.into_iter().flat_map(|x| signs.into_iter().flat_map(move |y| signs.map(|z| Vector3::new(x, y, z))));
+    all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
+}
+
+/// Names of held parameters in a list; a group whose members are all named is named instead of them.
+pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
+    let mut names = Vec::new();
+    for group in GROUPS {
+        let is_of = |h: &&HeldEstimate| h.prior.name.rsplit_once('_').is_some_and(|(own, _)| own == group);
+        let own: Vec<&HeldEstimate> = held.iter().copied().filter(|h| is_of(h)).collect();
+        if own.len() > 1 && own.len() == all.iter().filter(|h| is_of(h)).count() {
+            names.push(group.to_owned());
+        } else {
+            names.extend(own.iter().map(|h| h.prior.name.clone()));
+        }
+    }
+    names.join(", ")
+}
