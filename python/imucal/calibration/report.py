@@ -32,6 +32,8 @@ TOGETHER: Final = (
 SCALES: Final = ("norms", "moves", "inside", "stand")
 # Sensors times axes of the noise floor of a recording.
 NOISE_FLOORS: Final = 6
+MODELS: Final = ("full", "orthogonal", "bias")
+PRIOR_SOURCES: Final = ("given", "unit", "default")
 TERMINATIONS: Final = ("converged", "stalled", "iteration_limit", "not_finite", "weights_not_settled")
 # A version of Python packages (PEP 440) or of Rust crates.
 VERSION: Final = (
@@ -81,6 +83,8 @@ def require_fit(
                 _require_scales(node.get(name))
     if fit.get("noise_alone") is not None:
         _require_p_value(node.get("noise_alone"))
+    if "priors" in fit:
+        _require_priors(node.get("priors"), names)
     if "effects" in fit:
         tested = [item.get("name").text() for item in node.get("effects").items()]
         if sorted(tested) != sorted(effects):
@@ -129,6 +133,33 @@ def _require_scales(node: Node) -> None:
             f"{node.file}: {node.path}.inflation is {node.get('inflation').value}, but the largest of "
             f"{scales.path} is {largest}: {AGAIN}"
         )
+
+
+def _require_priors(node: Node, names: Sequence[str]) -> None:
+    """Raise FormatError if the held parameters report what cannot be."""
+    node.get("model").text(MODELS)
+    for held in node.get("held").items():
+        for name in ("name", "unit"):
+            held.get(name).text()
+        held.get("prior_source").text(PRIOR_SOURCES)
+        for name in ("prior_value", "estimate"):
+            held.get(name).number()
+        for name in ("prior_sigma", "sigma"):
+            _require_range(held.get(name), 0.0, np.inf)
+        _require_range(held.get("prior_share"), 0.0, 1.0)
+        if held.get("contradiction").value is not None:
+            held.get("contradiction").number()
+    shares = node.get("shares")
+    found = [item.get("name").text() for item in shares.items()]
+    if names and found != list(names):
+        raise FormatError(
+            f"{node.file}: {shares.path} has other parameters than $.covariance: both have all of them in "
+            f"one order: {AGAIN}"
+        )
+    for item in shares.items():
+        _require_range(item.get("share"), 0.0, 1.0)
+    for name in ("gravity_direction_deg", "rotation_deg"):
+        _require_range(node.get(name), 0.0, np.inf)
 
 
 def _require_p_value(node: Node) -> None:

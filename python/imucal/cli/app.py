@@ -20,7 +20,7 @@ import click
 from click.exceptions import Exit
 
 from imucal.cli.ending import INTERRUPTED, as_interrupts
-from imucal.cli.failure import TRACEBACK, is_fault, message_of
+from imucal.cli.failure import TRACEBACK, command_offered, is_fault, message_of
 from imucal.cli.group import Commands, Lazy
 from imucal.cli.output import NO_RESULT
 from imucal.cli.streams import printable, standing_streams

@@ -70,8 +70,8 @@ HoldOption = Annotated[
     option(
         "--hold",
         metavar="NAME[=VALUE][+-SIGMA]",
-        help="Hold a parameter by a prior, such as accel_misalignment_xy=0+-0.005, or a group of them, such as "
-        "accel_misalignment; may be repeated.",
+        help="Hold a parameter by a prior, such as accel_misalignment_xy=0+-0.005, or a group of them, "
+        "such as accel_misalignment; may be repeated.",
     ),
 ]
 

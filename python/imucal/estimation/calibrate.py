@@ -81,16 +81,16 @@ def calibrate(
                        such as "gyro: k * (supply_v - 3.3)", and names of the catalogue; `:full` selects the
                        full form of an effect that has two, and `:seen` estimates only the observable
                        parameters, the others having a prior of that width
-    model              parameters that are estimated without a prior: "full" for all; "orthogonal" for biases and
-                       scales, with the misalignments held; "bias" for the biases, with misalignments and
+    model              parameters that are estimated without a prior: "full" for all; "orthogonal" for biases
+                       and scales, with the misalignments held; "bias" for the biases, with misalignments and
                        scales held
-    hold               parameters held in addition: they have a normal prior, which is in the standard deviations
-                       of the result. Texts NAME, NAME=VALUE or NAME=VALUE+-SIGMA, or a mapping from names to
-                       None, the value, or (value, sigma). NAME is accel_ or gyro_ with bias, scale or
-                       misalignment, for all axes, or with axes (accel_misalignment_xy). Without VALUE it is
-                       that of a perfect sensor; without SIGMA it is from the spread of `unit`, or the default
-                       for MEMS sensors (docs/model.md (40)). Biases are in the raw unit, scales relative to
-                       the nominal scale, misalignments in rad
+    hold               parameters held in addition: they have a normal prior, which is in the standard
+                       deviations of the result. Texts NAME, NAME=VALUE or NAME=VALUE+-SIGMA, or a mapping
+                       from names to None, the value, or (value, sigma). NAME is accel_ or gyro_ with bias,
+                       scale or misalignment, for all axes, or with axes (accel_misalignment_xy). Without
+                       VALUE it is that of a perfect sensor; without SIGMA it is from the spread of `unit`, or
+                       the default for MEMS sensors (docs/model.md (40)). Biases are in the raw unit, scales
+                       relative to the nominal scale, misalignments in rad
     joint              estimate all parameters in one fit; if False, and without effects and held parameters,
                        first fit the accelerometer and then the gyroscope
     unit               profile of the unit, its name, or the path of its file: its bias instabilities and

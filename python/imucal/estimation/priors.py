@@ -1,4 +1,4 @@
-"""Held parameters: parameters with a prior, for recordings that do not determine all of them (model.md (40))."""
+"""Held parameters, which have a prior, for recordings that do not determine all of them (model.md (40))."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": 
 class HeldParameter:
     """A held parameter with its prior and its estimate, symmetric body frame.
 
-    name           such as accel_misalignment_xy: accel_ or gyro_, then bias, scale or misalignment, then axes
-    unit           the raw unit for a bias, 1 for a scale relative to the nominal scale, rad for a misalignment
+    name           such as accel_misalignment_xy: accel_ or gyro_, then bias, scale or misalignment, axes
+    unit           the raw unit for a bias, 1 for a scale relative to the nominal one, rad for a misalignment
     prior_value    mean of the prior
     prior_sigma    standard deviation of the prior
     prior_source   origin of this standard deviation: "given", "unit" (its profile) or "default"
@@ -137,10 +137,12 @@ class Priors:
             if item.share > NOTED_SHARE and not self._is_held(item.name, names)
         ]
         if others:
-            notes.append(f"share of the priors in the variance of parameters that are not held: {', '.join(others)}")
+            notes.append(
+                f"share of the priors in the variance of parameters that are not held: {', '.join(others)}"
+            )
         notes.append(
-            f"the priors leave an error (1 sigma) of {self.gravity_direction_deg:.2g} deg in the direction of "
-            f"gravity and of {self.rotation_deg:.2g} deg in a rotation by 90 deg"
+            f"the priors leave an error (1 sigma) of {self.gravity_direction_deg:.2g} deg in the direction "
+            f"of gravity and of {self.rotation_deg:.2g} deg in a rotation by 90 deg"
         )
         return notes
 
@@ -173,9 +175,11 @@ def holds_of(hold: Hold) -> tuple[HoldTuple, ...]:
 def _of_mapping(name: str, given: Any) -> HoldTuple:
     value, sigma = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
     for number in (value, sigma):
-        if number is not None and (isinstance(number, bool) or not isinstance(number, (int, float, np.number))):
+        if number is not None and (
+            isinstance(number, bool) or not isinstance(number, (int, float, np.number))
+        ):
             raise InputError(
-                f"hold of {name!r} is {given!r}: give None, the value, or the value and its standard deviation"
+                f"hold of {name!r} is {given!r}: give None, the value, or the value and its sigma"
             )
     return name, None if value is None else float(value), None if sigma is None else float(sigma)
 
@@ -189,9 +193,7 @@ def profile_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[tuple[str, l
     """
     spread = {} if unit is None else unit_of(unit).spread
     found = {name: np.atleast_1d(spread[name]).tolist() for name in spread if "misalignment" not in name}
-    accel, gyro = (
-        float(np.max(spread.get(f"{sensor}_misalignment", 0.0))) for sensor in ("accel", "gyro")
-    )
+    accel, gyro = (float(np.max(spread.get(f"{sensor}_misalignment", 0.0))) for sensor in ("accel", "gyro"))
     if accel:
         found["accel_misalignment"] = [accel / math.sqrt(2.0)]
     if gyro:

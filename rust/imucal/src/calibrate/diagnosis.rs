@@ -82,11 +82,12 @@ fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
     found
 }
 
-/// Parameters whose standard deviation exceeds their usual size.
+/// Parameters without a prior whose standard deviation exceeds their usual size.
 fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
     let mut found = Vec::new();
     for (p, name) in outcome.names.iter().enumerate() {
-        let Some(usual) = usual_size(outcome, p) else { continue };
+        let is_held = outcome.held.iter().any(|held| held.prior.parameter() == p);
+        let Some(usual) = usual_size(outcome, p).filter(|_| !is_held) else { continue };
         let sigma = outcome.covariance[p][p].sqrt();
         if sigma > usual {
             found.push(Diagnosis {

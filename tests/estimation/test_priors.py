@@ -1,0 +1,189 @@
+"""Models of fewer parameters: held parameters with a prior, on six faces of a box."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shlex
+
+import numpy as np
+import pytest
+
+import imucal
+from imucal.cli.app import main
+
+# Turns of the motors from face to face, deg: z, y, x, -z, -y and -x up, with errors of a degree.
+FACES = (
+    (0.6, -1.1, 0.4),
+    (90.7, 0.9, -0.8),
+    (-1.2, 0.5, 91.1),
+    (89.1, 1.3, -0.6),
+    (0.8, 90.4, 1.2),
+    (1.1, -0.7, 88.9),
+)
+STEPS = tuple(imucal.Step(turn, 2.0 if k else 1.0, 3.0) for k, turn in enumerate(FACES))
+
+
+def unit_of() -> imucal.Unit:
+    profile = imucal.Unit.named("bmi088")
+    accel = np.array([[1.01, 0.008, -0.004], [0.008, 0.985, 0.006], [-0.004, 0.006, 1.02]])
+    gyro = np.array([[0.99, 0.01, -0.005], [-0.008, 1.01, 0.004], [0.006, 0.002, 1.005]])
+    return dataclasses.replace(
+        profile,
+        accelerometer=dataclasses.replace(
+            profile.accelerometer, sensitivity=accel, bias=np.array([0.2, -0.1, 0.3])
+        ),
+        gyroscope=dataclasses.replace(
+            profile.gyroscope, sensitivity=gyro, bias=np.array([0.01, -0.02, 0.015])
+        ),
+    )
+
+
+def recorded(program: imucal.Program, seed: int) -> imucal.Recording:
+    return imucal.simulate(program, unit=unit_of(), seed=seed, rate_hz=100.0).recording
+
+
+@pytest.fixture(scope="module")
+def run() -> imucal.Recording:
+    """A run that determines all parameters."""
+    return recorded(imucal.Program.random(seed=3, moves=18, hold_s=3.0), 3)
+
+
+@pytest.fixture(scope="module")
+def recording() -> imucal.Recording:
+    return recorded(imucal.Program(STEPS), 1)
+
+
+@pytest.fixture(scope="module")
+def result(recording: imucal.Recording) -> imucal.CalibrationResult:
+    return imucal.calibrate(recording, model="orthogonal")
+
+
+def test_six_faces_determine_bias_and_scale(result: imucal.CalibrationResult) -> None:
+    truth = {
+        "accel_bias_x": 0.2,
+        "accel_bias_y": -0.1,
+        "accel_bias_z": 0.3,
+        "accel_sensitivity_xx": 1.01,
+        "accel_sensitivity_yy": 0.985,
+        "accel_sensitivity_zz": 1.02,
+        "gyro_bias_x": 0.01,
+        "gyro_sensitivity_xx": 0.99,
+        "gyro_sensitivity_zz": 1.005,
+    }
+    for parameter in result.parameters:
+        if parameter.name in truth:
+            assert parameter.std is not None
+            assert abs(parameter.value - truth[parameter.name]) < 4 * parameter.std, parameter
+            assert parameter.std < 0.02 * max(1.0, abs(parameter.value))
+
+
+def test_the_prior_is_in_covariance_words_and_verdict(result: imucal.CalibrationResult) -> None:
+    priors = result.fit.priors
+    assert priors is not None and priors.model == "orthogonal" and len(priors.held) == 9
+    assert [share.name for share in priors.shares] == [p.name for p in result.parameters]
+    unknown = [held for held in priors.held if held.prior_share > 0.9]
+    assert unknown
+    for held in unknown:
+        assert held.prior_source == "default" and held.sigma == pytest.approx(held.prior_sigma, rel=0.06)
+    assert result.verdict == "incomplete"
+    assert any("which have the default prior" in reason for reason in result.reasons)
+    assert 0.1 < priors.gravity_direction_deg < 1.5
+    summary = result.summary()
+    assert "held by the prior 0 +- 0.01 rad (default for MEMS sensors)" in summary
+    assert "in the direction of gravity" in summary
+
+
+def test_a_narrow_given_prior_nearly_fixes_the_parameter(recording: imucal.Recording) -> None:
+    hold = {
+        "accel_misalignment": (None, 1e-6),
+        "gyro_misalignment": None,
+        "accel_misalignment_xy": (0.008, 1e-6),
+    }
+    result = imucal.calibrate(recording, hold=hold)
+    values = {held.name: held for held in result.fit.priors.held}
+    assert values["accel_misalignment_xy"].estimate == pytest.approx(0.008, abs=5e-6)
+    assert values["accel_misalignment_xz"].prior_source == "given"
+    assert values["gyro_misalignment_zx"].prior_sigma == 0.015
+
+
+def test_the_width_comes_from_the_units_profile(recording: imucal.Recording) -> None:
+    result = imucal.calibrate(recording, model="orthogonal", unit="bmi088")
+    held = {held.name: held for held in result.fit.priors.held}
+    assert held["accel_misalignment_xy"].prior_source == "unit"
+    assert held["accel_misalignment_xy"].prior_sigma == pytest.approx(0.005 / np.sqrt(2.0))
+    assert held["gyro_misalignment_xy"].prior_sigma == pytest.approx(np.hypot(0.01, 0.005 / np.sqrt(2.0)))
+    assert not any("default prior" in reason for reason in result.reasons)
+
+
+def test_a_prior_that_contradicts_the_recordings_is_noticed(run: imucal.Recording) -> None:
+    free = imucal.calibrate(run)
+    xy = next(p for p in free.parameters if p.name == "accel_sensitivity_xy").value
+    wrong = imucal.calibrate(run, hold=[f"accel_misalignment_xy={xy + 0.01}+-0.0001"])
+    assert wrong.verdict == "poor"
+    assert any("contradict the prior of accel_misalignment_xy" in reason for reason in wrong.reasons)
+    right = imucal.calibrate(run, hold=[f"accel_misalignment_xy={xy}+-0.0001"])
+    assert right.verdict == free.verdict
+    assert abs(right.fit.priors.held[0].contradiction) < 1.0
+
+
+def test_the_refusal_offers_a_model_that_works(
+    tmp_path, recording: imucal.Recording, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(imucal.NotEnoughMotionError, match="model='orthogonal' estimates biases and scales"):
+        imucal.calibrate(recording)
+    path = tmp_path / "six faces.csv"
+    imucal.write(recording, path)
+    assert main(["calibrate", str(path)]) == 1
+    said = capsys.readouterr().err
+    command = re.search(r"imucal (calibrate --model orthogonal .*)", said)
+    assert command is not None, said
+    assert "deg in the direction of gravity" in said
+    assert main([*shlex.split(command[1]), "-o", str(tmp_path / "unit.json")]) == 0
+    assert "held by the prior" in capsys.readouterr().out
+
+
+def test_unknown_names_and_forms_name_the_possible_ones(recording: imucal.Recording) -> None:
+    with pytest.raises(imucal.InputError, match=r"accel_misalignment \(_xy, _xz, _yz\)"):
+        imucal.calibrate(recording, hold=["misalignment"])
+    with pytest.raises(imucal.InputError, match="NAME=VALUE"):
+        imucal.calibrate(recording, hold=["accel_bias=a"])
+    with pytest.raises(imucal.InputError, match="positive standard deviation"):
+        imucal.calibrate(recording, hold=["accel_bias=0+-0"])
+    with pytest.raises(imucal.InputError, match="full, orthogonal, bias"):
+        imucal.calibrate(recording, model="diagonal")
+
+
+def test_files_and_exports_keep_the_held_parameters(tmp_path, result: imucal.CalibrationResult) -> None:
+    path = tmp_path / "unit.json"
+    result.calibration.save(path)
+    loaded = imucal.Calibration.load(path)
+    assert loaded.fit["priors"] == result.to_dict()["fit"]["priors"]
+    assert loaded.judged == (result.verdict, result.reasons)
+    assert loaded.to_dict() == result.calibration.to_dict()
+    assert imucal.export(loaded, "c-header").text
+    spoilt = loaded.to_dict()
+    spoilt["fit"]["priors"]["held"][0]["prior_share"] = 1.5
+    with pytest.raises(imucal.FormatError, match="prior_share"):
+        imucal.Calibration.from_dict(spoilt)
+
+
+def test_the_predicted_errors_of_an_evaluation_contain_the_prior(
+    result: imucal.CalibrationResult, run: imucal.Recording
+) -> None:
+    """A control recording in other directions has errors of the misalignment, which the prior explains."""
+    narrow = dataclasses.replace(result.calibration, covariance=result.calibration.covariance * 1e-8)
+    ratio = {fit.kind: fit.ratio for fit in imucal.evaluate(result.calibration, run).residuals}
+    of_narrow = {fit.kind: fit.ratio for fit in imucal.evaluate(narrow, run).residuals}
+    assert ratio["norms"] < 3.0 < of_narrow["norms"]
+
+
+def test_a_plan_contains_the_priors() -> None:
+    settings = {"unit": "bmi088", "rate_hz": 100.0, "detection_limits": False}
+    held = imucal.plan(
+        imucal.Program(STEPS), hold=["accel_misalignment+-0.001"], model="orthogonal", **settings
+    )
+    of_held = {p.name: p.std for p in held.parameters}
+    assert of_held["accel_sensitivity_xy"] == pytest.approx(0.001, rel=0.05)
+    assert held.undetermined is None
+    assert imucal.plan(imucal.Program(STEPS), **settings).undetermined is not None
