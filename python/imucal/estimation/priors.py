@@ -126,9 +126,10 @@ class Priors:
             shares = [held.prior_share for held in own]
             low, high = f"{100 * min(shares):.0f}", f"{100 * max(shares):.0f}"
             share = low if low == high else f"{low} to {high}"
+            suffix = "" if unit == "1" else f" {unit}"
             notes.append(
-                f"{group} {axes} held by the prior {value:g} +- {sigma:.3g} {unit} ({SOURCES[source]}): "
-                f"estimated {estimates} {unit}; {share} % of the variance is that of the prior"
+                f"{group} {axes} held by the prior {value:g} +- {sigma:.3g}{suffix} ({SOURCES[source]}): "
+                f"estimated {estimates}{suffix}; {share} % of the variance is that of the prior"
             )
         names = {held.group.replace("misalignment", "sensitivity") for held in self.held}
         others = [

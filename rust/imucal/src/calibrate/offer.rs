@@ -1,10 +1,10 @@
 //! A model of fewer parameters for recordings that do not determine all of them.
 
 use super::held_estimates::{HeldEstimate, listed};
-use super::{Checked, Options, Outcome};
+use super::{Checked, Options, Outcome, prospect};
 use crate::error::Error;
 use crate::finding::general;
-use crate::held::{ParameterModel, PriorCost, Priors};
+use crate::held::{Hold, ParameterModel, PriorCost, Priors};
 use crate::recording::Recording;
 use crate::verdict::Verdict;
 
@@ -15,28 +15,49 @@ impl<'a> Checked<'a> {
     /// As [`calibrate`](super::calibrate()). The message of [`Error::NotEnoughMotion`] also offers a model of fewer
     /// parameters that the recordings determine, if there is one.
     pub fn try_new(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
-        Self::of_determined(recordings, options).map_err(|error| match error {
-            Error::NotEnoughMotion(words) => Error::NotEnoughMotion(with_offer(recordings, options, &words)),
+        match determined(recordings, options) {
+            Err(Error::NotEnoughMotion(words)) => {
+                Err(Error::NotEnoughMotion(with_offer(recordings, options, &words)))
+            }
             other => other,
-        })
+        }
     }
+}
+
+/// The checked recordings, which must determine all parameters without a prior. With the model of biases and scales the
+/// gyroscope's scales about axes without rotation are held, too.
+fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Checked<'a>, Error> {
+    let checked = Checked::of_determined(recordings, options);
+    if options.priors.model != ParameterModel::Orthogonal || !matches!(checked, Err(Error::NotEnoughMotion(_))) {
+        return checked;
+    }
+    let found = prospect(recordings, options)?;
+    let axes = ["x", "y", "z"].into_iter();
+    let idle = axes.filter(|axis| {
+        let name = format!("gyro_sensitivity_{axis}{axis}");
+        found.names.iter().zip(&found.predicted_sigma).any(|(own, sigma)| *own == name && sigma.is_none())
+    });
+    let hold = idle.map(|axis| Hold { name: format!("gyro_scale_{axis}"), value: None, sigma: None });
+    let mut priors = options.priors.clone();
+    priors.hold.extend(hold);
+    if priors == options.priors {
+        return checked;
+    }
+    Checked::of_determined(recordings, &Options { priors, ..options.clone() }).or(checked)
 }
 
 /// The words of a refusal, followed by the model with the most free parameters that the recordings determine and by
 /// what it leaves uncertain. Each model is tried with a complete calibration.
 fn with_offer(recordings: &[Recording<'_>], options: &Options<'_>, words: &str) -> String {
-    if !options.priors.is_empty() {
-        return words.to_owned();
-    }
-    let reduced = ParameterModel::ALL.into_iter().filter(|model| *model != ParameterModel::Full);
+    let mut reduced = ParameterModel::ALL.into_iter().skip_while(|model| *model != options.priors.model).skip(1);
     let works = |model: ParameterModel| {
         let priors = Priors { model, ..options.priors.clone() };
         let options = Options { priors, ..options.clone() };
-        let checked = Checked::of_determined(recordings, &options).ok()?;
+        let checked = determined(recordings, &options).ok()?;
         let outcome = checked.calibrate(&options.model(), None).ok()?;
         (!matches!(outcome.verdict(), Verdict::Poor(_))).then_some((model, outcome))
     };
-    match reduced.into_iter().find_map(works) {
+    match reduced.find_map(works) {
         Some((model, outcome)) => format!("{words}. {}", offered(model, &outcome)),
         None => words.to_owned(),
     }

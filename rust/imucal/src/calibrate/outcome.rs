@@ -170,6 +170,8 @@ impl Outcome {
         let symmetric = Sensitivities { accelerometer: *force.sensitivity(), gyroscope: *rate.sensitivity() };
         let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();
         let (held, of_priors) = held_estimates(joint, &data.held(options)?, &misfits.held);
+        // A prior that determines its parameter leaves no parameter to the residuals.
+        let by_priors = held.iter().map(|held| (held.sigma / held.prior.sigma).powi(2)).sum::<f64>().round() as usize;
         let prior_cost = (!held.is_empty()).then(|| prior_cost(&of_priors, force, rate));
         let of_unit = |matrix: &Mat<f64>| matrix.submatrix(0, 0, all, all).to_owned();
         let covariances = [of_unit(&joint.covariance), of_unit(&of_priors)];
@@ -198,7 +200,7 @@ impl Outcome {
             names,
             values,
             covariance: rows(&covariance),
-            figures: figures(&rests, &moves, &residuals, all - 3),
+            figures: figures(&rests, &moves, &residuals, (all - 3).saturating_sub(by_priors)),
             rests,
             moves,
             noise_density: noise_density(data.noise(), &calibration),
