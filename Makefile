@@ -6,6 +6,7 @@
 #   make demo      simulate the stand, calibrate, judge, and write a page to demo/
 #   make bench     speed compared with SciPy, start time, growth and memory, simulation, and Allan deviations
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
+#   make six-positions  coverage of bias and scale from six positions, to docs/results/six-positions.md
 #   make rounding  coverage of the intervals with noise below a step of the converter, to docs/results/rounding.md
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
@@ -174,7 +175,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy rounding gap-benchmark plan traps stand first-steps docs-figures docs-pictures
+.PHONY: demo bench accuracy rounding six-positions gap-benchmark plan traps stand first-steps docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -193,6 +194,9 @@ accuracy: $(VENV)/.installed
 	PYTHONPATH=benches $(PY) -m accuracy
 	$(PY) benches/noise_accuracy.py
 	$(PY) benches/noise_steps.py
+
+six-positions: $(VENV)/.installed
+	PYTHONPATH=benches $(PY) benches/six_positions.py
 
 rounding: $(VENV)/.installed
 	$(call say,Rounding)

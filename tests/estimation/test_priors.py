@@ -195,5 +195,5 @@ def test_the_scale_of_a_gyroscope_axis_without_rotation_is_held() -> None:
     steps = tuple(imucal.Step(turn, 2.0 if k else 1.0, 3.0) for k, turn in enumerate(turns))
     result = imucal.calibrate(recorded(imucal.Program(steps), 2), model="orthogonal")
     held = {held.name: held for held in result.fit.priors.held}
-    assert len(held) == 10 and held["gyro_scale_z"].prior_share > 0.9
+    assert len(held) == 10 and held["gyro_scale_z"].prior_share > 0.5
     assert any("gyro_scale_z" in reason for reason in result.reasons)

@@ -7,6 +7,7 @@ from recordings import calibrating
 from trap import good, incomplete, poor, refused
 
 FEW_POSES = "the motion does not determine all parameters"
+HELD = "parameters are held by a prior"
 DISTURBED = "a rest is disturbed"
 UNITS = "several units are taken for one"
 
@@ -47,6 +48,51 @@ UNDETERMINED = (
         for deg in (2.0, 10.0, 20.0)
     ),
     calibrating(FEW_POSES, "a gyroscope with noise only", without_turns, refused("no more than noise")),
+)
+
+
+# Turns of the motors over the six faces of a box, deg.
+SIX_FACES = (
+    ((0.5, -1.0, 1.0), 1.0, 3.0),
+    ((90.8, 0.7, -1.2), 2.0, 3.0),
+    ((-0.6, 1.2, 90.5), 2.0, 3.0),
+    ((88.9, -0.9, 0.8), 2.0, 3.0),
+    ((1.1, 90.6, -0.7), 2.0, 3.0),
+    ((-0.8, 0.6, 89.2), 2.0, 3.0),
+)
+
+PRIORS = (
+    calibrating(
+        HELD, "six faces, all parameters", program(*SIX_FACES), refused("--model orthogonal|model='orth")
+    ),
+    calibrating(
+        HELD,
+        "six faces, biases and scales",
+        program(*SIX_FACES),
+        incomplete("have the default prior"),
+        model="orthogonal",
+    ),
+    calibrating(
+        HELD,
+        "six faces, biases and scales, one rest less",
+        program(*SIX_FACES[:5]),
+        refused("determine"),
+        model="orthogonal",
+    ),
+    calibrating(
+        HELD,
+        "a misalignment 5 deg off",
+        changed,
+        poor("contradict the prior of accel_misalignment_xy"),
+        hold=["accel_misalignment_xy=0.0872665+-0.001"],
+    ),
+    calibrating(
+        HELD,
+        "a scale 2 % off",
+        changed,
+        poor("contradict the prior of gyro_scale_z"),
+        hold=["gyro_scale_z=1.02+-1e-4"],
+    ),
 )
 
 
@@ -162,4 +208,4 @@ def same_name(r):
     return changed(r, name="first")
 
 
-TRAPS = (*UNDETERMINED, *DISTURBANCES, *OTHERS)
+TRAPS = (*UNDETERMINED, *PRIORS, *DISTURBANCES, *OTHERS)
