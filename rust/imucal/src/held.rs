@@ -351,9 +351,8 @@ impl Priors {
                 of(&p.name).or_else(|| of(p.group))
             })
             .collect();
-        let is_held = |p: &Holdable, request: &Option<&Hold>| {
-            request.is_some() || self.model.groups().contains(&p.group)
-        };
+        let is_held =
+            |p: &Holdable, request: &Option<&Hold>| request.is_some() || self.model.groups().contains(&p.group);
         let held = all.iter().zip(&requests).filter(|(p, request)| is_held(p, request));
         held.map(|(p, request)| self.prior(p, *request, nominal)).collect()
     }
@@ -386,9 +385,7 @@ impl Priors {
                 let sigma = given.map_or_else(|| Ok(sigma_si * required()?), Ok)?;
                 (Quantity::Entry { parameter, nominal: 1.0 }, sigma)
             }
-            Kind::Scale(parameter) => {
-                (Quantity::Entry { parameter, nominal: required()? }, given.unwrap_or(sigma_si))
-            }
+            Kind::Scale(parameter) => (Quantity::Entry { parameter, nominal: required()? }, given.unwrap_or(sigma_si)),
             Kind::Misalignment { parameter, diagonal } => {
                 (Quantity::Misalignment { parameter, diagonal }, given.unwrap_or(sigma_si))
             }
@@ -405,8 +402,11 @@ fn unknown(name: &str, all: &[Holdable]) -> String {
         let suffixes: Vec<&str> = own.map(|p| &p.name[group.len()..]).collect();
         format!("{group} ({})", suffixes.join(", "))
     });
-    format!("hold {name:?}: there is no parameter of this name; give one of the groups, or one of its members with the \
-             suffix in brackets: {}", groups.join(", "))
+    format!(
+        "hold {name:?}: there is no parameter of this name; give one of the groups, or one of its members with the \
+             suffix in brackets: {}",
+        groups.join(", ")
+    )
 }
 
 impl fmt::Display for HeldParameter {
@@ -445,7 +445,8 @@ mod tests {
 
     #[test]
     fn an_unknown_name_and_a_missing_nominal_sensitivity_are_errors() {
-        let of = |name: &str| Priors { hold: vec![hold(name, None, None)], ..Priors::default() }.held([None, Some(1.0)]);
+        let of =
+            |name: &str| Priors { hold: vec![hold(name, None, None)], ..Priors::default() }.held([None, Some(1.0)]);
         let error = of("acel_misalignment").unwrap_err().to_string();
         assert!(error.contains("accel_misalignment (_xy, _xz, _yz), gyro_bias (_x, _y, _z)"), "{error}");
         let error = of("accel_scale_x").unwrap_err().to_string();

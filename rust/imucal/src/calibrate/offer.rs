@@ -16,9 +16,7 @@ impl<'a> Checked<'a> {
     /// parameters that the recordings determine, if there is one.
     pub fn try_new(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         match determined(recordings, options) {
-            Err(Error::NotEnoughMotion(words)) => {
-                Err(Error::NotEnoughMotion(with_offer(recordings, options, &words)))
-            }
+            Err(Error::NotEnoughMotion(words)) => Err(Error::NotEnoughMotion(with_offer(recordings, options, &words))),
             other => other,
         }
     }

@@ -176,7 +176,8 @@ impl Outcome {
         let of_unit = |matrix: &Mat<f64>| matrix.submatrix(0, 0, all, all).to_owned();
         let covariances = [of_unit(&joint.covariance), of_unit(&of_priors)];
         let (sensitivities, [covariance, of_priors]) = in_frame(options.frame, symmetric, covariances, &mut moves)?;
-        let share = |p: usize| if covariance[(p, p)] > 0.0 { (of_priors[(p, p)] / covariance[(p, p)]).min(1.0) } else { 0.0 };
+        let share =
+            |p: usize| if covariance[(p, p)] > 0.0 { (of_priors[(p, p)] / covariance[(p, p)]).min(1.0) } else { 0.0 };
         let prior_shares = if held.is_empty() { Vec::new() } else { (0..all).map(share).collect() };
         let mut calibration = Calibration::new(
             triad(sensitivities.accelerometer, *force.bias())?,

@@ -100,12 +100,7 @@ fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
 }
 
 /// Returns an error if the rests do not determine all parameters that are not held.
-fn check_design(
-    means: &[Vector3<f64>],
-    start: &Start,
-    gravity_mps2: f64,
-    held: &StageRows<'_>,
-) -> Result<(), Error> {
+fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64, held: &StageRows<'_>) -> Result<(), Error> {
     let parameters = parameters_of(start);
     let triad = triad_of(&parameters)?;
     let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
@@ -122,7 +117,12 @@ fn check_design(
     observability::check_accelerometer(&design, &up, &held.columns())
 }
 
-fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms<'_>, solution: &Solution) -> Result<AccelerometerFit, Error> {
+fn finish(
+    rests: &[&Rest],
+    used: Vec<bool>,
+    problem: &Norms<'_>,
+    solution: &Solution,
+) -> Result<AccelerometerFit, Error> {
     let triad = triad_of(&solution.parameters)?;
     let row_gain = lsq::gain(&solution.jacobian);
     let mut gain = Mat::zeros(9, rests.len());
