@@ -299,6 +299,47 @@ def test_imu_tk_in_g_and_degrees_per_second(tmp_path):
         imucal.read_calibration(written(tmp_path, "unnamed.txt", paths[0].read_text()))
 
 
+@pytest.mark.parametrize("raw_unit", ["a.u.", "SI"])
+def test_ferraris(raw_unit, tmp_path):
+    size = (1.0, 1.0) if raw_unit == "SI" else (208.0, 16.0)
+    fields = {
+        "K_a": np.diag([1.02, 0.97, 1.04]) * size[0],
+        "R_a": np.linalg.inv(S_ACCEL),
+        "b_a": 3.0 * B_ACCEL * size[0],
+        "K_g": np.diag([0.99, 1.03, 0.96]) * size[1],
+        "R_g": np.linalg.inv(S_GYRO),
+        "b_g": np.array([2.0, -1.1, 0.7]) * size[1],
+        "K_ga": 0.01 * S_ACCEL * size[1],
+    }
+    units = {"acc_unit": "m/s^2", "gyr_unit": "deg/s", "from_acc_unit": "a.u.", "from_gyr_unit": "a.u."}
+    raw_accel, raw_gyro = FORCE * size[0], np.rad2deg(RATE) * size[1]
+    raw = (raw_gyro, raw_accel)
+    if raw_unit == "SI":
+        units |= {"from_acc_unit": "m/s^2", "from_gyr_unit": "deg/s"}
+        raw = (np.deg2rad(raw_gyro), raw_accel)
+    document = {name: value.tolist() for name, value in fields.items()} | units
+    calibration = imucal.read_calibration(written(tmp_path, "ferraris.json", document))
+    # ferraris_calibration_info.py, calibrate_acc and calibrate_gyro.
+    acc = (np.linalg.inv(fields["R_a"]) @ np.linalg.inv(fields["K_a"]) @ (raw_accel - fields["b_a"]).T).T
+    offsets = (fields["K_ga"] @ acc.T).T + fields["b_g"]
+    gyro = (np.linalg.inv(fields["R_g"]) @ np.linalg.inv(fields["K_g"]) @ (raw_gyro - offsets).T).T
+    assert_same(calibration, np.deg2rad(gyro), acc, raw=raw)
+    assert calibration.accel_unit == ("m/s^2" if raw_unit == "SI" else "lsb")
+    # A gyroscope of reversed sign, as in recordings of some sensors.
+    reversed_sign = document | {
+        "R_g": (-fields["R_g"]).tolist(),
+        "R_a": np.eye(3).tolist(),
+        "K_ga": [[0.0] * 3] * 3,
+    }
+    calibration = imucal.read_calibration(written(tmp_path, "reversed.json", reversed_sign))
+    rate = same_after_a_file(calibration, tmp_path).apply(*raw)[0]
+    gyro = -np.linalg.inv(fields["R_g"]) @ np.linalg.inv(fields["K_g"]) @ (raw_gyro - fields["b_g"]).T
+    np.testing.assert_allclose(rate, np.deg2rad(gyro.T), rtol=0, atol=1e-12 * np.abs(rate).max())
+    del document["K_ga"]
+    with pytest.raises(imucal.FormatError, match=r"\$\.K_ga is missing"):
+        imucal.read_calibration(written(tmp_path, "half.json", document))
+
+
 # --- PX4 and ArduPilot ----------------------------------------------------------------------------
 
 ACCEL_SCALE = np.array([1.31, 0.74, 1.12])

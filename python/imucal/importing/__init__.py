@@ -1,4 +1,4 @@
-"""Calibrations of other programs: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot and imu_tk.
+"""Calibrations of other programs: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, imu_tk and Ferraris.
 
     calibration = imucal.read_calibration("imu.yaml")
     calibration.provenance.imported.missing      # what the file does not state
@@ -22,11 +22,12 @@ from imucal.arrays import as_rows
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.provenance import Imported, Provenance
 from imucal.calibration.references import References
-from imucal.calibration.triad import Triad, frame_of
+from imucal.calibration.triad import Frame, Triad, frame_of
 from imucal.errors import FormatError, InputError
 from imucal.importing.ardupilot import ARDUPILOT
 from imucal.importing.basalt import BASALT
 from imucal.importing.content import content_of
+from imucal.importing.ferraris import FERRARIS
 from imucal.importing.imu_tk import IMU_TK
 from imucal.importing.kalibr import KALIBR
 from imucal.importing.px4 import PX4
@@ -37,7 +38,8 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted
 __all__ = ["READERS", "Reader", "read_calibration", "readers_markdown"]
 
 READERS: Final[dict[str, Reader]] = {
-    reader.name: reader for reader in (KALIBR, BASALT, REALSENSE, IMU_INFO, ROS, PX4, ARDUPILOT, IMU_TK)
+    reader.name: reader
+    for reader in (KALIBR, BASALT, REALSENSE, IMU_INFO, ROS, PX4, ARDUPILOT, IMU_TK, FERRARIS)
 }
 
 
@@ -57,7 +59,7 @@ def read_calibration(
     paths         the file, or for imu_tk and IMUInfo the files of accelerometer and gyroscope
     format        a name of `imucal import --list`; recognised from the contents if not given
     instance      number of the sensor in a file of several, from 0
-    accel_unit, gyro_unit   raw units, for imu_tk: m/s^2, g, mg, rad/s, deg/s, mdeg/s or lsb
+    accel_unit, gyro_unit   raw units, for imu_tk and Ferraris: m/s^2, g, mg, rad/s, deg/s, mdeg/s or lsb
     accel_bias, gyro_bias   (3,) biases in raw units, for files without biases, such as those of Kalibr
     temperature_degc        evaluate the thermal terms of PX4 and ArduPilot at this temperature
     serial_number           serial number of the unit
@@ -158,7 +160,7 @@ def _calibration(
     calibration = Calibration(
         accelerometer,
         found.gyroscope or neutral,
-        frame=frame_of(accelerometer.sensitivity),
+        frame=_frame(accelerometer, found.gyroscope),
         accel_unit="lsb" if found.accel_unit == "lsb" else "m/s^2",
         gyro_unit="lsb" if found.gyro_unit == "lsb" else "rad/s",
         references=References("unknown"),
@@ -187,6 +189,13 @@ def _calibration(
     )
     # The same checks as for a calibration file: ranges of sensitivities, biases, noise and temperatures.
     return Calibration.from_dict(calibration.to_dict(), " and ".join(content.name for content in contents))
+
+
+def _frame(accelerometer: Triad, gyroscope: Triad | None) -> Frame:
+    """The body frame; a gyroscope of reversed sign, which files may have, has no place in our own frames."""
+    if gyroscope is not None and np.linalg.det(gyroscope.sensitivity) < 0:
+        return "given"
+    return frame_of(accelerometer.sensitivity)
 
 
 def readers_markdown() -> str:

@@ -9,7 +9,6 @@ from the scale where that is unambiguous.
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import PurePath
 from typing import Final
@@ -18,18 +17,13 @@ import numpy as np
 
 from imucal.calibration.triad import Triad
 from imucal.errors import FormatError, InputError
+from imucal.importing.raw_units import UNITS, in_si, per_si_unit
 from imucal.importing.source_format import Content, Found, Reader, Wanted
-from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["IMU_TK"]
 
 COUNT: Final = 21
 SENSORS: Final = {"acc": "accelerometer", "gyr": "gyroscope"}
-# Units of raw samples per SI unit. Samples in other units than counts are converted to SI units on reading.
-UNITS: Final[dict[str, dict[str, float]]] = {
-    "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
-    "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},
-}
 # A sensitivity within this factor of a unit's suggests that unit: more than scale factors of MEMS sensors.
 SAME_UNIT: Final = 1.3
 
@@ -59,8 +53,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
         triad = _triad(content)
         unit = given[sensor] or _unit(content.name, sensor, triad)
         if unit != "lsb":
-            factor = _factor(sensor, unit)
-            triad = Triad(triad.sensitivity / factor, triad.bias / factor)
+            triad = in_si(triad, per_si_unit(sensor, unit))
         triads[sensor], units[sensor] = triad, "lsb" if unit == "lsb" else units[sensor]
     return Found(
         triads.get("accelerometer"),
@@ -119,12 +112,6 @@ def _unit(name: str, sensor: str, triad: Triad) -> str:
         f"{name}: the {sensor} has {size:.4g} raw units per {si}, which may be {' or '.join(near or others)} "
         f"or counts: give {option}='{(near or others)[0]}' or {option}='lsb'"
     )
-
-
-def _factor(sensor: str, unit: str) -> float:
-    if unit not in UNITS[sensor]:
-        raise InputError(f"the unit of the {sensor} is {unit!r}: give {', '.join(UNITS[sensor])} or lsb")
-    return UNITS[sensor][unit]
 
 
 IMU_TK: Final = Reader(

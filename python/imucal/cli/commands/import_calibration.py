@@ -40,10 +40,10 @@ def import_calibration(
         option("--instance", metavar="N", help="Number of the sensor in a file of several, from 0."),
     ] = 0,
     accel_unit: Annotated[
-        str | None, option("--accel-unit", help="imu_tk: raw unit, m/s^2, g, mg or lsb.")
+        str | None, option("--accel-unit", help="imu_tk, Ferraris: raw unit, m/s^2, g, mg or lsb.")
     ] = None,
     gyro_unit: Annotated[
-        str | None, option("--gyro-unit", help="imu_tk: raw unit, rad/s, deg/s, mdeg/s or lsb.")
+        str | None, option("--gyro-unit", help="imu_tk, Ferraris: raw unit, rad/s, deg/s, mdeg/s or lsb.")
     ] = None,
     accel_bias: Annotated[
         str | None,
@@ -67,7 +67,8 @@ def import_calibration(
     ] = False,
     json: JsonPath = None,
 ) -> None:
-    """Read a calibration of another program: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, imu_tk.
+    """Read a calibration of another program: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, imu_tk,
+    Ferraris.
 
     The correction is that of the other program. What its file does not state, such as a covariance, is absent
     from the calibration file and listed.

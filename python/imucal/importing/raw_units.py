@@ -1,0 +1,30 @@
+"""Units of raw samples that files of other programs name."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from imucal.calibration.triad import Triad
+from imucal.errors import InputError
+from imucal.units import STANDARD_GRAVITY_MPS2
+
+__all__ = ["UNITS", "in_si", "per_si_unit"]
+
+# Units of raw samples per SI unit, the SI unit first. imucal converts samples in these units on reading.
+UNITS: Final[dict[str, dict[str, float]]] = {
+    "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
+    "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},
+}
+
+
+def per_si_unit(sensor: str, unit: str) -> float:
+    """The number of these units per SI unit. Raises InputError for an unknown unit."""
+    if unit not in UNITS[sensor]:
+        raise InputError(f"the unit of the {sensor} is {unit!r}: give {', '.join(UNITS[sensor])} or lsb")
+    return UNITS[sensor][unit]
+
+
+def in_si(triad: Triad, per_si: float) -> Triad:
+    """The triad of raw samples in the SI unit instead of a unit of which there are `per_si` per SI unit."""
+    return Triad(triad.sensitivity / per_si, triad.bias / per_si)
