@@ -41,8 +41,7 @@ SUMMARIES = {
     "gap": "Find a missing effect from the residuals of a calibration, and add it to the model.",
     "apply": "Correct a recording: SI units, body frame, the same column names; effects are compensated.",
     "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
-    "import": "Read a calibration of another program: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, "
-    "imu_tk, Ferraris.",
+    "import": "Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or ArduPilot.",
     "compose": "Combine two calibrations of a unit, the second of data that the first has corrected, into "
     "one.",
     "diff": "Compare two calibrations of a unit: difference of each parameter in standard deviations.",

@@ -67,8 +67,7 @@ def import_calibration(
     ] = False,
     json: JsonPath = None,
 ) -> None:
-    """Read a calibration of another program: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, imu_tk,
-    Ferraris.
+    """Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or ArduPilot.
 
     The correction is that of the other program. What its file does not state, such as a covariance, is absent
     from the calibration file and listed.
