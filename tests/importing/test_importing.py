@@ -741,6 +741,20 @@ def test_command(tmp_path, capsys):
     assert calibration.provenance.imported.files[0].path == str(path)
 
 
+def test_an_evaluation_names_what_the_file_does_not_state(tmp_path):
+    run = imucal.simulate("random", unit="paper", seed=1, rate_hz=50)
+    exported = imucal.export(run.truth.calibration, "kalibr")
+    exported.save(tmp_path / "k.yaml")
+    without = imucal.evaluate(imucal.read_calibration(tmp_path / "k.yaml"), run.recording)
+    assert without.verdict == "poor"
+    assert "the files of Kalibr do not state accel bias, gyro bias" in without.reasons[-1]
+    truth = run.truth.calibration
+    known = imucal.read_calibration(
+        tmp_path / "k.yaml", accel_bias=truth.accelerometer.bias, gyro_bias=truth.gyroscope.bias
+    )
+    assert imucal.evaluate(known, run.recording).verdict == "good"
+
+
 def test_command_names_the_formats_and_the_faults(tmp_path, capsys):
     assert main(["import", "--list"]) == 0
     listed = capsys.readouterr().out

@@ -31,6 +31,11 @@ from imucal.recording.recording import Recording, as_recordings
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
 
+# Parts that a calibration of another program may lack and that are errors of the corrected samples.
+ERRORS: Final = frozenset(
+    {"gyroscope", *(f"{s}_{part}" for s in ("accel", "gyro") for part in ("bias", "scale", "misalignment"))}
+)
+
 __all__ = ["Evaluation", "evaluate", "evaluated", "evaluation_of", "require_judges"]
 
 SCHEMA: Final = "imucal.evaluation/1"
@@ -209,13 +214,24 @@ def evaluation_of(
             *_seen_by_the_fit(calibration, judges),
         ),
         verdict=verdict_of(found.verdict),
-        reasons=tuple(found.reasons),
+        reasons=(*found.reasons, *(_not_stated(calibration) if found.reasons else ())),
         residuals=tuple(of_library(ResidualFit, fields) for fields in found.residuals),
         serial_number=calibration.serial_number,
         provenance=calibration.provenance,
         recordings=tuple(JudgedRecording(judge.name, judge.sources) for judge in judges),
         date=now(),
     )
+
+
+def _not_stated(calibration: Calibration) -> Iterator[str]:
+    """What a calibration of another program lacks, which may be the cause of large residuals."""
+    imported = calibration.provenance.imported
+    errors = [part for part in imported.missing if part in ERRORS] if imported is not None else []
+    if imported is not None and errors:
+        yield (
+            f"the files of {imported.program} do not state {', '.join(errors).replace('_', ' ')}, which "
+            "remain in the corrected samples"
+        )
 
 
 def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
