@@ -429,13 +429,22 @@ def test_what_a_refit_changes_of_a_given_calibration_is_not_the_effects():
     assert "the given calibration does not fit these recordings" in without_control.summary()
 
 
-def test_a_given_calibration_in_another_frame_is_refused():
-    run = imucal.simulate("random", seed=1, rate_hz=50).recording
+def test_a_given_calibration_in_another_frame_makes_no_difference():
+    run, control = pair(effects={"gyro_g_sensitivity": "typical"})
+    symmetric = imucal.calibrate(run).calibration
     triangular = imucal.calibrate(run, frame="triangular").calibration
-    with pytest.raises(
-        imucal.InputError, match=r"in the triangular body frame.* calibrate with frame='symmetric'"
-    ):
-        imucal.find_gap(run, calibration=triangular)
+    search = {"candidates": ["gyro_g_sensitivity"], "control": control}
+    found = [imucal.find_gap(run, calibration=given, **search) for given in (symmetric, triangular)]
+    assert (found[0].verdict, found[1].verdict) == ("named", "named")
+    assert found[1].gap["before"] == pytest.approx(found[0].gap["before"], rel=1e-6)
+    nonlinear = dataclasses.replace(
+        triangular,
+        effects=(imucal.EffectValues("gyro_scale_cubic", [1e-3, 2e-3, 3e-3]),),
+        covariance=None,
+        covariance_names=(),
+    )
+    with pytest.raises(imucal.InputError, match="gyro_scale_cubic is defined along the axes"):
+        imucal.find_gap(run, control=control, calibration=nonlinear)
 
 
 def test_a_given_calibration_of_other_units_is_refused():

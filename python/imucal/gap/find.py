@@ -17,6 +17,7 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration, require_calibration
+from imucal.calibration.frame import in_frame
 from imucal.calibration.model import SensorModel
 from imucal.calibration.references import References
 from imucal.calibration.triad import Triad
@@ -73,11 +74,8 @@ def find_gap(
     """
     if calibration is not None:
         require_calibration(calibration)
-        if calibration.frame != "symmetric":
-            raise InputError(
-                f"the calibration is in the {calibration.frame} body frame, but effects are defined in the "
-                "symmetric body frame: calibrate with frame='symmetric', or omit the calibration"
-            )
+        # Effects are defined in the symmetric body frame.
+        calibration = in_frame(calibration, "symmetric")
     gravity = (
         gravity_mps2
         if gravity_mps2 is not None
@@ -99,6 +97,9 @@ def find_gap(
     references = References("standard" if gravity_mps2 is None else "given")
     if calibration is not None and gravity_mps2 is None:
         references = calibration.references
+        if references.gravity_from == "unknown":
+            # The file of another program does not state it, so standard gravity is assumed.
+            references = References("standard")
     options = Options(
         gravity_mps2=gravity,
         gravity_sigma_mps2=references.gravity_sigma_mps2,
