@@ -9,7 +9,9 @@ import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
 from imucal.effects.effect import EffectValues
+from imucal.effects.formula_effect import FormulaEffect
 from imucal.exporting.format import SI, Format, Written, line_comments, number
+from imucal.exporting.formula_code import argument_of, rust_function
 from imucal.exporting.model import FRAMES, linear, lost_effects, temperature_note
 
 if TYPE_CHECKING:
@@ -38,14 +40,13 @@ pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The module. It omits user-defined effects, whose fields are Python functions."""
+    """The module. It omits user-defined effects whose fields are Python functions."""
     own = {effect.name for effect in calibration.user_effects}
     effects = [values for values in calibration.effects if values.name not in own]
-    imports = "use imucal_core::{calibration::Calibration, sensor::Triad};"
-    if effects:
-        imports = imports.replace(
-            "calibration::Calibration,", "calibration::Calibration, effects::{Effect, EffectValues},"
-        )
+    formulas = [(own, values) for own, values in calibration.own_effects() if isinstance(own, FormulaEffect)]
+    used = [*(["Effect", "EffectValues"] if effects else []), *(["State"] if formulas else [])]
+    listed = f"effects::{{{', '.join(used)}}}, " if used else ""
+    imports = f"use imucal_core::{{calibration::Calibration, {listed}sensor::Triad}};"
     lines = [imports, "use nalgebra::{Matrix3, RealField, Vector3, convert};", ""]
     for name, triad in (("ACCELEROMETER", calibration.accelerometer), ("GYROSCOPE", calibration.gyroscope)):
         rows = ",\n    ".join(_row(row) for row in triad.sensitivity)
@@ -82,18 +83,31 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
             f'    let values = EffectValues::try_new(effect, &numbers, {shape}).map_err(|_| "{name}")?;',
             '    calibration.effects.push(values).map_err(|_| "there are too many effects")?;',
         ]
-    lines += ["    Ok(calibration)", "}", ""]
+    lines += ["    Ok(calibration)", "}"]
+    lines += [*(rust_function(formulas) if formulas else []), ""]
+    exported = [*effects, *(values for _, values in formulas)]
     return Written(
         body="\n".join(lines),
-        lost=lost_effects(calibration, {values.name for values in effects}),
-        same_as=linear(calibration, effects),
+        lost=lost_effects(calibration, {values.name for values in exported}),
+        same_as=linear(calibration, exported),
         frame=FRAMES[calibration.frame],
         notes=(
-            f"Needs imucal-core and nalgebra. Effects: {', '.join(v.name for v in effects) or 'none'}",
+            f"Needs imucal-core and nalgebra. Effects: {', '.join(v.name for v in exported) or 'none'}",
+            *_formulas_note(formulas),
             *_surroundings_note(calibration, effects),
             *temperature_note(calibration),
         ),
     )
+
+
+def _formulas_note(formulas: Sequence[tuple[FormulaEffect, EffectValues]]) -> tuple[str, ...]:
+    """A note on how formulas are compensated; empty without formulas."""
+    if not formulas:
+        return ()
+    columns = sorted({column for effect, _ in formulas for column in effect.auxiliary})
+    arguments = "".join(f", {argument_of(column)}" for column in columns)
+    call = f"calibration.correct_with(rate, force, &surroundings, |state| formulas(state{arguments}))"
+    return (f"{', '.join(effect.name for effect, _ in formulas)}: only {call} compensates formulas",)
 
 
 def _surroundings_note(calibration: Calibration, effects: Sequence[EffectValues]) -> tuple[str, ...]:
@@ -122,11 +136,11 @@ RUST = Format(
     name="rust",
     title="Rust module for imucal-core",
     suffix=".rs",
-    formula="true = T^-1 (raw - bias) - effects(true), by Calibration::correct and correct_at",
+    formula="true = T^-1 (raw - bias) - effects(true), by Calibration::correct, correct_at and correct_with",
     source="imucal-core",
     units=SI,
-    includes="bias, scale and misalignment of both sensors, every effect of the catalogue",
-    omits="user-defined effects, noise figures, standard deviations",
+    includes="bias, scale and misalignment of both sensors, every effect of the catalogue, formulas",
+    omits="user-defined effects written in Python, noise figures, standard deviations",
     layout=line_comments("//"),
     write=write,
     takes_counts=True,

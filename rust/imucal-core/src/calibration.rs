@@ -79,6 +79,34 @@ impl<F: RealField + Copy> Calibration<F> {
         }
         self.effects.remove(seen_rate, seen_force, surroundings)
     }
+
+    /// As [`correct_at`](Self::correct_at), with further effects: `own` returns what they add to the true rate (rad/s)
+    /// and force (m/s^2), in the body frame.
+    ///
+    /// ```
+    /// use imucal_core::{calibration::Calibration, effects::Surroundings};
+    /// use nalgebra::Vector3;
+    ///
+    /// // A gyroscope whose x bias changes by 0.02 rad/s per volt of its supply.
+    /// let supply_v = 3.5;
+    /// let (rate, _) = Calibration::<f32>::identity().correct_with(
+    ///     Vector3::new(0.104, 0.0, 0.0),
+    ///     Vector3::new(0.0, 0.0, 9.8),
+    ///     &Surroundings::unknown(),
+    ///     |_state| (Vector3::new(0.02 * (supply_v - 3.3), 0.0, 0.0), Vector3::zeros()),
+    /// );
+    /// assert!((rate.x - 0.1).abs() < 1e-6);
+    /// ```
+    pub fn correct_with(
+        &self,
+        raw_rate: Vector3<F>,
+        raw_force: Vector3<F>,
+        surroundings: &Surroundings<F>,
+        own: impl Fn(&State<F>) -> (Vector3<F>, Vector3<F>),
+    ) -> (Vector3<F>, Vector3<F>) {
+        let (seen_rate, seen_force) = (self.gyroscope.correct(raw_rate), self.accelerometer.correct(raw_force));
+        self.effects.remove_with(seen_rate, seen_force, surroundings, own)
+    }
 }
 
 #[cfg(test)]

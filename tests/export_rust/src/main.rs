@@ -12,7 +12,14 @@ mod unit {
 fn correct<F: RealField + Copy>(calibration: &Calibration<F>, row: &[f64]) -> [f64; 6] {
     let vector = |numbers: &[f64]| Vector3::new(numbers[0], numbers[1], numbers[2]).map(convert::<f64, F>);
     let surroundings = Surroundings { temperature_difference_k: Some(convert(row[6])), ..Surroundings::unknown() };
-    let (rate, force) = calibration.correct_at(vector(&row[..3]), vector(&row[3..6]), &surroundings);
+    let (raw_rate, raw_force) = (vector(&row[..3]), vector(&row[3..6]));
+    #[cfg(not(feature = "formulas"))]
+    let (rate, force) = calibration.correct_at(raw_rate, raw_force, &surroundings);
+    // The column supply_v of the test repeats the temperature, degC.
+    #[cfg(feature = "formulas")]
+    let (rate, force) = calibration.correct_with(raw_rate, raw_force, &surroundings, |state| {
+        unit::formulas(state, convert::<f64, F>(row[6] + 25.0))
+    });
     [rate.x, rate.y, rate.z, force.x, force.y, force.z].map(|value| try_convert(value).expect("a float is a double"))
 }
 

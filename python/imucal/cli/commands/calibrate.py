@@ -83,8 +83,8 @@ def calibrate(
     effect: Annotated[
         list[str] | None,
         effect_option(
-            "Also estimate this effect (see `imucal effects`; NAME:full for the full form), or a formula such as "
-            "'gyro: k * (supply_v - 3.3)'; may be repeated.",
+            "Also estimate this effect (see `imucal effects`; NAME:full for the full form), or a formula "
+            "such as 'gyro: k * (supply_v - 3.3)'; may be repeated.",
             completion.effects_to_estimate,
         ),
     ] = None,

@@ -159,12 +159,42 @@ impl<F: RealField + Copy> EffectSet<F> {
         seen_force: Vector3<F>,
         surroundings: &Surroundings<F>,
     ) -> (Vector3<F>, Vector3<F>) {
+        let reads = [Sensor::Gyroscope, Sensor::Accelerometer].map(|sensor| self.reads(sensor));
+        self.remove_reading(reads, seen_rate, seen_force, surroundings, |_| (Vector3::zeros(), Vector3::zeros()))
+    }
+
+    /// As [`remove`](Self::remove), with further effects: `own` returns what they add to the true rate and force in a
+    /// state.
+    pub fn remove_with(
+        &self,
+        seen_rate: Vector3<F>,
+        seen_force: Vector3<F>,
+        surroundings: &Surroundings<F>,
+        own: impl Fn(&State<F>) -> (Vector3<F>, Vector3<F>),
+    ) -> (Vector3<F>, Vector3<F>) {
+        // `own` may depend on both.
+        self.remove_reading([true; 2], seen_rate, seen_force, surroundings, own)
+    }
+
+    /// `reads` states whether any effect depends on the rate, and on the force.
+    #[inline]
+    fn remove_reading(
+        &self,
+        reads: [bool; 2],
+        seen_rate: Vector3<F>,
+        seen_force: Vector3<F>,
+        surroundings: &Surroundings<F>,
+        own: impl Fn(&State<F>) -> (Vector3<F>, Vector3<F>),
+    ) -> (Vector3<F>, Vector3<F>) {
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
         let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
-        let [rate_counts, force_counts] = [Sensor::Gyroscope, Sensor::Accelerometer].map(|sensor| self.reads(sensor));
+        let [rate_counts, force_counts] = reads;
         let change = |counts: bool, change: Vector3<F>| if counts { change } else { Vector3::zeros() };
         for _ in 0..MAX_PASSES {
-            let (on_rate, on_force) = self.at_by(&state, &mut columns);
+            let (mut on_rate, mut on_force) = self.at_by(&state, &mut columns);
+            let (own_rate, own_force) = own(&state);
+            on_rate += own_rate;
+            on_force += own_force;
             let (rate, force) = (seen_rate - on_rate, seen_force - on_force);
             let settled = is_rounding(change(rate_counts, rate - state.angular_rate), seen_rate, on_rate)
                 && is_rounding(change(force_counts, force - state.specific_force), seen_force, on_force);
@@ -341,6 +371,25 @@ mod tests {
         let (back, force) = set.remove(seen, Vector3::zeros(), &Surroundings::unknown());
         assert!((back - rate).norm() < 1e-14, "{back:?}");
         assert_eq!(force, Vector3::zeros());
+        Ok(())
+    }
+
+    #[test]
+    fn an_effect_given_as_a_function_is_removed_like_one_of_the_catalogue() -> Result<(), EffectError> {
+        let (k, m) = (0.02, 1e-3);
+        let mut both = EffectSet::none();
+        both.push(values("gyro_scale_quadratic", &[k; 3], None)?)?;
+        let one = both;
+        both.push(values("gyro_g_sensitivity", &[m; 9], None)?)?;
+        let own = |state: &State<f64>| (Vector3::repeat(m * state.specific_force.sum()), Vector3::zeros());
+        let (rate, force, nothing) =
+            (Vector3::new(3.0, -2.0, 0.5), Vector3::new(1.0, 9.0, -2.0), Surroundings::unknown());
+        let (expected, found) = (both.remove(rate, force, &nothing), one.remove_with(rate, force, &nothing, own));
+        assert!((expected.0 - found.0).norm() < 1e-14 && expected.1 == found.1, "{found:?}");
+        assert!((one.remove(rate, force, &nothing).0 - found.0).norm() > 1e-3);
+
+        let diverges = |state: &State<f64>| (state.angular_rate * 2.0, Vector3::zeros());
+        assert!(one.remove_with(rate, force, &nothing, diverges).0.x.is_nan());
         Ok(())
     }
 
