@@ -107,7 +107,7 @@ IMU_INFO: Final = Reader(
     name="realsense-imu-info",
     title="RealSense: IMUInfo messages of the ROS driver as YAML (`ros2 topic echo`), one file or two",
     program="librealsense",
-    formula="corrected = S raw - bias for both sensors, data being (S | bias) row by row",
+    formula="corrected = S raw - bias for both sensors, data being the 3x4 matrix of S and bias row by row",
     source="librealsense, ds-private.h, create_motion_intrinsics; motion-transform.cpp",
     recognises=is_info,
     read=read_info,
