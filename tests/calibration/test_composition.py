@@ -122,7 +122,7 @@ def test_the_covariance_is_that_of_the_second_propagated():
 
 @pytest.mark.slow
 def test_the_covariance_covers_the_truth():
-    """The errors of the first cancel: chi2 of 84 parameters, which the sum of both covariances would halve."""
+    """The errors of the first cancel: the sum of both covariances would halve chi2 of the 84 parameters."""
     chi2 = 0.0
     for seed in range(4):
         runs = [imucal.simulate("random", unit="paper", rate_hz=100, seed=100 * k + seed + 1) for k in (1, 2)]
