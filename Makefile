@@ -8,6 +8,7 @@
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make six-positions  coverage of bias and scale from six positions, to docs/results/six-positions.md
 #   make rounding  coverage of the intervals with noise below a step of the converter, to docs/results/rounding.md
+#   make faces     coverage and errors of a unit that rests on the faces of a box alone, to docs/results/faces.md
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
@@ -175,7 +176,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy rounding six-positions gap-benchmark plan traps stand first-steps docs-figures docs-pictures
+.PHONY: demo bench accuracy rounding faces six-positions gap-benchmark plan traps stand first-steps docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -201,6 +202,10 @@ six-positions: $(VENV)/.installed
 rounding: $(VENV)/.installed
 	$(call say,Rounding)
 	PYTHONPATH=benches $(PY) benches/rounding.py
+
+faces: $(VENV)/.installed
+	$(call say,A box on its faces)
+	PYTHONPATH=benches $(PY) benches/faces.py
 
 SHARE ?= 1
 gap-benchmark: $(VENV)/.installed

@@ -189,14 +189,14 @@ def test_inspect_shows_predicted_sigmas(command, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("poses", "seed"), [(7, 1), (8, 4), (9, 3)])
+@pytest.mark.parametrize(("poses", "seed"), [(4, 1), (5, 4), (6, 3)])
 def test_inspect_predicts_nothing_for_what_it_says_is_missing(poses, seed, command, tmp_path):
     motion = imucal.Tumble(seed, poses=poses, hold_s=3, move_s=2)
     run = imucal.simulate(motion, seed=seed, unit="random:bmi088:3", rate_hz=100).recording
     seen = imucal.inspect(run)
     named = re.search(r"accelerometer's ([^:]*):", seen.missing).group(1).split(", ")
-    open_ = [p.name for p in seen.predicted_sigma if p.std is None and p.name.startswith("accel")]
-    assert len(open_) == len(named)
+    open_ = [p.name for p in seen.predicted_sigma if p.std is None]
+    assert sum(name.startswith("accel") for name in open_) == len(named)
     imucal.write(run, tmp_path / "run.csv")
     done = command("inspect", tmp_path / "run.csv")
     assert done.returncode == 2

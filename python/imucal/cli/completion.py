@@ -70,12 +70,12 @@ def line_programs(incomplete: str) -> list[str]:
 
 def plans(incomplete: str) -> list[str]:
     """Programs that `imucal plan` accepts; the shell completes file names."""
-    return _starting(["grid", "optimal", "random"], incomplete)
+    return _starting(["faces", "grid", "optimal", "random"], incomplete)
 
 
 def programs(incomplete: str) -> list[str]:
     """Built-in motions; the shell completes file names."""
-    return _starting(["grid", "random", "static", "tumble"], incomplete)
+    return _starting(["faces", "grid", "random", "static", "tumble"], incomplete)
 
 
 def stand_limits(incomplete: str) -> list[str]:

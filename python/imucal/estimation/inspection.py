@@ -52,6 +52,8 @@ class Inspection:
     missing       what this recording alone does not determine, and what to add; None if nothing is missing
     predicted_sigma   predicted standard deviations of the 21 parameters, for the noise at the rests and
                       nominal sensors
+    through_moves     names of the parameters that only the moves determine, because the rests alone lack
+                      directions for them, as on the six faces of a box
     """
 
     name: str
@@ -66,6 +68,7 @@ class Inspection:
     explanation: str
     missing: str | None
     predicted_sigma: tuple[PredictedSigma, ...]
+    through_moves: tuple[str, ...]
 
     @property
     def usable(self) -> bool:
@@ -91,6 +94,9 @@ def inspect(
     recording = as_recording(recording).without_copies()
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
     missing = _missing(recording, gravity_mps2, min_rest_s)
+    predicted_sigma, through_moves = _predicted(
+        recording, gravity_mps2, min_rest_s, _not_determined(missing or "")
+    )
     return Inspection(
         name=recording.name,
         samples=len(recording),
@@ -103,7 +109,8 @@ def inspect(
         threshold=None if seen.threshold is None else of_library(RestThreshold, seen.threshold),
         explanation=seen.explanation,
         missing=missing,
-        predicted_sigma=_predicted(recording, gravity_mps2, min_rest_s, _not_determined(missing or "")),
+        predicted_sigma=predicted_sigma,
+        through_moves=through_moves if missing is None else (),
     )
 
 
@@ -132,8 +139,10 @@ def _not_determined(missing: str) -> set[str]:
 
 def _predicted(
     recording: Recording, gravity_mps2: float, min_rest_s: float, not_determined: set[str]
-) -> tuple[PredictedSigma, ...]:
+) -> tuple[tuple[PredictedSigma, ...], tuple[str, ...]]:
     """Predicted standard deviations of the parameters of a calibration; empty for a recording with faults.
+
+    The second part names the parameters that only the moves determine.
 
     A parameter for which the calibration fails has none, even if the data determine it in theory: its start
     value may be missing.
@@ -142,14 +151,15 @@ def _predicted(
     try:
         prospect = _core.prospect([recording], options)
     except ImucalError:
-        return ()
+        return (), ()
     nominal = Calibration(
         Triad(np.eye(3), np.zeros(3)),
         Triad(np.eye(3), np.zeros(3)),
         accel_unit=recording.accel_unit,
         gyro_unit=recording.gyro_unit,
     )
-    return tuple(
+    predicted = tuple(
         PredictedSigma(parameter.name, None if parameter.name in not_determined else std, parameter.unit)
         for parameter, std in zip(nominal.parameters, prospect.predicted_sigma, strict=True)
     )
+    return predicted, tuple(prospect.through_moves)

@@ -45,6 +45,8 @@ PROPOSALS: Final = 12000
 FEW_PROPOSALS: Final = 300
 # Tremor of a hand in the simulated run for detection limits: standard deviation about each axis, deg.
 TREMOR_DEG: Final = 0.05
+# Largest number of rounds over the faces of a box, about twenty minutes of work.
+MOST_ROUNDS: Final = 20
 # A target counts as reached up to this factor, which allows for rounding.
 ROUNDING: Final = 1.001
 
@@ -68,14 +70,16 @@ def plan(
 ) -> Plan:
     """Predict the accuracy of a motion, or find an optimal program.
 
-    kind       "optimal"; "random", "grid" or "tumble"; a Program, Tumble or Static; or a program file
+    kind       "optimal"; "random", "grid", "faces" (a box rolled over its faces) or "tumble"; a Program,
+               Tumble or Static; or a program file
     unit       the unit with its noise: a name of `unit_names()`, a Unit, or the path of a unit file
     stand      limits of the stand: "paper" (three motors, 120 deg/s), "two-axis", "one-axis", "hand" (poses
                to hold, without a stand), a StandLimits, or the path of a limits file
     targets    of the optimal program: largest permitted standard deviation in a group, in SI units or as text
                with a unit ("50 ppm"); groups are accel_bias, accel_sensitivity, gyro_bias, gyro_sensitivity
-               and the names in `effects`. The shortest program is found. Without targets it is the program
-               with the most information on all parameters (D-optimal) in `minutes`
+               and the names in `effects`. The shortest program is found; for "faces", the smallest number of
+               rounds. Without targets the optimal program is that with the most information on all parameters
+               (D-optimal) in `minutes`
     minutes    maximum duration of the optimal program; by default that of the stand limits, or 3
     effects    names of further effects that the program must determine
     model, hold  parameters that have a prior, as in `calibrate`; widths that are not given are from the
@@ -85,7 +89,7 @@ def plan(
     detection_limits  False omits detection limits and `not_observable`, which take most of the time
     rate_hz    sampling rate of the unit
     options    options of the named motions: `moves`, `max_rate_dps`, `move_s`, `hold_s`, `step_deg`,
-    `poses`, ...
+    `rounds`, `poses`, ...
 
     Raises InputError for invalid arguments, FormatError for an invalid file, NotEnoughMotionError if the
     stand cannot run any program in this time.
@@ -111,13 +115,17 @@ def plan(
     planner = _Planner(unit, limits, tuple(effects), held, seed, proposals, rate_hz, gravity_mps2)
     targets_si = targets_of(targets or {}, effects)
     if kind != "optimal":
+        if targets_si and kind != "faces":
+            raise InputError(
+                "targets are for the optimal program and for faces: plan one of them, or leave them out"
+            )
+        motion, reached = motion_of(kind, seed, dict(options or {})), True
         if targets_si:
-            raise InputError("targets are for the optimal program: plan optimal, or leave them out")
-        motion = motion_of(kind, seed, dict(options or {}))
-        name = kind if isinstance(kind, str) and kind in ("random", "grid", "tumble") else "program"
-        planned = planner.predicted(name, motion, {}, detection_limits)
+            motion, reached = planner.rounds_of_faces(targets_si, dict(options or {}))
+        name = kind if isinstance(kind, str) and kind in ("random", "grid", "faces", "tumble") else "program"
+        planned = planner.predicted(name, motion, targets_si, detection_limits)
         within = minutes is None or planned.minutes <= minutes * ROUNDING
-        return dataclasses.replace(planned, reached=within)
+        return dataclasses.replace(planned, reached=reached and within)
     if options:
         raise InputError(f"{next(iter(options))} is no option of the optimal program: leave it out")
     motion, reached = planner.optimal(targets_si, minutes)
@@ -179,6 +187,21 @@ class _Planner:
                     "this stand determines no parameter that has a target: use a stand with more axes"
                 )
         return self._search(minutes_allowed, sigma, self.proposals)
+
+    def rounds_of_faces(
+        self, targets: Mapping[str, float], options: dict[str, float | int]
+    ) -> tuple[Motion, bool]:
+        """The smallest number of rounds over the faces that reaches the targets, and whether one does."""
+        if "rounds" in options:
+            raise InputError("rounds follow from the targets: leave rounds out, or the targets")
+        for rounds in range(1, MOST_ROUNDS + 1):
+            motion = motion_of("faces", self.seed, {**options, "rounds": rounds})
+            minutes = motion.duration_s / 60.0
+            sigma, _ = self._sigma([motion], minutes)
+            wished = sigma_of(targets, self._parameters(minutes))
+            if all(std <= wish * ROUNDING for std, wish in zip(sigma, wished, strict=True)):
+                return motion, True
+        return motion, False
 
     def predicted(self, kind: str, motion: Motion, targets: Mapping[str, float], thorough: bool) -> Plan:
         """The plan of a motion."""

@@ -40,7 +40,7 @@ class ComparedProgram:
 class Plan:
     """A motion and the predicted standard deviations of a calibration from it.
 
-    kind              "optimal", "random", "grid", "tumble" or "program"
+    kind              "optimal", "random", "grid", "faces", "tumble" or "program"
     motion            the motion; `program` if a stand runs it
     minutes           duration on the stand
     moves, rests      their numbers, without rests that are too short to be found
@@ -76,7 +76,7 @@ class Plan:
     def program(self) -> Program:
         """The program of the stand; InputError for a motion without one."""
         if not isinstance(self.motion, Program):
-            raise InputError(f"a {self.kind} is no program of a stand: plan grid, random or optimal")
+            raise InputError(f"a {self.kind} is no program of a stand: plan grid, random, faces or optimal")
         return self.motion
 
     def to_dict(self) -> dict[str, Any]:

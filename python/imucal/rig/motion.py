@@ -73,6 +73,18 @@ class Program:
         return Program.of_steps(_core.grid_program(math.radians(step_deg), move_s, hold_s))
 
     @staticmethod
+    def faces(*, rounds: int = 1, move_s: float = 1.5, hold_s: float = 3.0) -> Program:
+        """A box rolled over its faces: four turns of 90 deg about each axis while that axis is level.
+
+        One round has 14 rests. A person on a table and three motors can do it alike, since every move turns
+        one motor.
+        """
+        check_count(rounds, "rounds")
+        turns = [motor for round_ in range(rounds) for motor in ROUND_OF_FACES[0 if round_ else 1 :]]
+        rest = Step((0.0, 0.0, 0.0), 0.0, hold_s)
+        return Program((rest, *(Step(turn_deg, move_s, hold_s) for turn_deg in turns)))
+
+    @staticmethod
     def of_steps(steps: Sequence[tuple[Sequence[float], float, float]]) -> Program:
         """A program from steps of the compiled library: rotations in rad, durations of move and rest in s."""
         return Program(
@@ -162,6 +174,15 @@ class Static:
         return self
 
 
+# Turns of the motors over the faces, deg. The first leads back from the end of a round to its start. First
+# the x axis of the unit is level, then its y axis. The turn before the last four makes the z axis level.
+ROUND_OF_FACES: Final = (
+    (0.0, -90.0, 0.0),
+    *((90.0, 0.0, 0.0),) * 4,
+    *((0.0, 90.0, 0.0),) * 5,
+    *((0.0, 0.0, 90.0),) * 4,
+)
+
 Motion: TypeAlias = Program | Tumble | Static
 
 
@@ -188,7 +209,9 @@ class TumbleMotion:
 def motion_of(
     program: Motion | str | os.PathLike[str], seed: int, options: dict[str, float | int] | None = None
 ) -> Motion:
-    """The motion for an argument: an object, "random", "grid", "tumble", "static", or a program file.
+    """The motion for an argument: an object, a program file, or the name of a motion.
+
+    The names are "random", "grid", "faces", "tumble" and "static".
 
     seed     of the random program's moves and of the tumble's poses
     options  arguments of the named motion, such as `moves` of "random"
@@ -199,12 +222,14 @@ def motion_of(
     named: dict[str, Any] = {
         "random": lambda **given: Program.random(seed=seed, **given),
         "grid": Program.grid,
+        "faces": Program.faces,
         "tumble": lambda **given: Tumble(seed, **given),
         "static": Static,
     }
     known = {
         "random": ("moves", "max_rate_dps", "move_s", "hold_s"),
         "grid": ("step_deg", "move_s", "hold_s"),
+        "faces": ("rounds", "move_s", "hold_s"),
         "tumble": ("poses", "hold_s", "move_s", "tremor_deg", "translation_mm"),
         "static": ("duration_s",),
     }

@@ -300,11 +300,13 @@ impl Inspection {
 pub(crate) struct Prospect {
     /// Predicted standard deviation of each parameter in its unit; None if it is not determined.
     predicted_sigma: Vec<Option<f64>>,
+    /// Names of the parameters that only the moves determine.
+    through_moves: Vec<String>,
     missing: Option<String>,
 }
 
 impl From<calibrate::Prospect> for Prospect {
     fn from(p: calibrate::Prospect) -> Self {
-        Self { predicted_sigma: p.predicted_sigma.into(), missing: p.missing }
+        Self { predicted_sigma: p.predicted_sigma.into(), through_moves: p.through_moves, missing: p.missing }
     }
 }

@@ -5,6 +5,7 @@
 mod checked;
 mod control;
 mod cross_validation;
+mod design;
 pub mod diagnosis;
 mod held_estimates;
 mod jointly;

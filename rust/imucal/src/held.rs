@@ -170,6 +170,12 @@ pub(crate) struct HeldRow {
 }
 
 impl HeldParameter {
+    /// A prior that keeps parameter `parameter` near a start value; it is not part of a result.
+    pub(crate) fn near(parameter: usize, value: f64, sigma: f64) -> Self {
+        let quantity = Quantity::Entry { parameter, nominal: 1.0 };
+        Self { name: String::new(), value, sigma, source: PriorSource::Given, quantity }
+    }
+
     /// Index of the parameter among the 21.
     pub(crate) fn parameter(&self) -> usize {
         match self.quantity {

@@ -68,6 +68,11 @@ def inspect(
             out.line(f"this recording alone does not determine all parameters: {seen.missing}")
         else:
             out.line("this recording determines all parameters")
+            if seen.through_moves:
+                out.line(
+                    "the rests alone lack directions for "
+                    f"{', '.join(seen.through_moves)}; the moves between them determine these, too"
+                )
         if seen.usable and seen.predicted_sigma:
             out.table(
                 ["parameter", "predicted 1 sigma", "unit"],

@@ -25,7 +25,7 @@ __all__ = ["plan"]
 
 # Headings of the options in the help.
 GOAL = "The optimal program"
-NAMED = "The paper's programs"
+NAMED = "Named programs"
 
 
 def plan(
@@ -33,7 +33,8 @@ def plan(
         str,
         argument(
             metavar="PROGRAM",
-            help="optimal; random or grid (the paper's programs); or a program file to predict.",
+            help="optimal; faces (a box rolled over its faces, by hand or on a stand); random or grid (the "
+            "paper's programs); or a program file to predict.",
             completion=completion.plans,
         ),
     ],
@@ -43,7 +44,7 @@ def plan(
         option(
             "--card",
             metavar="PATH",
-            help="HTML page to write with a picture of each pose; for --stand hand.",
+            help="HTML page to write with a picture of each pose; for --stand hand, and for faces.",
         ),
     ] = None,
     unit: Annotated[
@@ -70,7 +71,8 @@ def plan(
             metavar="GROUP=SIGMA",
             help="Target for the largest standard deviation in a group, with a unit or in SI units: "
             "accel_sensitivity='50 ppm', accel_bias='50 ug', gyro_sensitivity=2e-4, gyro_bias=5e-5, or the "
-            "name of an effect. May be repeated; the shortest program is searched.",
+            "name of an effect. May be repeated; the shortest program is searched, or for faces the smallest "
+            "number of rounds.",
             panel=GOAL,
         ),
     ] = None,
@@ -111,6 +113,10 @@ def plan(
         float | None,
         option("--max-rate-dps", help="random: mean rate of each motor in a move, deg/s.", panel=NAMED),
     ] = None,
+    rounds: Annotated[
+        int | None,
+        option("--rounds", help="faces: rounds of 14 rests (default 1).", panel=NAMED),
+    ] = None,
     step_deg: Annotated[float | None, option("--step-deg", help="grid: step, deg.", panel=NAMED)] = None,
     move_s: Annotated[float | None, option("--move-s", help="Duration of a move, s.", panel=NAMED)] = None,
     hold_s: Annotated[float | None, option("--hold-s", help="Duration of a rest, s.", panel=NAMED)] = None,
@@ -126,6 +132,8 @@ def plan(
 
     Example: imucal plan optimal --target accel_bias='80 ug' --target gyro_sensitivity=4e-4 --proposals 2000
 
+    Example: imucal plan faces --card faces.html
+
     Example: imucal plan optimal --stand hand --proposals 2000 -o poses.json --card poses.html
     """
     import imucal
@@ -136,14 +144,17 @@ def plan(
     options = {
         "moves": moves,
         "max_rate_dps": max_rate_dps,
+        "rounds": rounds,
         "step_deg": step_deg,
         "move_s": move_s,
         "hold_s": hold_s,
     }
     require_apart([program, unit, stand], {"--output": output, "--card": card, "--json": json})
     limits = stand_limits_of(stand)
-    if card is not None and not limits.in_hand:
-        raise InputError("--card shows poses for a hand-held unit: add --stand hand, or leave it out")
+    if card is not None and not limits.in_hand and program != "faces":
+        raise InputError(
+            "--card shows poses for a person: plan faces, or add --stand hand, or leave the card out"
+        )
     with working("planning"):
         planned = imucal.plan(
             program,

@@ -30,8 +30,8 @@ def simulate(
         str,
         argument(
             metavar="PROGRAM",
-            help="random or grid (the paper's programs on a stand), tumble (hand-held), static, a program "
-            "file, or a truth file, whose run is repeated.",
+            help="random or grid (the paper's programs on a stand), faces (a box rolled over its faces), "
+            "tumble (hand-held), static, a program file, or a truth file, whose run is repeated.",
             completion=completion.programs,
         ),
     ],

@@ -10,10 +10,11 @@ use faer::Mat;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
+use super::design::{Design, FAR_OFF, OBSERVED, sizes};
 use super::unit_data::{MIN_MOVES, UnitData, too_few_moves};
 use super::{Frame, Options};
 use crate::error::Error;
-use crate::joint::{BLOCK_S, Joint, Kinds, Line, Model, Prepared, Source, Terms, Wander};
+use crate::joint::{BLOCK_S, Joint, Kinds, Model, Prepared, Terms, Wander};
 use crate::numerics::derivative::Width;
 use crate::numerics::lsq;
 use crate::parameters::{BASE, parameter_names};
@@ -24,7 +25,7 @@ use crate::rests::moves::{Move, Unusable, between};
 use crate::rests::unit_rest::UnitRest;
 use crate::two_stage::ellipsoid;
 use crate::two_stage::observability::{
-    FARTHEST, LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2, missing_poses, missing_turns, too_few_poses,
+    EDGES_AND_CORNERS, FARTHEST, OR_ROLL, missing_poses, missing_turns, too_few_poses,
 };
 
 /// Minimum angle between the directions of gravity at two rests that counts as a rotation of the unit, rad.
@@ -34,13 +35,6 @@ const ALIKE_RAD: f64 = 0.05;
 /// Minimum ratio of the rms rate in a move to the noise at rest for the gyroscope to respond to the motion.
 const REACTS: f64 = 3.0;
 
-/// Number of Gauss-Newton steps towards the true parameters. After the second step the remaining error is at the level
-/// of noise.
-const STEPS: usize = 3;
-/// Maximum change of a parameter in a step, as a fraction of its size. Larger steps indicate faulty data and are not
-/// used.
-const FAR_OFF: f64 = 0.3;
-
 /// The parameters that recordings can determine, with predicted standard deviations.
 #[derive(Clone, Debug)]
 pub struct Prospect {
@@ -49,6 +43,9 @@ pub struct Prospect {
     /// Predicted standard deviation of each parameter if the model describes the unit, raw units; `None` if the
     /// parameter is not determined.
     pub predicted_sigma: [Option<f64>; 21],
+    /// Names of the parameters of the accelerometer that only the moves determine: the rests alone lack directions for
+    /// them, as on the six faces of a box, and the rotations between the rests replace these directions.
+    pub through_moves: Vec<String>,
     /// Message about the undetermined parameters and the poses and rotations to add; `None` if all are determined.
     pub missing: Option<String>,
 }
@@ -64,7 +61,7 @@ pub fn prospect(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<P
         let sound = data.sound();
         data.free_of_tremor(accelerometer, gyroscope, &sound);
     }
-    data.prospect(scene, options)
+    Ok(data.prospect(scene, options)?.0)
 }
 
 /// The rests, moves and nominal sensors of the recordings before a fit.
@@ -88,13 +85,14 @@ struct Scene {
 }
 
 impl UnitData<'_> {
-    /// The prediction for recordings from which a calibration failed.
-    pub(super) fn prospect_without_result(&self, options: &Options<'_>) -> Result<Prospect, Error> {
+    /// What rests and moves determine together, with the least-squares values of the determined parameters and the
+    /// nominal values of the others. All refusals for missing motion follow from this prediction.
+    pub(super) fn joint_information(&self, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         self.prospect(self.scene(options)?, options)
     }
 
     /// The prediction for these recordings, from the rests, moves and nominal sensors of `scene`.
-    fn prospect(&self, scene: Scene, options: &Options<'_>) -> Result<Prospect, Error> {
+    fn prospect(&self, scene: Scene, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         let accelerometer = scene.accelerometer.unwrap_or_else(Triad::identity);
         let gyroscope = scene.gyroscope.unwrap_or_else(Triad::identity);
         let measures_gravity = scene.accelerometer.is_some() && scene.silent_accelerometer.is_none();
@@ -125,15 +123,14 @@ impl UnitData<'_> {
         let model = Model { accelerometer, gyroscope, values: Vec::new(), stand: Vec::new() };
         let sizes = sizes(&model, options.gravity_mps2);
 
-        let design =
-            if measures_gravity { Design::near(&prepared, &terms, &model, &sizes)? } else { Design::default() };
-        let (rows, lines) = (&design.rows, &design.lines);
+        let (design, near) = if measures_gravity {
+            Design::near(&prepared, &terms, &model, &sizes)?
+        } else {
+            (Design::default(), model.parameters())
+        };
         let of_held: Vec<usize> =
             held.iter().filter_map(|held| OBSERVED.iter().position(|p| *p == held.parameter())).collect();
-        let open = design.open()?.without(&of_held);
-        let turns: Vec<&[f64; 18]> =
-            rows.iter().zip(lines).filter(|(_, l)| matches!(l.source, Source::Move(_))).map(|(row, _)| row).collect();
-        let open_to_turns = Open::of(&Mat::from_fn(turns.len(), 9, |i, j| turns[i][9 + j]))?.columns;
+        let (open, open_to_moves) = (design.open()?.without(&of_held), design.open_to_moves()?.columns);
 
         let mut predicted_sigma = [None; BASE];
         let problem = Joint::new(&prepared, &terms, &model.parameters())?;
@@ -154,13 +151,22 @@ impl UnitData<'_> {
             let of_move = |m: &Move| total_rotation_rad(&self.recordings[m.recording], m.first, m.last, &gyroscope);
             moves.iter().map(of_move).sum()
         };
+        let names = parameter_names(Frame::Symmetric);
+        let only_moves = |k: &usize| !open.columns.contains(k) && !of_held.contains(k);
+        let through_moves = design
+            .open_to_rests()?
+            .columns
+            .into_iter()
+            .filter(only_moves)
+            .map(|k| names[OBSERVED[k]].clone())
+            .collect();
         let missing = (!open.columns.is_empty()).then(|| {
             let poses = scene.missing_poses();
-            let turns = scene.missing_turns(measures_gravity, || missing_turns(&open_to_turns, &turned()));
+            let turns = scene.missing_turns(measures_gravity, || missing_turns(&open_to_moves, &turned()));
             let words = open.explain(scene.up.len(), scene.moves.len(), &poses, &turns);
             [words, self.short_rests(options)].into_iter().flatten().collect::<Vec<_>>().join("; ")
         });
-        Ok(Prospect { names: parameter_names(Frame::Symmetric), predicted_sigma, missing })
+        Ok((Prospect { names, predicted_sigma, through_moves, missing }, Model::of(&near, &terms)?))
     }
 
     /// The rests, moves and nominal sensors of these recordings.
@@ -293,7 +299,12 @@ impl Scene {
         match &self.silent_accelerometer {
             Some(words) => words.clone(),
             None if self.accelerometer.is_none() => too_few_poses(),
-            None => missing_poses(&self.up),
+            None => {
+                let poses = missing_poses(&self.up);
+                // Rotations replace poses only if the gyroscope measures them.
+                let rotates = self.gyroscope.is_some() && self.silent_gyroscope.is_none();
+                if rotates && poses.ends_with(EDGES_AND_CORNERS) { poses + OR_ROLL } else { poses }
+            }
         }
     }
 
@@ -309,94 +320,4 @@ impl Scene {
         }
         turns()
     }
-}
-
-/// The design matrix. Its rows are divided by the model errors of a real unit, and its columns are multiplied by a
-/// hundredth of the size of each parameter.
-#[derive(Default)]
-struct Design {
-    /// Rows of the matrix, in the order of [`OBSERVED`]: those of `lines`, then those of the held parameters.
-    rows: Vec<[f64; 18]>,
-    /// Residuals in units of the model errors.
-    residuals: Vec<f64>,
-    /// The linearised residuals.
-    lines: Vec<Line>,
-}
-
-impl Design {
-    fn at(prepared: &Prepared<'_>, terms: &Terms<'_>, parameters: &[f64], sizes: &[f64]) -> Result<Self, Error> {
-        let lines = prepared.linearise(terms, parameters)?.lines;
-        let error = |line: &Line| if matches!(line.source, Source::Norm(_)) { REST_ERROR_MPS2 } else { MOVE_ERROR_RAD };
-        let row = |line: &Line| OBSERVED.map(|p| line.jacobian[p] * sizes[p] * LARGEST_SHIFT / error(line));
-        let (mut rows, mut residuals): (Vec<_>, Vec<_>) =
-            lines.iter().map(|line| (row(line), line.residual / error(line))).unzip();
-        for held in prepared.held {
-            let prior = held.row(parameters);
-            let by = |p: usize| prior.derivatives.iter().filter(|(own, _)| *own == p).map(|(_, by)| by).sum::<f64>();
-            rows.push(OBSERVED.map(|p| by(p) * sizes[p] * LARGEST_SHIFT));
-            residuals.push(prior.residual);
-        }
-        Ok(Self { rows, residuals, lines })
-    }
-
-    /// The design at the least-squares values of the determined parameters, with nominal values of the others. Errors
-    /// of the sensors of some per cent would rotate the unobservable directions by a similar amount.
-    fn near(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model, sizes: &[f64]) -> Result<Self, Error> {
-        let mut parameters = model.parameters();
-        let mut design = Self::at(prepared, terms, &parameters, sizes)?;
-        for _ in 0..STEPS {
-            let step = design.step()?;
-            // A unit whose parameters deviate from nominal by more than this has wrong axes or other faults. The design
-            // at the nominal parameters is then more informative.
-            if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
-                break;
-            }
-            for (change, p) in step.iter().zip(OBSERVED) {
-                parameters[p] += change * LARGEST_SHIFT * sizes[p];
-            }
-            design = Self::at(prepared, terms, &parameters, sizes)?;
-        }
-        Ok(design)
-    }
-
-    fn matrix(&self) -> Mat<f64> {
-        Mat::from_fn(self.rows.len(), 18, |i, j| self.rows[i][j])
-    }
-
-    fn open(&self) -> Result<Open, Error> {
-        Open::of(&self.matrix())
-    }
-
-    /// The least-squares step in the observable directions, in hundredths of the size of each parameter.
-    fn step(&self) -> Result<[f64; 18], Error> {
-        let (values, vectors) = lsq::singular(&self.matrix())?;
-        let mut step = [0.0; 18];
-        for k in (0..18).filter(|&k| values[k] >= 1.0) {
-            let seen: f64 = self
-                .rows
-                .iter()
-                .zip(&self.residuals)
-                .map(|(row, residual)| residual * (0..18).map(|j| row[j] * vectors[(j, k)]).sum::<f64>())
-                .sum();
-            for (j, change) in step.iter_mut().enumerate() {
-                *change -= vectors[(j, k)] * seen / values[k].powi(2);
-            }
-        }
-        Ok(step)
-    }
-}
-
-/// Indices of the parameters that rests and moves determine: all but the gyroscope bias.
-const OBSERVED: [usize; 18] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 15, 16, 17, 18, 19, 20];
-
-/// Size of each parameter, raw units: for a sensitivity the mean scale, for a bias the reading of gravity or of a rate
-/// of 1 rad/s.
-fn sizes(model: &Model, gravity_mps2: f64) -> [f64; BASE] {
-    let scale = |triad: &Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
-    let (accelerometer, gyroscope) = (scale(&model.accelerometer), scale(&model.gyroscope));
-    std::array::from_fn(|p| match p {
-        0..3 => accelerometer * gravity_mps2,
-        3..9 => accelerometer,
-        _ => gyroscope,
-    })
 }

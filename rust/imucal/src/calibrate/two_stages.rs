@@ -47,8 +47,11 @@ impl UnitData<'_> {
             .map(|scale| Start { sensitivity: Matrix3::from_diagonal_element(scale), bias: Vector3::zeros() });
         let si = self.raw_is_si(|recording| recording.accel_unit);
         let held = self.held(options)?;
-        let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si, &StageRows::new(&held, ACCEL))
-            .map_err(|error| self.with_all_that_is_missing(error, options))?;
+        let alone = accelerometer::fit(&rests, options.gravity_mps2, nominal, si, &StageRows::new(&held, ACCEL));
+        let mut fit = match alone {
+            Err(Error::NotEnoughMotion(words)) => self.fit_accelerometer_with_moves(&rests, words, options)?,
+            alone => alone?,
+        };
         // From here on the arrays have one entry for each rest found, including the excluded rests.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
@@ -62,12 +65,37 @@ impl UnitData<'_> {
         Ok(fit)
     }
 
+    /// The accelerometer if the rests alone lack directions, as on the six faces of a box. The rotations between the
+    /// rests replace the missing directions, so the joint information decides. The parameters that the rests leave open
+    /// keep their values from a linearised joint fit, which starts at zero misalignment (model.md (10)).
+    ///
+    /// # Errors
+    /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters. `of_rests` is the
+    /// message about the rests alone.
+    fn fit_accelerometer_with_moves(
+        &self,
+        rests: &[&Rest],
+        of_rests: String,
+        options: &Options<'_>,
+    ) -> Result<AccelerometerFit, Error> {
+        match self.joint_information(options) {
+            Ok((Prospect { missing: None, .. }, _)) if !options.is_joint() => {
+                Err(Error::NotEnoughMotion(format!("{of_rests}; the joint fit determines them from the moves")))
+            }
+            Ok((Prospect { missing: None, .. }, model)) => {
+                accelerometer::fit_near(rests, options.gravity_mps2, &model.accelerometer)
+            }
+            Ok((Prospect { missing: Some(words), .. }, _)) => Err(Error::NotEnoughMotion(words)),
+            Err(_) => Err(Error::NotEnoughMotion(of_rests)),
+        }
+    }
+
     /// Replaces a message about motion that is missing for one stage by one about the motion missing for the whole
     /// calibration.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
-        match self.prospect_without_result(options) {
-            Ok(Prospect { missing: Some(words), .. }) => Error::NotEnoughMotion(words),
+        match self.joint_information(options) {
+            Ok((Prospect { missing: Some(words), .. }, _)) => Error::NotEnoughMotion(words),
             _ => error,
         }
     }
@@ -140,7 +168,14 @@ impl UnitData<'_> {
         let preintegrated = PreintegratedMoves::new(self.recordings, moves, bias.bias, &held);
         let first = preintegrated.first_estimate(&ends, &starts)?;
         let (ends, random_walk_rad) = self.ends(moves, accelerometer, &first);
-        let fit = preintegrated.fit(&ends, &first).map_err(|error| self.with_all_that_is_missing(error, options))?;
+        let is_start = !accelerometer.is_determined;
+        let mut fit = preintegrated.fit(&ends, &first, is_start);
+        if matches!(fit, Err(Error::NotEnoughMotion(_))) && options.is_joint() && !is_start {
+            // If the rests barely determine the accelerometer, its errors look like outliers of few moves. The joint fit
+            // judges all moves again.
+            fit = preintegrated.fit(&ends, &first, true);
+        }
+        let fit = fit.map_err(|error| self.with_all_that_is_missing(error, options))?;
         Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
     }
 

@@ -17,6 +17,7 @@ mod tests;
 use std::sync::Arc;
 
 use faer::Mat;
+use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::{DMatrix, DVector};
 use statrs::function::gamma::ln_gamma;
 
@@ -26,8 +27,11 @@ use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
+use crate::numerics::lsq;
 use crate::numerics::robust::may_exclude;
 use crate::numerics::stats::{dot, median, p_value};
+use crate::parameters::ACCEL;
+use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 
 /// Significance level: an item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), an item of
 /// a clean run is excluded with a probability of 0.4 %.
@@ -89,6 +93,7 @@ pub(crate) fn outliers(
         known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Arc::new), |known| Ok(Arc::clone(known)))?;
     let problem = Joint::of_noise(prepared, &terms, Arc::clone(&linear))?;
     let groups = groups(&linear);
+    let only_moves_judge = only_moves_judge(&linear);
     let (residuals, jacobian) = problem.whiten(&linear);
     let mut without = LeaveOut::new(&problem, &linear, (&residuals, &jacobian));
     let (mut rests, mut moves) = (prepared.used.to_vec(), vec![true; linear.moves.len()]);
@@ -107,6 +112,7 @@ pub(crate) fn outliers(
         let scales = [Kind::Norm, Kind::Rate, Kind::Move].map(|kind| scale(kind, &judged));
         let log_p = |(group, misfit, freedom): &(&Group, f64, usize)| {
             let scale = match group.kind {
+                Kind::Norm if only_moves_judge.contains(&group.item) => scales[0].max(scales[2]),
                 Kind::Norm => scales[0],
                 Kind::Rate => scales[1],
                 Kind::Move => scales[2],
@@ -130,6 +136,29 @@ pub(crate) fn outliers(
         let all = groups.iter().filter(|group| group.item == item).flat_map(|group| &group.columns);
         all.for_each(|&column| without.leave_out(column));
     }
+}
+
+/// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. The moves predict it, so
+/// that the excess scatter of the moves counts. The rows are divided by the model errors of model.md (12), and a prior of
+/// the same section limits what other rests determine.
+fn only_moves_judge(linear: &Linear) -> Vec<Item> {
+    let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
+    let norms: Vec<(Item, &[f64])> = linear
+        .lines
+        .iter()
+        .filter_map(|line| match line.source {
+            Source::Norm(k) => Some((Item::Rest(k), &line.jacobian[ACCEL])),
+            Source::Move(_) => None,
+        })
+        .collect();
+    // The size of a bias is the reading of gravity.
+    let size = |p: usize| if p < 3 { STANDARD_GRAVITY_MPS2 * scale } else { scale };
+    let design = Mat::from_fn(norms.len() + ACCEL.len(), ACCEL.len(), |i, p| match norms.get(i) {
+        Some((_, by)) => by[p] * size(p) * LARGEST_SHIFT / REST_ERROR_MPS2,
+        None => f64::from(u8::from(i - norms.len() == p)) * LARGEST_SHIFT / FARTHEST,
+    });
+    let leverages = lsq::leverages(&design);
+    norms.iter().zip(leverages).filter(|(_, h)| 1.0 - h < MIN_RESIDUAL_SHARE).map(|((item, _), _)| *item).collect()
 }
 
 /// Logarithm of the p-value of chi2. An asymptotic expansion replaces p-values that underflow, so that extreme outliers

@@ -13,14 +13,15 @@ use nalgebra::{Matrix3, SVector, Vector3};
 
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
-use crate::held::StageRows;
+use crate::held::{HeldParameter, StageRows};
 use crate::numerics::fit_report::FitReport;
 use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Residuals, Solution};
 use crate::numerics::{robust, stats};
+use crate::parameters::ACCEL;
 use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
-use crate::two_stage::observability::{self, REST_ERROR_MPS2};
+use crate::two_stage::observability::{self, LARGEST_SHIFT, REST_ERROR_MPS2};
 
 /// Maximum ratio of the noise of a rest mean to the smallest radius of the ellipsoid. It is 0.001 for a noisy sensor,
 /// and 0.5 if the ellipsoid is fitted to noise.
@@ -37,6 +38,8 @@ pub(crate) struct AccelerometerFit {
     /// columns of unused rests are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
+    /// Whether the rests alone determine all parameters that are not held. Otherwise some of them come from the moves.
+    pub(crate) is_determined: bool,
 }
 
 /// Fits the nine parameters. Rests that contradict all others are excluded one by one (model.md (14)).
@@ -71,9 +74,39 @@ pub(crate) fn fit(
         (start.sensitivity[(p - 3, p - 3)], start.bias) = (scale, Vector3::zeros());
     }
     check_design(&means, &start, gravity_mps2, held)?;
+    fit_from(rests, gravity_mps2, &start, held, true)
+}
 
+/// Fits the accelerometer to rests that leave some of its parameters open: these keep the values of `start`, all others
+/// are fitted. A prior of a hundredth of the size of each parameter holds what the rests leave open, and changes the
+/// others by much less than their standard deviation.
+///
+/// All rests are used, because few rests on the faces of a box do not show which of them is wrong. The joint fit
+/// excludes outliers.
+///
+/// # Errors
+/// [`Error::Fit`] if the result is not finite.
+pub(crate) fn fit_near(rests: &[&Rest], gravity_mps2: f64, start: &Triad<f64>) -> Result<AccelerometerFit, Error> {
+    let start = Start { sensitivity: *start.sensitivity(), bias: *start.bias() };
+    let scale = start.sensitivity.trace() / 3.0;
+    let size = |j: usize| if j < 3 { gravity_mps2 * scale } else { scale };
+    let values = parameters_of(&start).into_iter().enumerate();
+    let near: Vec<HeldParameter> =
+        values.map(|(j, value)| HeldParameter::near(j, value, LARGEST_SHIFT * size(j))).collect();
+    fit_from(rests, gravity_mps2, &start, &StageRows::new(&near, ACCEL), false)
+}
+
+/// The fit from a start value. `is_determined` states whether the rests alone determine all parameters that are not
+/// held.
+fn fit_from(
+    rests: &[&Rest],
+    gravity_mps2: f64,
+    start: &Start,
+    held: &StageRows<'_>,
+    is_determined: bool,
+) -> Result<AccelerometerFit, Error> {
     let mut used = vec![true; rests.len()];
-    let mut parameters = parameters_of(&start);
+    let mut parameters = parameters_of(start);
     loop {
         let problem = Norms::new(rests, &used, gravity_mps2, &parameters, held)?;
         let solution = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
@@ -85,8 +118,8 @@ pub(crate) fn fit(
         parameters = solution.parameters.clone();
         let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 1);
         match robust::worst_outlier(&scores[..problem.means.len()], 1) {
-            Some(row) if robust::may_exclude(&used, 9 + 3) => used[problem.rest_of_row[row]] = false,
-            _ => return finish(rests, used, &problem, &solution),
+            Some(row) if is_determined && robust::may_exclude(&used, 9 + 3) => used[problem.rest_of_row[row]] = false,
+            _ => return finish(rests, used, &problem, &solution, is_determined),
         }
     }
 }
@@ -122,6 +155,7 @@ fn finish(
     used: Vec<bool>,
     problem: &Norms<'_>,
     solution: &Solution,
+    is_determined: bool,
 ) -> Result<AccelerometerFit, Error> {
     let triad = triad_of(&solution.parameters)?;
     let row_gain = lsq::gain(&solution.jacobian);
@@ -131,7 +165,13 @@ fn finish(
             gain[(i, k)] = row_gain[(i, row)] / problem.sigma[row];
         }
     }
-    Ok(AccelerometerFit { triad, used, gain, report: FitReport::of(solution) })
+    let mut report = FitReport::of(solution);
+    if !is_determined {
+        // The prior determines what the rests leave open, so the leverages of the rests count their own parameters.
+        let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
+        report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
+    }
+    Ok(AccelerometerFit { triad, used, gain, report, is_determined })
 }
 
 pub(crate) fn parameters_of(start: &Start) -> Vec<f64> {

@@ -116,12 +116,13 @@ impl<'a> PreintegratedMoves<'a> {
     }
 
     /// Fits the nine entries from a first estimate. Moves that contradict all others are excluded one by one (model.md
-    /// (14)).
+    /// (14)), unless the accelerometer is only a start value (`is_start`): its errors then appear in the residuals, and
+    /// the joint fit excludes outliers.
     ///
     /// # Errors
     /// * [`Error::NotEnoughMotion`] if the moves do not determine all entries.
     /// * [`Error::Fit`] if the result is not finite.
-    pub(crate) fn fit(&self, ends: &[Ends], first: &Triad<f64>) -> Result<GyroscopeFit, Error> {
+    pub(crate) fn fit(&self, ends: &[Ends], first: &Triad<f64>, is_start: bool) -> Result<GyroscopeFit, Error> {
         let mut used = vec![true; self.segments.len()];
         let mut problem = self.weighed(ends);
         let mut parameters = first.sensitivity().transpose().as_slice().to_vec();
@@ -131,7 +132,7 @@ impl<'a> PreintegratedMoves<'a> {
             problem.check(&triad, &solution)?;
             let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 2);
             match robust::worst_outlier(&scores[..problem.rows.len()], 2) {
-                Some(item) if robust::may_exclude(&used, 9) => {
+                Some(item) if !is_start && robust::may_exclude(&used, 9) => {
                     used[problem.rows[item]] = false;
                     problem.rows.remove(item);
                     parameters = solution.parameters;

@@ -31,6 +31,12 @@ const OWN_SHARE: f64 = 0.95;
 const TRADED: f64 = 0.1;
 /// Maximum angle between an axis and the vertical, deg, for a pose to count as "axis up" or "axis down".
 const FACE_LIMIT_DEG: f64 = 40.0;
+/// Recommendation for rests on the six faces alone.
+pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";
+/// The other way out for a unit whose gyroscope measures the rotations between the faces: four turns about each axis
+/// while it is horizontal pass every face, and separate the misalignment from the scale of the gyroscope.
+pub(crate) const OR_ROLL: &str = ", or roll the unit over its faces: four turns of 90 deg about each axis while that \
+                                  axis is level, with a rest after each";
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The parameters that a design does not determine.
@@ -221,9 +227,7 @@ pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
         }
     }
     if missing.is_empty() {
-        return "every axis has been up and down, but poses in between are missing: add rests with edges and corners \
-                up"
-        .into();
+        return format!("every axis has been up and down, but poses in between are missing: {EDGES_AND_CORNERS}");
     }
     missing.join("; ")
 }

@@ -1,0 +1,135 @@
+//! The design matrix of the joint fit before any fit: what rests and moves determine together, and the least-squares
+//! values of the determined parameters, from which a fit can start (model.md (12)).
+
+use std::ops::Range;
+
+use faer::Mat;
+use imucal_core::sensor::Triad;
+
+use crate::error::Error;
+use crate::joint::{Line, Model, Prepared, Source, Terms};
+use crate::numerics::lsq;
+use crate::parameters::{ACCELEROMETER, BASE};
+use crate::two_stage::observability::{LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2};
+
+/// Number of Gauss-Newton steps towards the true parameters. After the second step the remaining error is at the level
+/// of noise.
+const STEPS: usize = 3;
+/// Maximum change of a parameter in a step, as a fraction of its size. Larger steps indicate faulty data and are not
+/// used.
+pub(super) const FAR_OFF: f64 = 0.3;
+
+/// The design matrix. Its rows are divided by the model errors of a real unit, and its columns are multiplied by a
+/// hundredth of the size of each parameter.
+#[derive(Default)]
+pub(super) struct Design {
+    /// Rows of the matrix, with one column for each of [`OBSERVED`]: those of `lines`, then those of the held parameters.
+    rows: Vec<[f64; 18]>,
+    /// Residuals in units of the model errors.
+    residuals: Vec<f64>,
+    /// The linearised residuals.
+    lines: Vec<Line>,
+}
+
+impl Design {
+    fn at(prepared: &Prepared<'_>, terms: &Terms<'_>, parameters: &[f64], sizes: &[f64]) -> Result<Self, Error> {
+        let lines = prepared.linearise(terms, parameters)?.lines;
+        let error = |line: &Line| if matches!(line.source, Source::Norm(_)) { REST_ERROR_MPS2 } else { MOVE_ERROR_RAD };
+        let row = |line: &Line| OBSERVED.map(|p| line.jacobian[p] * sizes[p] * LARGEST_SHIFT / error(line));
+        let (mut rows, mut residuals): (Vec<_>, Vec<_>) =
+            lines.iter().map(|line| (row(line), line.residual / error(line))).unzip();
+        for held in prepared.held {
+            let prior = held.row(parameters);
+            let by = |p: usize| prior.derivatives.iter().filter(|(own, _)| *own == p).map(|(_, by)| by).sum::<f64>();
+            rows.push(OBSERVED.map(|p| by(p) * sizes[p] * LARGEST_SHIFT));
+            residuals.push(prior.residual);
+        }
+        Ok(Self { rows, residuals, lines })
+    }
+
+    /// The design at the least-squares values of the determined parameters, with nominal values of the others. Errors
+    /// of the sensors of some per cent would rotate the unobservable directions by a similar amount.
+    ///
+    /// Returns these values, too.
+    pub(super) fn near(
+        prepared: &Prepared<'_>,
+        terms: &Terms<'_>,
+        model: &Model,
+        sizes: &[f64],
+    ) -> Result<(Self, Vec<f64>), Error> {
+        let mut parameters = model.parameters();
+        let mut design = Self::at(prepared, terms, &parameters, sizes)?;
+        for _ in 0..STEPS {
+            let step = design.step()?;
+            // A unit whose parameters deviate from nominal by more than this has wrong axes or other faults. The design
+            // at the nominal parameters is then more informative.
+            if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
+                break;
+            }
+            for (change, p) in step.iter().zip(OBSERVED) {
+                parameters[p] += change * LARGEST_SHIFT * sizes[p];
+            }
+            design = Self::at(prepared, terms, &parameters, sizes)?;
+        }
+        Ok((design, parameters))
+    }
+
+    /// Undetermined parameters of the joint information of rests and moves, as indices into [`OBSERVED`].
+    pub(super) fn open(&self) -> Result<Open, Error> {
+        Open::of(&self.matrix())
+    }
+
+    /// Undetermined parameters of the accelerometer, if the moves are not used.
+    pub(super) fn open_to_rests(&self) -> Result<Open, Error> {
+        self.open_to(0..ACCELEROMETER, |source| matches!(source, Source::Norm(_)))
+    }
+
+    /// Undetermined entries of the gyroscope, if the accelerometer is known.
+    pub(super) fn open_to_moves(&self) -> Result<Open, Error> {
+        self.open_to(ACCELEROMETER..OBSERVED.len(), |source| matches!(source, Source::Move(_)))
+    }
+
+    /// Undetermined parameters of these columns, if only the rows of some rests or moves are used.
+    fn open_to(&self, columns: Range<usize>, is_used: impl Fn(Source) -> bool) -> Result<Open, Error> {
+        let rows: Vec<&[f64; 18]> =
+            self.rows.iter().zip(&self.lines).filter(|(_, line)| is_used(line.source)).map(|(row, _)| row).collect();
+        Open::of(&Mat::from_fn(rows.len(), columns.len(), |i, j| rows[i][columns.start + j]))
+    }
+
+    fn matrix(&self) -> Mat<f64> {
+        Mat::from_fn(self.rows.len(), 18, |i, j| self.rows[i][j])
+    }
+
+    /// The least-squares step in the observable directions, in hundredths of the size of each parameter.
+    fn step(&self) -> Result<[f64; 18], Error> {
+        let (values, vectors) = lsq::singular(&self.matrix())?;
+        let mut step = [0.0; 18];
+        for k in (0..18).filter(|&k| values[k] >= 1.0) {
+            let seen: f64 = self
+                .rows
+                .iter()
+                .zip(&self.residuals)
+                .map(|(row, residual)| residual * (0..18).map(|j| row[j] * vectors[(j, k)]).sum::<f64>())
+                .sum();
+            for (j, change) in step.iter_mut().enumerate() {
+                *change -= vectors[(j, k)] * seen / values[k].powi(2);
+            }
+        }
+        Ok(step)
+    }
+}
+
+/// Indices of the parameters that rests and moves determine: all but the gyroscope bias.
+pub(super) const OBSERVED: [usize; 18] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 15, 16, 17, 18, 19, 20];
+
+/// Size of each parameter, raw units: for a sensitivity the mean scale, for a bias the reading of gravity or of a rate
+/// of 1 rad/s.
+pub(super) fn sizes(model: &Model, gravity_mps2: f64) -> [f64; BASE] {
+    let scale = |triad: &Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
+    let (accelerometer, gyroscope) = (scale(&model.accelerometer), scale(&model.gyroscope));
+    std::array::from_fn(|p| match p {
+        0..3 => accelerometer * gravity_mps2,
+        3..9 => accelerometer,
+        _ => gyroscope,
+    })
+}
