@@ -29,6 +29,7 @@ from imucal.errors import InputError
 from imucal.estimation.evaluate import require_judges
 from imucal.estimation.options import Options
 from imucal.estimation.priors import Hold, holds_of
+from imucal.gap.columns import column_effects
 from imucal.gap.question import Question
 from imucal.gap.result import Gap
 from imucal.gap.translation import gap_of
@@ -60,7 +61,8 @@ def find_gap(
                         moves are held out in three folds
     calibration         existing calibration to compare with; without it, the fit without effects is the
                         reference
-    candidates          names of candidate effects from the catalogue; all effects if None. Names of
+    candidates          names of candidate effects from the catalogue; if None all effects, and biases that
+                        follow a further column of the recordings, such as a supply voltage. Names of
                         user-defined effects, and formulas such as "gyro: k * (supply_v - 3.3)", are also
                         allowed; a list with only these excludes the catalogue
     user_effects        user-defined effects, which are always candidates
@@ -88,6 +90,9 @@ def find_gap(
             calibration.require_raw_units(recording)
     unit_data = of_one_unit(unit_data)
     candidates, formulas = _without_formulas(candidates, [*unit_data, *judges])
+    if candidates is None:
+        taken = [effect.name for effect in user_effects]
+        formulas = column_effects([*unit_data, *judges], taken)
     named = by_name([*user_effects, *formulas])
     wanted = _wanted(candidates, named)
     if judges:
