@@ -185,6 +185,7 @@ bench: $(VENV)/.installed
 	$(call say,Speed)
 	$(PY) benches/compare.py
 	$(PY) benches/start.py
+	$(PY) benches/reading.py
 	$(PY) benches/scaling.py
 	$(PY) benches/gap_speed.py
 	$(PY) benches/simulate.py

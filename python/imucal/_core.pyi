@@ -30,6 +30,7 @@ __all__ = [
     "Inspection",
     "Noise",
     "NoiseEstimate",
+    "NumberColumns",
     "Outcome",
     "Prospect",
     "Search",
@@ -531,6 +532,12 @@ class GenericFinding:
     def rests(self) -> list[int]: ...
     @property
     def rms(self) -> float: ...
+
+@final
+class NumberColumns:
+    def __init__(self, separator: int, decimal: int, used: list[bool]) -> None: ...
+    def add(self, block: bytes) -> bool: ...
+    def finish(self) -> list[NDArray[Any]] | None: ...
 
 @final
 class Search:

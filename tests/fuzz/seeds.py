@@ -1,6 +1,9 @@
 """Valid small files of every format that imucal reads, and of every JSON document: what is damaged."""
 
+import functools
 import json
+import operator
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,7 +41,7 @@ class Seed:
 
     @property
     def is_text(self):
-        return self.kind in (
+        return self.path.suffix != ".zip" and self.kind in (
             "csv",
             "columns",
             "euroc",
@@ -47,6 +50,7 @@ class Seed:
             "folder",
             "labels",
             "vectornav",
+            "realsense",
             "json",
         )
 
@@ -95,6 +99,55 @@ def _text(folder):
     for name, values in (("acc.mat", known.accel), ("gyr.mat", known.gyro)):
         np.savetxt(folder / name, np.column_stack([time_s, 1000 * values]), fmt="%.9g")
     yield Seed("imu_tk", "imu_tk", folder / "acc.mat", {"second": folder / "gyr.mat"})
+    yield from _one_file_per_sensor(folder, known, time_s)
+    yield from _lines(folder, known, time_s)
+
+
+def _one_file_per_sensor(folder, known, time_s):
+    """Two text files, and a folder and a zip archive of them."""
+    phone = folder / "phone"
+    phone.mkdir()
+    for name, values, unit in (("Accelerometer", known.accel, "m/s^2"), ("Gyroscope", known.gyro, "rad/s")):
+        header = ",".join(["time (s)", *(f"{axis} ({unit})" for axis in "xyz")])
+        # The gyroscope is late, so that it is resampled.
+        stamps = time_s + 0.005 * (name == "Gyroscope")
+        for path in (folder / f"{name}.csv", phone / f"{name}.csv"):
+            table = np.column_stack([stamps, values])
+            np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    first, second = folder / "Accelerometer.csv", folder / "Gyroscope.csv"
+    yield Seed("pair", "pair", first, {"second": second})
+    yield Seed("pair, second", "pair", second, {"second": first})
+    yield Seed("folder", "folder", phone, damaged=phone / "Gyroscope.csv")
+    with zipfile.ZipFile(folder / "phone.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(phone.iterdir()):
+            archive.write(path, path.name)
+    # The bytes of an archive are not text.
+    yield Seed("zip", "folder", folder / "phone.zip")
+
+
+def _lines(folder, known, time_s):
+    """Lines of `label:value`, sentences with a check sum, and the lines of a RealSense camera."""
+    values = np.column_stack([time_s, known.accel, known.gyro])
+    labels = ["time_s", *(f"accel_{a}_mps2" for a in "xyz"), *(f"gyro_{a}_radps" for a in "xyz")]
+    rows = (" ".join(f"{n}:{v:.6g}" for n, v in zip(labels, row, strict=True)) for row in values)
+    (folder / "plotter.txt").write_text("\n".join(rows) + "\n")
+    yield Seed("labels", "labels", folder / "plotter.txt")
+    sentences = []
+    for accel, gyro in zip(known.accel, known.gyro, strict=True):
+        body = "VNYMR," + ",".join(f"{v:+.6f}" for v in (*np.zeros(3), *np.ones(3), *accel, *gyro))
+        check = functools.reduce(operator.xor, body.encode())
+        sentences.append(f"${body}*{check:02X}")
+    (folder / "vn.txt").write_text("\r\n".join(sentences) + "\r\n")
+    yield Seed("vectornav", "vectornav", folder / "vn.txt", {"rate_hz": 50.0})
+    head = "Stream Type,F#,HW Timestamp (ms),Backend Timestamp(ms),Host Timestamp(ms),3DOF_x,3DOF_y,3DOF_z"
+    lines = []
+    for kind, triad in (("Accel", known.accel), ("Gyro", known.gyro)):
+        stamps = [f"{stamp:.3f}" for stamp in 1e9 + 1000 * time_s]
+        each = enumerate(zip(stamps, triad, strict=True))
+        lines += ["", head]
+        lines += [f"{kind},{i},{ms},{ms},{ms},{x:.6g},{y:.6g},{z:.6g}" for i, (ms, (x, y, z)) in each]
+    (folder / "imu_pose.csv").write_text("\n".join(lines) + "\n")
+    yield Seed("realsense", "realsense", folder / "imu_pose.csv")
 
 
 def _tables(folder):

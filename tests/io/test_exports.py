@@ -616,6 +616,30 @@ def betaflight(folder):
     return Made([write(folder, "LOG00001.01.csv", ", ".join(names), rows)], {})
 
 
+def realsense_lines(ticks_per_ms=1, step=1, late_ms=5.0):
+    """Lines of rs-convert: the accelerometer has every `step`-th sample, the gyroscope is late."""
+    head = "Stream Type,F#,HW Timestamp (ms),Backend Timestamp(ms),Host Timestamp(ms),3DOF_x,3DOF_y,3DOF_z"
+    host = START_NS / 1e6 + TIME_S * 1000
+    parts = []
+    for kind, values, each, late in (("Accel", FORCE, step, 0.0), ("Gyro", RATE, 1, late_ms)):
+        hardware = [f"{ticks_per_ms * (4e6 + stamp + late):.3f}" for stamp in TIME_S[::each] * 1000]
+        rows = lines(
+            [kind] * len(hardware),
+            np.arange(len(hardware)),
+            hardware,
+            [f"{stamp:.3f}" for stamp in host[::each]],
+            [f"{stamp + 1.5:.3f}" for stamp in host[::each]],
+            values[::each],
+        )
+        parts += ["", "", head, *rows]
+    return parts
+
+
+@sample("RealSense, rs-convert")
+def realsense(folder):
+    return Made([write(folder, "d435i_120000_imu_pose.csv", realsense_lines())], {}, resampled=True)
+
+
 @sample("GoPro, telemetry extractor CSV")
 def gopro(folder):
     files = []
@@ -679,6 +703,44 @@ def test_export_is_read_by_the_command_of_the_page(tmp_path, name, monkeypatch):
     for option in made.options:
         assert f"--{option.replace('_', '-')}" in command
     assert command.count("--") == len(made.options)
+
+
+def test_realsense_streams_have_two_rates_and_a_clock_in_ms_or_us(tmp_path):
+    read = [
+        imucal.read(write(tmp_path, "imu_pose.csv", realsense_lines(ticks, step=2, late_ms=0.0)))
+        for ticks in (1, 1000)
+    ]
+    for recording in read:
+        assert [finding.code for finding in recording.findings] == ["resampled"]
+        assert recording.rate_hz == pytest.approx(RATE_HZ / 2)
+        np.testing.assert_allclose(recording.specific_force, FORCE[2::2], atol=1e-12)
+        averaged = (RATE[1:-2:2] + 2 * RATE[2:-1:2] + RATE[3::2]) / 4
+        np.testing.assert_allclose(recording.angular_rate, averaged, atol=1e-9)
+    np.testing.assert_array_equal(read[0].time_s, read[1].time_s)
+
+
+def test_realsense_lines_that_are_cut_are_counted_and_other_clocks_refused(tmp_path):
+    cut = realsense_lines()
+    cut[-1] = cut[-1][:60]
+    warning = imucal.read(write(tmp_path, "imu_pose.csv", cut)).findings[0]
+    assert (warning.code, warning.count) == ("lines_left_out", 1)
+    for lines_of, message in (
+        (realsense_lines(60), "neither ms nor us"),
+        ([line for line in realsense_lines() if not line.startswith("Gyro")], "no samples of the gyroscope"),
+        ([line.replace("3DOF_y", "y") for line in realsense_lines()], "'3DOF_y'"),
+        ([line[:60] if "Gyro,1" in line else line for line in realsense_lines()], "do not have 8 values"),
+    ):
+        with pytest.raises(imucal.FormatError, match=message):
+            imucal.read(write(tmp_path, "imu_pose.csv", lines_of))
+
+
+def test_a_betaflight_log_is_named_with_the_command_that_converts_it(tmp_path):
+    path = tmp_path / "LOG00001.BFL"
+    path.write_bytes(
+        b"H Product:Blackbox flight data recorder by Nicholas Sherman\nH Data version:2\n\x00I\x01"
+    )
+    with pytest.raises(imucal.FormatError, match=r"blackbox_decode --unit-rotation deg/s .* LOG00001.BFL"):
+        imucal.read(path)
 
 
 def test_packets_have_their_own_time_and_are_checked(tmp_path):

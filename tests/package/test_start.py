@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import cloudpickle
+import pytest
 
 import imucal
 import imucal.cli.options as cli_options
@@ -32,11 +33,40 @@ def test_help_loads_neither_arrays_nor_decoration():
     assert not {"numpy", "pyarrow", "rich", "imucal._core", "imucal.estimation"} & loaded(code)
 
 
+NAMES = "time_ms,accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
+# Libraries that are installed with imucal or next to it, and that a calibration does not need.
+UNUSED = {"pandas", "polars", "pydantic", "typer", "matplotlib", "scipy", "plotly", "rich"}
+
+
 def test_reading_a_file_does_not_load_arrows_functions(tmp_path):
     path = tmp_path / "run.csv"
-    names = "time_ms,accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
-    path.write_text(f"{names}\n1,2,3,4,5,6,7\n2,2,,4,5,6,7\n")
-    assert "pyarrow.compute" not in loaded(f"import imucal\nimucal.read({str(path)!r})")
+    path.write_text(f"{NAMES}\n1,2,3,4,5,6,7\n2,2,,4,5,6,7\n")
+    new = loaded(f"import imucal\nimucal.read({str(path)!r})")
+    assert "pyarrow.lib" in new
+    assert not {"pyarrow.compute", *UNUSED} & new
+
+
+def test_reading_a_file_of_plain_numbers_does_not_load_arrow(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{NAMES}\n1,2,3,4,5,6,7\n2,2,3,4,5,6,7\n")
+    assert not {"pyarrow", *UNUSED} & loaded(f"import imucal\nimucal.read({str(path)!r})")
+
+
+def test_a_calibration_loads_what_it_needs(tmp_path):
+    path = tmp_path / "run.csv"
+    imucal.write(imucal.simulate("random", seed=1, rate_hz=50.0).recording, path)
+    new = loaded(f"from imucal.cli import main\nmain(['calibrate', {str(path)!r}])")
+    assert {"numpy", "imucal._core", "imucal.cli.commands.calibrate"} <= new
+    assert not {"pyarrow", "imucal.report", "imucal.gap.find", *UNUSED} & new
+    others = {name for name in new if name.startswith("imucal.cli.commands.")}
+    assert others == {"imucal.cli.commands.calibrate"}
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_the_list_of_commands_loads_no_command(option):
+    new = loaded(f"from imucal.cli import main\nmain([{option!r}])")
+    assert not {name for name in new if name.startswith("imucal.cli.commands.")}
+    assert not {"numpy", "pyarrow", *UNUSED} & new
 
 
 def test_every_public_name_can_be_loaded_and_stands_once():

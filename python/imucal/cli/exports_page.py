@@ -188,7 +188,15 @@ EXPORTS: Final = (
         "Betaflight, blackbox_decode",
         "blackbox_decode --unit-rotation deg/s --unit-acceleration g LOG00001.BFL",
         "imucal convert LOG00001.01.csv -o rec.csv",
-        "Betaflight has filtered both sensors and turned their axes; .BFL logs themselves are not read",
+        "Betaflight has filtered both sensors and turned their axes; logs (.BFL, .BBL) are refused with this command",
+    ),
+    Export(
+        "RealSense, rs-convert",
+        "rs-convert -i recording.bag -v d435i for a recording with Accel and Gyro; the .bag file itself is "
+        "read as well",
+        "imucal convert d435i_120000_imu_pose.csv -o rec.csv",
+        "accelerometer and gyroscope have two rates and are resampled; the SDK applies the calibration that "
+        "is stored in the camera, unless motion correction is switched off",
     ),
     Export(
         "GoPro, telemetry extractor CSV",

@@ -12,7 +12,17 @@ from typing import Final
 
 from imucal.errors import FormatError, ImucalError, InputError
 
-__all__ = ["File", "Source", "first_bytes", "is_folder", "open_file", "open_large", "parsing", "require_file"]
+__all__ = [
+    "File",
+    "Source",
+    "first_bytes",
+    "hashed_blocks",
+    "is_folder",
+    "open_file",
+    "open_large",
+    "parsing",
+    "require_file",
+]
 
 # Bytes read at once to hash a file.
 HASHED_AT_ONCE: Final = 1 << 20
@@ -89,6 +99,26 @@ def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
         content = file.read(count)
     _refuse_empty(given, len(content))
     return content
+
+
+def hashed_blocks(
+    path: str | os.PathLike[str], first: int, size: int, sources: list[Source]
+) -> Iterator[bytes]:
+    """The bytes of a file: the first ones, then blocks. After the last block its source is in `sources`.
+
+    Raises the errors of `open_file`.
+    """
+    import hashlib
+
+    given, digest = os.fspath(path), hashlib.sha256()
+    with _readable(given), Path(given).open("rb", buffering=0) as file:
+        block = file.read(first)
+        digest.update(block)
+        yield block
+        while block := file.read(size):
+            digest.update(block)
+            yield block
+    sources.append(Source(given, digest.hexdigest()))
 
 
 @contextmanager

@@ -23,7 +23,10 @@ def numpy_of(array: Any) -> NDArray[Any]:
     """The numbers of an Arrow array or chunked array; integers with empty cells become float64 with NaN.
 
     Numbers without empty cells are views of Arrow's memory, read-only. Time stamps are given as integers.
+    A NumPy array is returned as it is.
     """
+    if isinstance(array, np.ndarray):
+        return array
     import pyarrow as pa
 
     if isinstance(array, pa.ChunkedArray):
@@ -47,6 +50,8 @@ def numpy_of(array: Any) -> NDArray[Any]:
 
 def ticks_of(array: Any) -> NDArray[Any]:
     """The integers of an Arrow array as they are stored, with any number in empty cells."""
+    if isinstance(array, np.ndarray):
+        return array
     dtype = _TYPES[str(array.type)]
     if not len(array):
         return np.empty(0, dtype)
@@ -56,7 +61,7 @@ def ticks_of(array: Any) -> NDArray[Any]:
 def present_of(array: Any) -> NDArray[np.bool_]:
     """Which cells of an Arrow array are not empty."""
     # Arrow's own function loads its library of functions.
-    if not array.null_count:
+    if isinstance(array, np.ndarray) or not array.null_count:
         return np.ones(len(array), bool)
     return _bits(array.buffers()[0], array)
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from imucal.document.source import open_file
 from imucal.errors import FormatError, InputError
 from imucal.io.headed import require_agreement
 from imucal.io.mapping import column_list
 from imucal.io.names import NAMES, SKIP, is_canonical
-from imucal.io.text import open_text, read_rows
+from imucal.io.text import open_path, read_rows
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
@@ -38,7 +37,7 @@ def read_columns(
         raise InputError(f"skip_rows is {skip_rows}: give the number of lines to skip, 0 or more")
     names = [SKIP[0] if name in SKIP else name for name in names]
     used = [index for index, name in enumerate(names) if is_canonical(name)]
-    text = open_text(open_file(path), width=len(names), used=used, skip_rows=skip_rows)
+    text = open_path(path, width=len(names), used=used, skip_rows=skip_rows)
     layout = text.layout
     if not layout.first:
         raise FormatError(

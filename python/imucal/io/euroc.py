@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import os
 
-from imucal.document.source import open_file
 from imucal.errors import FormatError
-from imucal.io.text import open_text, read_rows
+from imucal.io.text import open_path, read_rows
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
@@ -29,7 +28,7 @@ def is_euroc(header: list[str]) -> bool:
 
 def read_euroc(path: str | os.PathLike[str]) -> Recording:
     """Read a EuRoC IMU file. Time is counted from the first sample."""
-    text = open_text(open_file(path))
+    text = open_path(path)
     names = text.layout.names or []
     missing = [name for name in CANONICAL_NAME if name not in names]
     if missing:

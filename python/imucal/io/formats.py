@@ -15,6 +15,7 @@ from imucal.io.imu_tk import read_imu_tk
 from imucal.io.matlab import read_matlab
 from imucal.io.numpy_files import read_numpy
 from imucal.io.pieces import csv_pieces, parquet_pieces
+from imucal.io.realsense import read_realsense
 from imucal.io.ros import read_mcap, read_rosbag
 from imucal.io.sensor_files import read_folder, read_pair
 from imucal.io.sentences import read_labels, read_vectornav
@@ -207,6 +208,18 @@ FORMATS: Final[dict[str, Format]] = {
         "ns, counted from the first sample",
         (),
         "data.csv",
+    ),
+    "realsense": Format(
+        read_realsense,
+        "RealSense CSV",
+        1,
+        None,
+        "its header",
+        "the streams Accel and Gyro of a file of rs-convert or rs-data-collect",
+        "m/s^2 and rad/s, by <https://dev.intelrealsense.com/docs/rs-motion>",
+        f"the hardware clock, in ms or us as the clock of the host shows; {OWN_CLOCKS}",
+        (),
+        "d435i_imu_pose.csv",
     ),
     "rosbag": Format(
         read_rosbag,

@@ -12,7 +12,7 @@ from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.dates import is_date_column
 from imucal.io.header import Header, Triad, header_of
-from imucal.io.layout import Layout, split_line
+from imucal.io.layout import Layout, is_number, split_line
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES, SKIP, is_canonical, time_unit, triad_part
 from imucal.io.remarks import remark
@@ -43,8 +43,9 @@ class Head:
 
     def __init__(self, text: Text) -> None:
         layout = text.layout
-        lines = text.content[layout.start : layout.start + (1 << 16)].decode(errors="replace").split("\n")
-        if layout.start + (1 << 16) < len(text.content):
+        start, is_all = text.first_rows(1 << 16)
+        lines = start.decode(errors="replace").split("\n")
+        if not is_all:
             lines = lines[:-1]
         rows = [split_line(line, layout.separator) for line in lines[:HEAD_ROWS] if line.strip()]
         names = layout.names or [str(index) for index in range(layout.width)]
@@ -63,9 +64,12 @@ class Head:
 
     def is_date(self, name: str) -> bool:
         """Whether a column holds dates or times of day."""
+        cells = self.cells.get(name, [])[:50]
+        if all(map(is_number, cells)):
+            return False
         import pyarrow as pa
 
-        return is_date_column(pa.array(self.cells.get(name, [])[:50], pa.string())) is not None
+        return is_date_column(pa.array(cells, pa.string())) is not None
 
 
 def _number(cell: str, decimal: str) -> float:
@@ -273,6 +277,5 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
 
 
 def _whole_rows(text: Text) -> bytes:
-    start = text.layout.start
-    part = text.content[start : start + (1 << 15)]
-    return part if start + len(part) == len(text.content) else part[: part.rfind(b"\n") + 1]
+    part, is_all = text.first_rows(1 << 15)
+    return part if is_all else part[: part.rfind(b"\n") + 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,8 +26,13 @@ from imucal.units import COLUMN_UNITS, TICKS_PER_S
 __all__ = ["joined"]
 
 
-def joined(accel: Sensor, gyro: Sensor, units: Units, sources: Sequence[Source]) -> Recording:
-    """One recording of both sensors, on one clock if their time stamps differ."""
+def joined(
+    accel: Sensor, gyro: Sensor, units: Units, sources_of: Callable[[], Sequence[Source]]
+) -> Recording:
+    """One recording of both sensors, on one clock if their time stamps differ.
+
+    sources_of  the files, whose hashes are known when they are read
+    """
     accel_unit, gyro_unit = unit_of_sensor(accel, "accel", units), unit_of_sensor(gyro, "gyro", units)
     require_gravity(accel, accel_unit)
     tables = []
@@ -40,6 +45,7 @@ def joined(accel: Sensor, gyro: Sensor, units: Units, sources: Sequence[Source])
             names[known.index(column)] = f"{what}_{axis}_{unit}"
         table = read_rows(sensor.text, names)
         tables.append(replace(table, ticks_per_s=ticks))
+    sources = sources_of()
     file = f"{accel.text.name} + {gyro.text.name}"
     findings = [finding for table in tables for finding in table.findings]
     is_headed = accel.text.layout.names is not None
@@ -75,19 +81,27 @@ def joined(accel: Sensor, gyro: Sensor, units: Units, sources: Sequence[Source])
 
 def _nanoseconds(table: Table) -> NDArray[np.int64]:
     """The time stamps of a table, ns; exact for integers."""
-    import pyarrow as pa
-
     name = next(name for name in table.names if name.startswith("time_"))
     column = table.column(name)
+    ticks = table.ticks_per_s or TICKS_PER_S[name.removeprefix("time_")]
+    if isinstance(column, np.ndarray):
+        if column.dtype.kind == "i":
+            return np.asarray(column * int(1e9 / ticks))
+        return _rounded(table, column, ticks)
+    import pyarrow as pa
+
     if isinstance(column, pa.ChunkedArray):
         column = column.combine_chunks()
     if pa.types.is_timestamp(column.type):
         factor = 1e9 / TICKS_PER_S[column.type.unit]
         return np.asarray(numpy_of(column.view(pa.int64()).fill_null(0))) * int(factor)
-    ticks = table.ticks_per_s or TICKS_PER_S[name.removeprefix("time_")]
     if pa.types.is_integer(column.type) and not column.null_count:
         return np.asarray(numpy_of(column), dtype=np.int64) * int(1e9 / ticks)
-    values = float64(column)
+    return _rounded(table, float64(column), ticks)
+
+
+def _rounded(table: Table, values: NDArray[np.float64], ticks: float) -> NDArray[np.int64]:
+    """Time stamps as real numbers, ns."""
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise FormatError(

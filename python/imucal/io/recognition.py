@@ -24,6 +24,7 @@ from imucal.io.packed import (
     kind_of_zip,
     unpacked_start,
 )
+from imucal.io.realsense import is_realsense
 from imucal.io.ros import ROS1_MAGIC
 from imucal.io.sentences import are_labels, are_sentences
 from imucal.io.text import head_of
@@ -50,6 +51,8 @@ STARTS: Final = (
     (b"\x93NUMPY", "numpy"),
     (ZIP, "numpy"),
 )
+# First bytes of a log of Betaflight, Cleanflight or INAV.
+BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
 # Extensions used by one format only. They identify a file whose first bytes are damaged.
 ENDINGS: Final = {
     ".parquet": "parquet",
@@ -80,6 +83,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
             return "folder"
     start = first_bytes(paths[0], max(len(magic) for magic, _ in STARTS))
     _refuse_spreadsheet(path, start)
+    _refuse_blackbox(path)
     if start.startswith(ZIP) and path.suffix.lower() != ".npz":
         return _format_of_zip(path)
     for magic, name in STARTS:
@@ -90,6 +94,8 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
     head = unpacked_start(path.name, path, HEAD)
+    if is_realsense(head):
+        return "realsense"
     if are_sentences(head):
         return "vectornav"
     if are_labels(head):
@@ -120,6 +126,14 @@ def _has_header(path: str | os.PathLike[str]) -> bool:
 def _refuse_spreadsheet(path: Path, start: bytes) -> None:
     if start.startswith(OLD_SPREADSHEET):
         raise FormatError(f"{path.name} is a spreadsheet (Excel 97 to 2003): {SPREADSHEET_WAY_OUT}")
+
+
+def _refuse_blackbox(path: Path) -> None:
+    if first_bytes(path, len(BLACKBOX)) == BLACKBOX:
+        raise FormatError(
+            f"{path.name} is a Betaflight log: convert it with `blackbox_decode --unit-rotation deg/s "
+            f"--unit-acceleration g {path.name}`, and give the CSV file that this writes"
+        )
 
 
 def _format_of_zip(path: Path) -> str:

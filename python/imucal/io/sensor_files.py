@@ -15,7 +15,7 @@ from imucal.io.headed import layout_header, recording_of_text
 from imucal.io.joined import joined
 from imucal.io.packed import TEXT_ENDINGS, ZIP, Archive
 from imucal.io.sensor import Sensor, has_gravity, sensor_of, units_given
-from imucal.io.text import Text, head_of, open_text
+from imucal.io.text import Text, head_of, open_path, open_text
 from imucal.recording.recording import Recording
 
 __all__ = ["are_pair", "read_folder", "read_pair"]
@@ -38,8 +38,8 @@ def read_pair(
     Units are needed only where the headers give none; a unit that a header contradicts is an InputError.
     """
     units = units_given(time_unit, accel_unit, gyro_unit)
-    sensors = [sensor_of(open_text(open_file(path))) for path in (first_path, second_path)]
-    return joined(*_by_role(sensors), units, [sensor.text.sources[0] for sensor in sensors])
+    sensors = [sensor_of(open_path(path)) for path in (first_path, second_path)]
+    return joined(*_by_role(sensors), units, lambda: [sensor.text.sources[0] for sensor in sensors])
 
 
 def read_folder(
@@ -74,8 +74,7 @@ def read_folder(
             continue
     accel = _chosen(name, [s for s in sensors if s.what == "accel"], "accelerometer", texts)
     gyro = _chosen(name, [s for s in sensors if s.what == "gyro"], "gyroscope", texts)
-    sources = list(dict.fromkeys([*accel.text.sources, *gyro.text.sources]))
-    return joined(accel, gyro, units, sources)
+    return joined(accel, gyro, units, lambda: list(dict.fromkeys([*accel.text.sources, *gyro.text.sources])))
 
 
 def are_pair(paths: Sequence[str | os.PathLike[str]]) -> bool:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
 from imucal.finding import Finding
 
 __all__ = ["ROWS_AT_ONCE", "Stored", "Table", "parts"]
@@ -29,7 +31,7 @@ class Stored:
 
 @dataclass(frozen=True)
 class Table:
-    """Named columns of one file, of equal length: either Arrow arrays or `Stored` columns.
+    """Named columns of one file, of equal length: all Arrow arrays, NumPy arrays, or `Stored` columns.
 
     place        location of row i in the file, for messages: "line 12"
     findings     what the reader repaired or left out
@@ -53,6 +55,9 @@ def parts(columns: Sequence[Any]) -> Iterator[list[Any]]:
     if columns and isinstance(columns[0], Stored):
         for batch in columns[0].batches([column.name for column in columns]):
             yield [batch.column(column.name) for column in columns]
+    elif columns and isinstance(columns[0], np.ndarray):
+        for start in range(0, len(columns[0]), ROWS_AT_ONCE):
+            yield [column[start : start + ROWS_AT_ONCE] for column in columns]
     elif columns:
         import pyarrow as pa
 

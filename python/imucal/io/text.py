@@ -1,26 +1,29 @@
 """Tables of numbers as text, separated by comma, semicolon, tab or spaces, with or without a header.
 
-A text is read by Arrow in one pass. Only if that fails is it read again as text, and lines that are no rows
-are left out (see `rows`).
+A text of plain numbers is parsed in blocks while it is read and hashed, so that a file is never in memory as
+a whole. Any other text is read by Arrow in one pass. Only if that fails is it read again as text, and lines
+that are no rows are left out (see `rows`).
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from imucal.document.source import File, Source, first_bytes
+import imucal._core as _core
+from imucal.document.source import File, Source, first_bytes, hashed_blocks, open_file
 from imucal.errors import FormatError
 from imucal.io.layout import HEAD, Layout, layout_of, plain_text
 from imucal.io.names import SKIP, is_canonical, time_unit
-from imucal.io.packed import unpacked, unpacked_start
+from imucal.io.packed import GZIP, unpacked, unpacked_start
 from imucal.io.rows import LastLine, cleaned_columns, without_blank_rows
 from imucal.io.table import Table
 
-__all__ = ["NotInPartsError", "Text", "head_of", "headed_parts", "open_text", "read_rows"]
+__all__ = ["NotInPartsError", "Text", "head_of", "headed_parts", "open_path", "open_text", "read_rows"]
 
 # Size of one part of a file that is read in parts, bytes.
 PART: Final = 1 << 22
@@ -28,14 +31,92 @@ PART: Final = 1 << 22
 WORTH_THREADS: Final = 1 << 24
 
 
-@dataclass(frozen=True)
+# Size of the blocks in which plain numbers are parsed, bytes: large enough for several threads.
+BLOCK: Final = 1 << 22
+# Size of the end of a file in which the last lines are compared, bytes.
+TAIL: Final = 1 << 16
+
+
 class Text:
     """A text table in memory: its bytes in UTF-8, and its layout."""
 
-    name: str
-    content: bytes
-    layout: Layout
-    sources: tuple[Source, ...]
+    def __init__(self, name: str, content: bytes, layout: Layout, sources: tuple[Source, ...]) -> None:
+        self.name, self.layout = name, layout
+        self._content, self._sources = content, sources
+
+    @property
+    def content(self) -> bytes:
+        """The whole text."""
+        return self._content
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """The file or the files that contain the text."""
+        return self._sources
+
+    def first_rows(self, size: int) -> tuple[bytes, bool]:
+        """The start of the rows, at most `size` bytes, and whether these are all rows."""
+        part = self.content[self.layout.start : self.layout.start + size]
+        return part, self.layout.start + len(part) == len(self.content)
+
+    def numbers(self, used: list[bool]) -> list[Any] | None:
+        """The used columns as arrays, if all rows consist of plain numbers, otherwise None."""
+        start = self.layout.start
+        if LastLine(self.content, self.layout).cut:
+            return None
+        blocks = (self.content[at : at + BLOCK] for at in range(start, len(self.content), BLOCK))
+        return _parsed(self.layout, used, blocks)
+
+
+class _StoredText(Text):
+    """A text table in a file, which is loaded only if it does not consist of plain numbers."""
+
+    def __init__(self, path: str | os.PathLike[str], head: bytes, layout: Layout) -> None:
+        super().__init__(Path(path).name, head, layout, ())
+        self._path = path
+
+    @cached_property
+    def content(self) -> bytes:
+        file = open_file(self._path)
+        self._sources = (file.source,)
+        return content_of(file)
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        return self._sources or (open_file(self._path).source,)
+
+    def first_rows(self, size: int) -> tuple[bytes, bool]:
+        with Path(self._path).open("rb") as file:
+            file.seek(self.layout.start)
+            part = file.read(size)
+            return part, not file.read(1)
+
+    def numbers(self, used: list[bool]) -> list[Any] | None:
+        if self._is_cut():
+            return None
+        sources: list[Source] = []
+        blocks = hashed_blocks(self._path, self.layout.start, BLOCK, sources)
+        if next(blocks) != self._content[: self.layout.start]:
+            return None
+        columns = _parsed(self.layout, used, blocks)
+        if columns is not None:
+            self._sources = tuple(sources)
+        return columns
+
+    def _is_cut(self) -> bool:
+        """Whether the last line is incomplete."""
+        with Path(self._path).open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(self.layout.start, size - TAIL))
+            return bool(LastLine(file.read(), replace(self.layout, start=0)).cut)
+
+
+def _parsed(layout: Layout, used: list[bool], blocks: Iterator[bytes]) -> list[Any] | None:
+    table = _core.NumberColumns(ord(layout.separator), ord(layout.decimal), used)
+    if not all(map(table.add, blocks)):
+        return None
+    columns = table.finish()
+    return columns if columns and len(columns[0]) else None
 
 
 class NotInPartsError(FormatError):
@@ -57,6 +138,18 @@ def open_text(file: File, *, width: int | None = None, used: Sequence[int] = (),
     content = content_of(file)
     layout = layout_of(file.name, content, width=width, used=used, skip_rows=skip_rows)
     return Text(file.name, content, layout, (file.source,))
+
+
+def open_path(
+    path: str | os.PathLike[str], *, width: int | None = None, used: Sequence[int] = (), skip_rows: int = 0
+) -> Text:
+    """The text of a file in the way of `open_text`, which is not loaded if it consists of plain numbers."""
+    head, name = first_bytes(path, HEAD), Path(path).name
+    if not head.startswith(GZIP) and b"\n" in head and plain_text(name, head) is head:
+        layout = layout_of(name, head, width=width, used=used, skip_rows=skip_rows)
+        if layout.first:
+            return _StoredText(path, head, layout)
+    return open_text(open_file(path), width=width, used=used, skip_rows=skip_rows)
 
 
 def head_of(path: str | os.PathLike[str]) -> tuple[bytes, Layout]:
@@ -110,21 +203,25 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
 
     Columns with canonical names must hold numbers, a time column numbers or dates.
     """
-    import pyarrow as pa
-    from pyarrow import csv
-
     layout = text.layout
     used = [index for index, name in enumerate(names) if name not in SKIP]
     kept = [names[index] for index in used]
-    last = LastLine(text.content, layout)
 
     def place(row: int) -> str:
         return f"line {_line_of_row(text.content, layout.start, row) + layout.line - 1}"
+
+    if layout.first:
+        numbers = text.numbers([name not in SKIP for name in names])
+        if numbers is not None:
+            return Table(text.name, kept, numbers, place)
+    import pyarrow as pa
+    from pyarrow import csv
 
     if not layout.first:
         empty = pa.chunked_array([pa.array([], pa.float64())])
         return Table(text.name, kept, [empty] * len(kept), place)
 
+    last = LastLine(text.content, layout)
     buffer = pa.py_buffer(text.content).slice(layout.start, last.end - layout.start)
     if layout.separator == " ":
         buffer = pa.py_buffer(_with_single_spaces(buffer.to_pybytes()))

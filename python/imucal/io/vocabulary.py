@@ -153,14 +153,14 @@ class _Wanted:
 
     def since_first(self, name: str, ticks_per_s: float) -> NDArray[np.float64]:
         """A time column, counted from the first time stamp of the recording, s; filled by `read`."""
-        import pyarrow as pa
-
         out, clock = np.empty(self.rows), self.clock
 
         def take(where: slice, part: Any) -> None:
-            if pa.types.is_timestamp(part.type):
+            if _ticks_per_s(part):
+                import pyarrow as pa
+
                 part = part.view(pa.int64())
-            is_whole = pa.types.is_integer(part.type)
+            is_whole = _is_whole(part)
             present = np.ones(len(part), dtype=bool)
             if is_whole:
                 # Subtract as integers: 1.4e18 ns has more digits than a float64 can represent.
@@ -179,6 +179,8 @@ class _Wanted:
 
     def read(self) -> None:
         """Fill all requested arrays."""
+        if self._columns and isinstance(self._columns[0], np.ndarray):
+            self._read_arrays()
         start = 0
         for part in parts(self._columns):
             where = slice(start, start + len(part[0]))
@@ -186,6 +188,17 @@ class _Wanted:
                 take(where, values)
             start = where.stop
         self.clock.rows += self.rows
+
+    def _read_arrays(self) -> None:
+        """Take the columns one after the other, each of which is then no longer in memory."""
+        self.table.columns.clear()
+        self._columns.reverse()
+        for take in self._takers:
+            column, start, part = self._columns.pop(), 0, None
+            for (part,) in parts([column]):
+                take(slice(start, start + len(part)), part)
+                start += len(part)
+            del column, part
 
     def _want(self, name: str, take: Callable[[slice, Any], None]) -> None:
         column = self.table.column(name)
@@ -239,6 +252,8 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], s
 
 def _fits_float32(column: Any) -> bool:
     """Whether float32 can represent every number of this column's type, and NaN for empty cells."""
+    if isinstance(column, np.ndarray):
+        return column.itemsize <= (2 if column.dtype.kind == "i" else 4)
     import pyarrow as pa
 
     kind = column.type
@@ -291,6 +306,8 @@ def _temperature(wanted: _Wanted, used: set[str]) -> tuple[NDArray[Any] | None, 
 
 def _ticks_per_s(column: Any) -> float | None:
     """The ticks per second of a time stamp column (date with time of day); None for other types."""
+    if isinstance(column, np.ndarray):
+        return None
     import pyarrow as pa
 
     return TICKS_PER_S[column.type.unit] if pa.types.is_timestamp(column.type) else None
@@ -309,7 +326,17 @@ def _found(table: Table) -> str:
     return f"found: {', '.join(table.names)}. {columns_suggested(table.names, numbers)}"
 
 
+def _is_whole(column: Any) -> bool:
+    if isinstance(column, np.ndarray):
+        return bool(column.dtype.kind == "i")
+    import pyarrow as pa
+
+    return bool(pa.types.is_integer(column.type))
+
+
 def _is_numeric(column: Any) -> bool:
+    if isinstance(column, np.ndarray):
+        return True
     import pyarrow as pa
 
     kind = column.type

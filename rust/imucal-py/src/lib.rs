@@ -11,6 +11,7 @@ mod gap;
 mod interrupt;
 mod mappings;
 mod noise;
+mod number_columns;
 mod options;
 mod plan;
 mod results;
@@ -45,6 +46,8 @@ mod _core {
     use super::interrupt::interruptible;
     #[pymodule_export]
     use super::noise::{AxisNoise, Noise, NoiseEstimate, allan_deviations, allan_factors, identify_noise};
+    #[pymodule_export]
+    use super::number_columns::NumberColumns;
     use super::options::{CalibrateOptions, frame_named};
     #[pymodule_export]
     use super::plan::{optimal_program, plan_effect_parameters, predict_sigma, smallest_visible};

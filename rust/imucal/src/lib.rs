@@ -47,6 +47,7 @@ pub mod gap;
 pub mod held;
 pub mod joint;
 pub mod noise;
+pub mod number_columns;
 pub mod numerics;
 mod parameters;
 pub mod plan;

@@ -1,0 +1,45 @@
+//! Columns of numbers in a text.
+
+use imucal::number_columns::{Column, Form, NotPlain, NumberColumns as Library};
+use numpy::{IntoPyArray, PyArrayMethods, PyUntypedArray};
+use pyo3::prelude::*;
+
+/// The columns of a text table of plain numbers, given in blocks of bytes.
+#[pyclass]
+pub(crate) struct NumberColumns {
+    /// None after a block that is not plain, and at the end.
+    table: Option<Library>,
+}
+
+#[pymethods]
+impl NumberColumns {
+    /// `separator` and `decimal` are bytes; `used` says for each field whether it is a column.
+    #[new]
+    fn new(separator: u8, decimal: u8, used: Vec<bool>) -> Self {
+        let form = Form { separator, decimal, used };
+        Self { table: Some(Library::new(form)) }
+    }
+
+    /// Adds a block; false if the text is not plain.
+    fn add(&mut self, py: Python<'_>, block: &[u8]) -> bool {
+        let Some(table) = &mut self.table else { return false };
+        let is_plain = py.detach(|| table.add(block)) == Ok(());
+        if !is_plain {
+            self.table = None;
+        }
+        is_plain
+    }
+
+    /// The columns as arrays of int64 or float64; None if the text is not plain.
+    fn finish<'py>(&mut self, py: Python<'py>) -> Option<Vec<Bound<'py, PyUntypedArray>>> {
+        let columns = self.table.take().ok_or(NotPlain).and_then(Library::finish).ok()?;
+        Some(columns.into_iter().map(|column| array(py, column)).collect())
+    }
+}
+
+fn array(py: Python<'_>, column: Column) -> Bound<'_, PyUntypedArray> {
+    match column {
+        Column::Whole(values) => values.into_pyarray(py).as_untyped().clone(),
+        Column::Real(values) => values.into_pyarray(py).as_untyped().clone(),
+    }
+}
