@@ -188,7 +188,8 @@ EXPORTS: Final = (
         "Betaflight, blackbox_decode",
         "blackbox_decode --unit-rotation deg/s --unit-acceleration g LOG00001.BFL",
         "imucal convert LOG00001.01.csv -o rec.csv",
-        "Betaflight has filtered both sensors and turned their axes; logs (.BFL, .BBL) are refused with this command",
+        "Betaflight has filtered both sensors and turned their axes; logs (.BFL, .BBL) are refused with this "
+        "command",
     ),
     Export(
         "RealSense, rs-convert",
