@@ -101,8 +101,12 @@ lint-rust: rust-components $(VENV)/.tools
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	$(call say,Rust: licences)
 	$(PY) tests/package/licences.py
-	@if cargo deny --version >/dev/null 2>&1; then cargo deny check; \
-	  else echo "vulnerabilities are not looked up: cargo install cargo-deny"; fi
+	@PATH="$(CURDIR)/$(BIN):$$PATH"; \
+	if ! cargo deny --version >/dev/null 2>&1; then \
+	  echo "sources and advisories are not checked: cargo install cargo-deny"; exit 0; fi; \
+	cargo deny --offline --locked check licenses bans sources; \
+	if timeout 60 cargo deny fetch db >/dev/null 2>&1; then cargo deny --locked check advisories; \
+	  else echo "advisories are not checked: their database at github.com is out of reach"; fi
 
 lint-documentation: rust-components $(VENV)/.tools
 	$(call say,Rust: documentation)
