@@ -12,6 +12,7 @@
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
+#   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
 #   make fuzz      damaged files of every format for MINUTES=30, then arbitrary recordings with cargo-fuzz
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
@@ -180,7 +181,8 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy rounding faces six-positions gap-benchmark plan traps stand first-steps docs-figures docs-pictures
+.PHONY: demo bench accuracy rounding faces six-positions gap-benchmark plan traps signals stand first-steps
+.PHONY: docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -228,6 +230,10 @@ plan: $(VENV)/.installed
 traps: $(VENV)/.installed
 	$(call say,Traps)
 	PYTHONPATH=benches:tests/traps:tests/fixtures $(PY) benches/traps.py
+
+signals: $(VENV)/.installed
+	$(call say,Signals)
+	$(PY) benches/signals.py
 
 stand: $(VENV)/.installed
 	$(call say,Units on the line)

@@ -1,7 +1,7 @@
 """Traps and clean runs: `make traps`, to docs/results/traps.md.
 
 Every row of the table of traps (tests/traps) is asked by command. Clean runs in five conditions must be good:
-a tool that refuses everything would pass the first table.
+a tool that refuses everything would pass the first table. Two other programs are asked the same rows.
 """
 
 import dataclasses
@@ -19,11 +19,13 @@ from imucal.rig.motion import Tumble
 from imucal.rig.unit import Unit
 from rows import TRAPS
 from sections import write_section
-from trap import WITHIN_SIGMAS, answers_to
+from trap import WITHIN_SIGMAS, answer_by_command
+from trap_peers import PEERS, outcome_of
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs/results/traps.md"
 OUTCOMES = ("refused", "poor", "incomplete", "good", "wrong")
+PEER_OUTCOMES = ("right", "wrong", "refused", "not readable")
 # Runs of each condition, with the seeds from 0.
 CLEAN_RUNS = 100
 
@@ -55,12 +57,21 @@ CONDITIONS = {
 
 def trap_table():
     by_kind = defaultdict(Counter)
+    by_peer, own = {peer: Counter() for peer in PEERS}, Counter()
     wrong = []
     for trap in track(TRAPS, description="Traps"):
-        with tempfile.TemporaryDirectory() as folder:
-            observed = answers_to(trap, Path(folder)).by_command
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            question = trap.make(folder)
+            for peer, counts in by_peer.items():
+                counts[outcome_of(peer, trap, question)] += 1
+            observed = answer_by_command(question, folder)
+        is_right = observed.is_right(trap)
+        own[
+            ("right" if is_right else "wrong") if observed.outcome != "refused" or is_right else "refused"
+        ] += 1
         by_kind[trap.kind][observed.outcome] += 1
-        if not observed.is_right(trap):
+        if not is_right:
             wrong.append(
                 f"{trap.kind}, {trap.name}: {observed.outcome}, not {' or '.join(map(str, trap.right))}"
             )
@@ -72,7 +83,13 @@ def trap_table():
     ]
     total = sum(by_kind.values(), Counter())
     rows.append(f"| **all** | {len(TRAPS)} | " + " | ".join(str(total[name]) for name in OUTCOMES) + " |")
-    return "\n".join(["| kind | rows | " + " | ".join(OUTCOMES) + " |", "|---|" + "---:|" * 6, *rows]), wrong
+    table = "\n".join(["| kind | rows | " + " | ".join(OUTCOMES) + " |", "|---|" + "---:|" * 6, *rows])
+    peer_rows = [
+        f"| {peer} | " + " | ".join(str(counts[name]) for name in PEER_OUTCOMES) + " |"
+        for peer, counts in {"imucal": own, **by_peer}.items()
+    ]
+    head = "| program | " + " | ".join(PEER_OUTCOMES) + " |"
+    return table, wrong, "\n".join([head, "|---|" + "---:|" * len(PEER_OUTCOMES), *peer_rows])
 
 
 def clean_table():
@@ -102,7 +119,7 @@ def clean_table():
 
 
 def main():
-    table, wrong = trap_table()
+    table, wrong, peers = trap_table()
     told = "\n".join(f"- {row}" for row in wrong) or "Every row has an outcome that is right."
     write_section(
         PAGE,
@@ -110,6 +127,21 @@ def main():
         "Rows by kind and outcome",
         f"{len(TRAPS)} inputs that easily give a wrong result. Wrong: a usable result with a parameter more "
         f"than {WITHIN_SIGMAS:g} stated standard deviations from the truth.\n\n{table}\n\n{told}",
+    )
+    write_section(
+        PAGE,
+        "Traps",
+        "Other programs",
+        f"""The same {len(TRAPS)} rows. Right: one of the right outcomes of the row; a result counts as right only
+if all its parameters are within {WITHIN_SIGMAS:g} of its own stated standard deviations. Wrong: any other
+result. Refused: no result where one is right. Not readable: the row asks for something else than a calibration
+of one recording, the program cannot read the file, or it needs another motion.
+
+{peers}
+
+The SciPy program has the model of imucal without its checks, and gets the columns of the file as arrays.
+imucal 2.6 of the package index calibrates from six poses along the axes and a full turn about each axis, which
+are marked by hand; no row has this motion.""",
     )
     write_section(
         PAGE,

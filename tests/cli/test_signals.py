@@ -29,13 +29,13 @@ def processor_s(process):
     return (int(fields[11]) + int(fields[12])) / 100.0
 
 
-def interrupted(words, number):
-    """Run a command that does not end by itself, and send a signal when it calculates."""
+def interrupted(words, number, works_s=WORKS_S):
+    """Run a command, and send a signal when it has calculated for `works_s`; exit code, standard error."""
     process = subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_signals
     )
     end_s = time.monotonic() + HANGS_S
-    while process.poll() is None and processor_s(process) < WORKS_S and time.monotonic() < end_s:
+    while process.poll() is None and processor_s(process) < works_s and time.monotonic() < end_s:
         time.sleep(0.02)
     process.send_signal(number)
     try:
@@ -59,6 +59,55 @@ def test_a_command_that_calculates_is_ended(tmp_path, number, code, what):
     )
     assert output.read_text() == "old"
     assert list(tmp_path.iterdir()) == [output]
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Recordings that take a command more than a second: in motion, at rest, as text, a control run."""
+    folder = tmp_path_factory.mktemp("long")
+
+    def stand(seed, moves):
+        program = imucal.Program.random(seed=seed, moves=moves, hold_s=2.0)
+        return imucal.simulate(program, seed=seed, unit="bmi088", rate_hz=400.0).recording
+
+    imucal.write(stand(1, 500), folder / "run.parquet")
+    control = stand(2, 60)
+    imucal.write(control, folder / "control.parquet")
+    imucal.write(control, folder / "run.csv")
+    still = imucal.simulate(imucal.Static(1800.0), seed=3, unit="bmi088", rate_hz=400.0).recording
+    imucal.write(still, folder / "still.parquet")
+    return folder
+
+
+LONG = {
+    "simulate": ["simulate", "random", "--moves=5000", "--rate-hz=400", "-o", "OUT.csv"],
+    "convert": ["convert", "run.csv", "-o", "OUT.csv"],
+    "inspect": ["inspect", "run.parquet"],
+    "calibrate": ["calibrate", "run.parquet", "-o", "OUT.json"],
+    "report": ["calibrate", "control.parquet", "-o", "OUT.json", "--report", "OUT.html"],
+    "gap": ["gap", "run.parquet", "--control=control.parquet", "-o", "OUT.json"],
+    "noise": ["noise", "still.parquet"],
+    "stand": ["stand", "run", "random", "--driver=simulated", "--speed=1", "-o", "OUT.csv"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LONG)
+def test_ctrl_c_leaves_no_part_of_a_file(recordings, tmp_path, name):
+    """At several times of a run, until one of them is before its end."""
+    words = [str(tmp_path / word) if word.startswith("OUT.") else word for word in LONG[name]]
+    words = [str(recordings / word) if (recordings / word).is_file() else word for word in words]
+    for works_s in (1.0, 0.6, 0.4, 0.25):
+        code, shown = interrupted([COMMAND, *words], signal.SIGINT, works_s)
+        if code == 130:
+            break
+        assert code in (0, 2), shown
+        for file in tmp_path.iterdir():
+            file.unlink()
+    assert code == 130, shown
+    assert "interrupted" in shown
+    # A run of the stand keeps its journal, from which `imucal stand recover` makes a recording.
+    assert [file.name for file in tmp_path.iterdir() if "journal" not in file.name] == []
 
 
 @pytest.mark.slow

@@ -109,10 +109,11 @@ class Answers:
 def answers_to(trap: Trap, folder: Path) -> Answers:
     """Ask the command and the API; `folder` is empty and takes the files of the trap."""
     question = trap.make(folder)
-    return Answers(_by_command(question, folder), _by_call(question))
+    return Answers(answer_by_command(question, folder), _by_call(question))
 
 
-def _by_command(question: Question, folder: Path) -> Observed:
+def answer_by_command(question: Question, folder: Path) -> Observed:
+    """Ask the command alone; the files of the question are in `folder`."""
     shown, document = io.StringIO(), folder / "trap-result.json"
     with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(shown):
         code = main([*map(str, question.command), "--json", str(document)])

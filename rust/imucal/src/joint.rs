@@ -25,6 +25,7 @@ mod pass;
 mod prepared;
 mod problem;
 mod rests;
+mod reweighting;
 mod scatter;
 mod settle;
 mod start;
@@ -72,6 +73,7 @@ use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Solution};
 use crate::rests::moves::Ends;
 use problem::report::moves_of;
+use reweighting::Reweighting;
 use start::Prior;
 use weights::Weights;
 
@@ -90,8 +92,9 @@ const SETTLED: f64 = 1e-3;
 /// of a standard deviation, as in the convergence test of a single fit. Between the two limits the estimate is usable;
 /// slow hand-held runs with a temperature cycle end there, with changes that shrink by a constant factor per fit.
 const NOT_SETTLED: f64 = 0.1;
-/// Maximum number of fits with new weights. A fit that does not settle within it is reported as not converged.
-const MAX_ROUNDS: usize = 8;
+/// Maximum number of fits with new weights. A fit that does not settle within it is reported as not converged. Most
+/// runs settle within five.
+const MAX_ROUNDS: usize = 16;
 /// Limit of the ratio of residual scatter to noise at the start of a search. Above it, the weights estimated from these
 /// residuals are too small, so the fit is repeated with new weights.
 const MISLEADING: f64 = 10.0;
@@ -128,6 +131,7 @@ pub(crate) fn fit(
     let mut iterations = 0;
     begin(&mut problem, terms, &parameters, |term| term.partly.then_some(WIDE))?;
     choose_shapes(&mut problem, terms, &mut parameters)?;
+    let mut reweighting = Reweighting::default();
     for round in 0..MAX_ROUNDS {
         // The weights of the first round are preliminary, so a coarse fit suffices.
         let tolerance = if round == 0 { SEARCH } else { lsq::EXACT };
@@ -146,7 +150,7 @@ pub(crate) fn fit(
             return JointFit::new(&problem, terms, found, (iterations, have_settled));
         }
         parameters.clone_from(&found.parameters);
-        problem.weigh_by(&found)?;
+        reweighting.update(&mut problem, &found)?;
     }
     Err(Error::Fit("the joint fit made no step".into()))
 }
@@ -196,7 +200,7 @@ pub(crate) fn predict(
 ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
     let parameters = model.parameters();
     let linear = prepared.linearise(terms, &parameters)?;
-    let weights = Weights::of(prepared, terms, &linear, None);
+    let weights = Weights::of(prepared, terms, &linear);
     Ok(moves_of(&linear, &weights))
 }
 

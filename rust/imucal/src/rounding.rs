@@ -53,6 +53,10 @@ pub struct Rounding {
     /// Variance of the error that rounding leaves in the mean of a rest. It does not depend on the duration of the
     /// rest.
     pub error_variance: f64,
+    /// Whether the reading of a rest determines its error: equal readings then have equal errors. A force whose
+    /// samples are all at one level may be anywhere within half a step of it. The rates at rest are all zero, so their
+    /// errors are equal even then.
+    pub is_determined: bool,
 }
 
 /// Numbers of samples at each level, for readings of nearly equal mean.
@@ -68,7 +72,12 @@ impl Rounding {
     /// Rounding with a known noise, for predictions. `None` if it leaves no error.
     pub(crate) fn of_noise(step: f64, noise: f64) -> Option<Self> {
         let coarse = step > 0.0 && (noise / step).hypot(1.0 / 12f64.sqrt()) < LEAST_SCATTER;
-        coarse.then(|| Self { step, noise, error_variance: step * step * error_variance(noise / step) })
+        coarse.then(|| Self {
+            step,
+            noise,
+            error_variance: step * step * error_variance(noise / step),
+            is_determined: true,
+        })
     }
 
     /// Rounding of the axes of a triad with these steps. `None` for an axis whose noise is not below its step.
@@ -107,6 +116,7 @@ impl Rounding {
                 step,
                 noise: step * mean(&|noise| noise * noise).sqrt(),
                 error_variance: step * step * mean(&error_variance),
+                is_determined: true,
             }
         })
     }
@@ -239,7 +249,7 @@ mod tests {
 
     #[test]
     fn rests_with_equal_readings_share_the_error() {
-        let rounding = Rounding { step: 0.5, noise: 0.1, error_variance: 0.01 };
+        let rounding = Rounding { step: 0.5, noise: 0.1, error_variance: 0.01, is_determined: true };
         let covariance = |apart: f64| rounding.covariance(3.0, &rounding, 3.0 + apart) / 0.01;
         assert!((covariance(0.0) - 1.0).abs() < 1e-12);
         assert!(covariance(0.25) < -0.5 && covariance(5.0).abs() < 1e-12);

@@ -19,7 +19,7 @@ use super::prepared::Prepared;
 use super::start::Prior;
 use super::terms::Terms;
 use super::wander::{UnitWander, Wander};
-use super::weights::Weights;
+use super::weights::{Weights, Widened, Widening};
 use crate::error::Error;
 use crate::held::HeldRow;
 use crate::numerics::lsq::{self, Residuals, Solution};
@@ -44,7 +44,7 @@ pub(crate) struct Joint<'a> {
 impl<'a> Joint<'a> {
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
         let linear = Arc::new(prepared.linearise(terms, parameters)?);
-        let weights = Weights::of(prepared, terms, &linear, None);
+        let weights = Weights::of(prepared, terms, &linear);
         Self::with(prepared, terms, linear, weights)
     }
 
@@ -93,14 +93,27 @@ impl<'a> Joint<'a> {
             return Some(unit);
         }
         let raw = self.raw_scale(Sensor::Gyroscope, &model.parameters());
-        let seen = self.weights.bias_instability;
+        let seen = self.weights.bias_instability();
         (seen != [0.0; 3]).then(|| UnitWander::of_gyroscope(seen.map(|b| b / raw)))
     }
 
     /// Re-estimates the weights from the residuals of a fit.
     pub(crate) fn weigh_by(&mut self, found: &Solution) -> Result<(), Error> {
+        let excess = self.excess_of(found, None)?;
+        self.weigh_with(found, &excess)
+    }
+
+    /// Excess of the residuals of a fit over their noise. The kinds of residuals in `kept` are widened even if their
+    /// excess is not significant.
+    pub(super) fn excess_of(&self, found: &Solution, kept: Option<&Widened>) -> Result<Widening, Error> {
         let linear = self.linear(&found.parameters)?;
-        self.weights = Weights::of(self.prepared, self.terms, &linear, Some((found, &self.weights.scales)));
+        Ok(self.weights.excess(self.prepared, &linear, found, kept))
+    }
+
+    /// Sets the weights to those of a given excess, at the end of a fit.
+    pub(super) fn weigh_with(&mut self, found: &Solution, excess: &Widening) -> Result<(), Error> {
+        let linear = self.linear(&found.parameters)?;
+        self.weights = Weights::with(self.prepared, self.terms, &linear, excess);
         self.let_biases_wander(&linear)
     }
 

@@ -34,13 +34,22 @@ impl RestMean {
     }
 }
 
+/// Largest difference of the readings of two rests in the same pose, on each axis, in steps. Equal poses have equal
+/// errors of rounding, even if their readings do not determine the error.
+const SAME_POSE: f64 = 0.5;
+
 /// Covariance of the errors that rounding leaves in the means of rests, on one axis, raw units squared. `None` if there
 /// are none.
 pub(crate) fn rounding_covariance(means: &[&RestMean], axis: usize) -> Option<Mat<f64>> {
     let reading = |k: usize| (&means[k].rounding[axis], means[k].mean[axis]);
+    let are_in_one_pose = |i: usize, j: usize| {
+        let apart = |axis: usize| (means[i].mean[axis] - means[j].mean[axis]).abs();
+        (0..3).all(|axis| apart(axis) <= SAME_POSE * means[i].rounding[axis].step)
+    };
     let covariance = |i, j| {
         let ((own, at), (other, other_at)) = (reading(i), reading(j));
-        own.covariance(at, other, other_at)
+        let is_common = i == j || (own.is_determined && other.is_determined) || are_in_one_pose(i, j);
+        if is_common { own.covariance(at, other, other_at) } else { 0.0 }
     };
     let is_coarse = means.iter().any(|mean| mean.rounding[axis].is_coarse());
     is_coarse.then(|| Mat::from_fn(means.len(), means.len(), covariance))

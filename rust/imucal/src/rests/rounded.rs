@@ -1,6 +1,7 @@
 //! Rounding at the rests of a recording: the noise below the step of each axis, and the finding that reports it.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use nalgebra::Vector6;
 
@@ -18,6 +19,10 @@ const SAME_READING: f64 = 0.15;
 /// Minimum share of the samples at a level more than 1.5 steps from the mean. Fewer samples come from a jolt or a
 /// faulty transmission, and a single one of them would decide on the noise.
 const FOREIGN: f64 = 1e-3;
+
+/// Share of the samples at each end of a rest that do not contribute to its levels. A filter delays the rate, so a rest
+/// that begins when a move ends still contains the last part of the move. With a filter of 5 Hz this part takes 0.2 s.
+const EDGE: f64 = 0.15;
 
 /// Ratio of c - 1 before rounding to that of the rounded samples at best, where the mean lies in the middle between two
 /// levels. Rounding keeps only the sign of the noise there, and the sign is less correlated than the noise.
@@ -53,6 +58,24 @@ pub(super) fn roundings(
     [a, b, c, d, e, f]
 }
 
+/// Rounding of the six channels at one rest. Unlike the rate, a force of which only one level occurs is not determined
+/// by its reading.
+pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Rounding; 6]) -> [Rounding; 6] {
+    std::array::from_fn(|channel| {
+        let (rows, axis) = of_channel(recording, channel);
+        let mut values = rows.slice(inner(rest)).axis(axis);
+        let first = values.next();
+        let is_determined = channel < 3 || values.any(|value| Some(value) != first);
+        Rounding { is_determined, ..roundings[channel] }
+    })
+}
+
+/// Samples of a rest without its ends.
+fn inner(rest: &Rest) -> Range<usize> {
+    let edge = (EDGE * (rest.end - rest.first) as f64) as usize;
+    rest.first + edge..rest.end - edge
+}
+
 fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samples<'a>, usize) {
     let rows = if channel < 3 { recording.angular_rate } else { recording.specific_force };
     (rows, channel % 3)
@@ -65,7 +88,7 @@ fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64
         .iter()
         .map(|rest| {
             let mut counts = BTreeMap::new();
-            for value in rows.slice(rest.first..rest.end).axis(axis) {
+            for value in rows.slice(inner(rest)).axis(axis) {
                 *counts.entry(((value - zero) / step).round() as i64).or_insert(0.0) += 1.0 / colour;
             }
             let (sum, weight) =
@@ -104,7 +127,7 @@ pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], roundin
     // Channels are listed as in the columns, accelerometer first.
     let of = |column: usize| rounding[(column + 3) % 6];
     let decides = |column: &usize| {
-        let Rounding { step, noise, error_variance } = of(*column);
+        let Rounding { step, noise, error_variance, .. } = of(*column);
         // The mean of white noise of one sample in addition to the rounding of the samples.
         error_variance > (noise * noise).max(step * step / 12.0) / samples
     };
@@ -123,7 +146,7 @@ pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], roundin
     let parts: Vec<String> = columns
         .iter()
         .map(|&column| {
-            let Rounding { step, noise, error_variance } = of(column);
+            let Rounding { step, noise, error_variance, .. } = of(column);
             format!(
                 "{} has a step of {} and noise of {:.2} steps, so rounding leaves an error of {:.2} steps rms in the \
                  mean of a rest",

@@ -24,7 +24,7 @@ use crate::numerics::stats::sample_interval_s;
 use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::rest::{Rest, RestMean, UNSTEADY};
-use crate::rests::rounded::{noise_below_lsb, of_rounded, roundings};
+use crate::rests::rounded::{at_rest, noise_below_lsb, of_rounded, roundings};
 use crate::rounding::{Rounding, step};
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
@@ -131,7 +131,7 @@ impl Segments {
         let colour = &of_rounded(colour, &coarse);
         let rounding = roundings(recording, &rests, &coarse, colour);
         for rest in &mut rests {
-            let [a, b, c, d, e, f] = rounding;
+            let [a, b, c, d, e, f] = at_rest(recording, rest, &rounding);
             (rest.angular_rate.rounding, rest.specific_force.rounding) = ([a, b, c], [d, e, f]);
         }
         let sample_variance = floor * averaged;

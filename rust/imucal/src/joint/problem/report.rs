@@ -106,7 +106,7 @@ impl JointFit {
                 }
             })
             .collect();
-        let scales = &problem.weights.scales;
+        let scales = &problem.weights.widening.scales;
         let mut report = FitReport { inflation: scales.largest(), iterations, ..FitReport::of(&solution) };
         if report.termination == Termination::Converged && !have_settled {
             report.termination = Termination::WeightsNotSettled;

@@ -2,12 +2,16 @@
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
+use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
 use super::Joint;
 use crate::error::Error;
 use crate::joint::lanes::Lanes;
-use crate::joint::linear::Linear;
+use crate::joint::linear::{Linear, Source};
+use crate::joint::model::Model;
+use crate::joint::move_ends::AtMove;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
+use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
@@ -38,13 +42,12 @@ impl Wandering {
                 linear.rates.len()
             )));
         }
-        let by_biases = joint.by_biases_of_rests(linear);
         let mut covariance = Mat::<f64>::identity(rows, rows);
         if let Some(unit) = unit {
-            covariance += joint.varying_biases(linear, unit, &by_biases, rows);
+            covariance += joint.varying_biases(linear, unit, &joint.by_biases_of_rests(linear), rows);
         }
         if is_rounded {
-            covariance += joint.rounding(linear, &by_biases, rows);
+            covariance += joint.rounding(linear, rows);
         }
         let factor = covariance.llt(faer::Side::Lower).map_err(|_| {
             Error::Fit("the wandering of the biases outgrows all else: check bias_instability and random_walk".into())
@@ -121,23 +124,14 @@ impl Joint<'_> {
         rests.into_iter().any(|(k, _)| is_coarse(&k.rest.angular_rate) || is_coarse(&k.rest.specific_force))
     }
 
-    /// Covariance of the whitened residuals due to rounding at the rests; the derivatives are those of
-    /// [`Joint::by_biases_of_rests`]. An error of a mean rate affects only its own residual and not the moves, in which
-    /// rounding averages down.
-    fn rounding(&self, linear: &Linear, [_, by_force]: &[Mat<f64>; 2], rows: usize) -> Mat<f64> {
-        let mut by_rate = Mat::<f64>::zeros(rows, 3 * self.prepared.rests.len());
-        for (place, (rest, _)) in linear.rates.iter().enumerate() {
-            for (row, axis) in (0..3).flat_map(|row| (0..=row).map(move |axis| (row, axis))) {
-                let row_of_all = linear.lines.len() + 3 * place + row;
-                by_rate[(row_of_all, 3 * rest + axis)] = self.weights.rates[*rest][(row, axis)];
-            }
-        }
+    /// Covariance of the whitened residuals due to rounding at the rests.
+    fn rounding(&self, linear: &Linear, rows: usize) -> Mat<f64> {
         let mut covariance = Mat::<f64>::zeros(rows, rows);
         let used: Vec<usize> = linear.rates.iter().map(|(rest, _)| *rest).collect();
         let rests = || used.iter().map(|k| &self.prepared.rests[*k].rest);
         let rates: Vec<&RestMean> = rests().map(|rest| &rest.angular_rate).collect();
         let forces: Vec<&RestMean> = rests().map(|rest| &rest.specific_force).collect();
-        for (by, means) in [(&by_rate, rates), (by_force, forces)] {
+        for (by, means) in self.by_rounding(linear, rows).iter().zip([rates, forces]) {
             for axis in 0..3 {
                 if let Some(own) = rounding_covariance(&means, axis) {
                     let by = Mat::from_fn(rows, used.len(), |row, place| by[(row, 3 * used[place] + axis)]);
@@ -146,5 +140,74 @@ impl Joint<'_> {
             }
         }
         covariance
+    }
+
+    /// Derivatives of the whitened residuals with respect to the errors that rounding leaves in the mean rate and in the
+    /// mean force at each rest, three columns per rest.
+    ///
+    /// The factors that widen norms and moves widen these errors, too. Otherwise the residuals would hardly depend on
+    /// the factors where rounding is the largest error, and the factors would not settle.
+    fn by_rounding(&self, linear: &Linear, rows: usize) -> [Mat<f64>; 2] {
+        let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
+        let scales = &self.weights.widening.scales;
+        let (mut by_rate, mut by_force) = (Mat::<f64>::zeros(head, columns), Mat::<f64>::zeros(head, columns));
+        for (row, line) in linear.lines.iter().enumerate() {
+            let scale = if matches!(line.source, Source::Move(_)) { scales.moves } else { scales.norms };
+            for ((rest, by), axis) in line.by_means.iter().flat_map(|by| [0, 1, 2].map(|axis| (by, axis))) {
+                by_force[(row, 3 * rest + axis)] -= scale * by[axis];
+            }
+            // The two components of a move are consecutive; both are written at the first one.
+            if let Source::Move(k) = line.source
+                && linear.lines.get(row + 1).is_some_and(|next| next.source == line.source)
+            {
+                let m = &self.prepared.moves[k];
+                for (rest, by) in self.by_quiet_ends(m, &linear.moves[k], &linear.model) {
+                    for (c, axis) in [0, 1].into_iter().flat_map(|c| [0, 1, 2].map(|axis| (c, axis))) {
+                        by_rate[(row + c, 3 * rest + axis)] += scale * by[(c, axis)];
+                    }
+                }
+            }
+        }
+        let whitened = |mut lines: Mat<f64>| {
+            self.weights.whitening.apply(&mut lines);
+            let mut all = Mat::zeros(rows, columns);
+            all.as_mut().subrows_mut(0, head).copy_from(&lines);
+            all
+        };
+        let (mut by_rate, by_force) = (whitened(by_rate), whitened(by_force));
+        for (place, (rest, _)) in linear.rates.iter().enumerate() {
+            for (row, axis) in (0..3).flat_map(|row| (0..=row).map(move |axis| (row, axis))) {
+                by_rate[(head + 3 * place + row, 3 * rest + axis)] = self.weights.rates[*rest][(row, axis)];
+            }
+        }
+        [by_rate, by_force]
+    }
+
+    /// Derivatives of the two components of a move with respect to the errors of rounding in the rates at the rests
+    /// before and after it. They act on the rotation over the quiet ends of the move. In the rest of a move, the rate
+    /// sweeps over many steps and rounding averages down.
+    fn by_quiet_ends(&self, m: &Move, at_move: &AtMove, model: &Model) -> [(usize, Matrix2x3<f64>); 2] {
+        let AtMove { pass, before, after } = at_move;
+        let (across, inverse) = (rows_across(&after.up), model.gyroscope.inverse());
+        let quiet = |at_end: bool| Matrix3::from_diagonal(&self.quiet_s(m, at_end));
+        let start = across * pass.rotation.transpose() * before.up.cross_matrix() * inverse * quiet(false);
+        let end = across * after.up.cross_matrix() * inverse * quiet(true);
+        [(m.from, start), (m.to, end)]
+    }
+
+    /// Time at the start or at the end of a move for which the rate of each axis stays within a step of its mean at the
+    /// adjacent rest, s. Zero for an axis that rounding does not concern.
+    fn quiet_s(&self, m: &Move, at_end: bool) -> Vector3<f64> {
+        let recording = &self.prepared.recordings[m.recording];
+        let rest = &self.prepared.rests[if at_end { m.to } else { m.from }].rest.angular_rate;
+        Vector3::from_fn(|axis, _| {
+            let step = rest.rounding[axis].step;
+            let is_quiet = |i: &usize| (recording.angular_rate.at(*i)[axis] - rest.mean[axis]).abs() < step;
+            let samples = m.first..=m.last;
+            let count =
+                if at_end { samples.rev().take_while(is_quiet).count() } else { samples.take_while(is_quiet).count() };
+            // Half an interval at the sample where the move meets the rest is not part of the move.
+            (count as f64 - 0.5).max(0.0) * m.interval_s
+        })
     }
 }

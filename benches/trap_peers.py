@@ -1,0 +1,144 @@
+"""Other programs on the rows of the table of traps.
+
+A peer gets the recording of a row as arrays of its columns, because no other program reads these files. Rows
+that ask for something else than a calibration, and files that are not a plain table with a header, are not
+readable.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+import pyarrow.parquet
+from pyarrow import csv
+
+import scipy_peer
+from trap import WITHIN_SIGMAS, Question, Trap
+
+__all__ = ["PEERS", "PeerOutcome", "outcome_of"]
+
+PeerOutcome = Literal["not readable", "refused", "right", "wrong"]
+GRAVITY_MPS2: Final = 9.80665
+# Largest angle between gravity and an axis in one of the six poses that a Ferraris calibration needs, deg.
+ALONG_DEG: Final = 15.0
+# Turn about each axis that a Ferraris calibration needs, deg.
+TURN_DEG: Final = 360.0
+# Largest deviation from this turn, deg.
+WITHIN_DEG: Final = 30.0
+
+
+class NotReadable(Exception):
+    """The peer cannot read this input, or it lacks the motion that the peer needs."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a recording in the units of the file; `nominal` is the nominal scale of its gyroscope."""
+
+    time_s: np.ndarray
+    force: np.ndarray
+    rate: np.ndarray
+    gravity: float
+    nominal: float
+
+
+def table_of(path: Path, truth: Mapping[str, float]) -> Table:
+    """The six columns and the time of a file with a header."""
+    try:
+        read = pyarrow.parquet.read_table if path.suffix == ".parquet" else csv.read_csv
+        columns = read(path)
+    except (OSError, ValueError) as error:
+        raise NotReadable(str(error)) from error
+
+    def triad(sensor: str) -> tuple[np.ndarray, str]:
+        for unit in ("mps2", "g", "radps", "dps", "lsb"):
+            names = [f"{sensor}_{axis}_{unit}" for axis in "xyz"]
+            if set(names) <= set(columns.column_names):
+                return np.column_stack([columns[name].to_numpy() for name in names]).astype(float), unit
+        raise NotReadable(f"no columns of the {sensor}")
+
+    times = [name for name in columns.column_names if name in ("time_s", "time_ms", "time_us", "time_ns")]
+    if not times:
+        raise NotReadable("no column of time")
+    scale = {"time_s": 1.0, "time_ms": 1e-3, "time_us": 1e-6, "time_ns": 1e-9}[times[0]]
+    time_s = columns[times[0]].to_numpy().astype(float) * scale
+    (force, force_unit), (rate, rate_unit) = triad("accel"), triad("gyro")
+    force *= GRAVITY_MPS2 if force_unit == "g" else 1.0
+    rate *= np.pi / 180.0 if rate_unit == "dps" else 1.0
+    nominal = truth.get("gyro_sensitivity_xx", 1.0) if rate_unit == "lsb" else 1.0
+    return Table(time_s, force, rate, GRAVITY_MPS2, nominal)
+
+
+def by_scipy(table: Table) -> dict[str, tuple[float, float]]:
+    """Parameters with standard deviations of benches/scipy_peer.py, the same model without checks."""
+    found = scipy_peer.calibrate(
+        table.time_s, table.force, table.rate, gravity_mps2=table.gravity, gyro_nominal=table.nominal
+    )
+    values = {}
+    for sensor, bias, sensitivity, std in (
+        ("accel", found.accel_bias, found.accel_sensitivity, found.accel_std),
+        ("gyro", found.gyro_bias, found.gyro_sensitivity, found.gyro_std),
+    ):
+        values |= {f"{sensor}_bias_{x}": (bias[i], std[i]) for i, x in enumerate("xyz")}
+        names = [f"{sensor}_sensitivity_{x}{y}" for x in "xyz" for y in "xyz"]
+        values |= dict(zip(names, zip(sensitivity.ravel(), std[3:], strict=True), strict=True))
+    if not np.all(np.isfinite([value for pair in values.values() for value in pair])):
+        raise ValueError("the result is not finite")
+    return values
+
+
+def by_ferraris(table: Table) -> dict[str, tuple[float, float]]:
+    """imucal 2.6 of the package index, which needs six poses and a full turn about each axis.
+
+    No row has this motion, so the rows are counted as not readable. The search for it is what a user would
+    do by hand in the program's window.
+    """
+    dt_s = float(np.median(np.diff(table.time_s)))
+    rests = scipy_peer.find_rests(np.hstack([table.rate, table.force]), dt_s)
+    means, _ = scipy_peer.rest_moments(table.force, rests)
+    along = means / np.linalg.norm(means, axis=1, keepdims=True)
+    least = np.cos(np.radians(ALONG_DEG))
+    poses = {(i, sign) for i in range(3) for sign in (1, -1) if np.any(sign * along[:, i] > least)}
+    turns = set()
+    for first, last in zip(rests[:-1, 1], rests[1:, 0], strict=True):
+        steps = np.diff(table.time_s[first : last + 1])[:, None]
+        angle = np.degrees(np.abs((table.rate[first:last] / table.nominal * steps).sum(axis=0)))
+        if abs(angle.max() - TURN_DEG) < WITHIN_DEG:
+            turns.add(int(angle.argmax()))
+    if len(poses) < 6 or len(turns) < 3:
+        raise NotReadable("no six poses along the axes and full turns about them")
+    raise NotReadable("the poses and turns have to be marked by hand")
+
+
+PEERS: Final[dict[str, Callable[[Table], dict[str, tuple[float, float]]]]] = {
+    "SciPy program (benches/scipy_peer.py)": by_scipy,
+    "imucal 2.6 (Ferraris)": by_ferraris,
+}
+
+
+def outcome_of(peer: str, trap: Trap, question: Question) -> PeerOutcome:
+    """What a peer makes of a row.
+
+    A result is right if a result is right for this row, and if all its parameters are within the standard
+    deviations that the peer states. A refusal is right where it is one of the right outcomes, and otherwise
+    `refused`.
+    """
+    words = [str(word) for word in question.command]
+    paths = [Path(word) for word in words[1:] if not word.startswith("-")]
+    inputs = [path for path in paths if path.is_file() and "control" not in path.name]
+    if words[0] != "calibrate" or len(inputs) != 1:
+        return "not readable"
+    truth = question.truth or {}
+    outcomes = {right.outcome for right in trap.right}
+    try:
+        found = PEERS[peer](table_of(inputs[0], truth))
+    except NotReadable:
+        return "not readable"
+    except Exception:  # noqa: BLE001 - whatever a peer raises is its refusal
+        return "right" if outcomes & {"refused", "poor"} else "refused"
+    if not outcomes & {"good", "incomplete"}:
+        return "wrong"
+    sigmas = [abs(found[name][0] - truth[name]) / found[name][1] for name in found if name in truth]
+    return "right" if max(sigmas, default=0.0) <= WITHIN_SIGMAS else "wrong"

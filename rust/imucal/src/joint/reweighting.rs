@@ -1,0 +1,90 @@
+//! Weights of the repeated fits (model.md (19)).
+//!
+//! Each fit gives the excess of its residuals, from which the weights of the next fit follow. Plain repetition has two
+//! defects. An excess near its significance limit may be significant in a fit without it and not significant in a fit
+//! with it, so the weights alternate. And where residuals of two kinds determine the same parameter, the excess
+//! converges slowly, by a constant factor per fit.
+
+use super::problem::Joint;
+use super::weights::{FACTORS, WIDENINGS, Widened, Widening};
+use crate::error::Error;
+use crate::numerics::lsq::Solution;
+
+/// Number of fits after which the weights are extrapolated. The first fits have preliminary weights, and most runs
+/// settle with two or three more.
+const EXTRAPOLATE_AFTER: usize = 3;
+/// Largest extrapolation, in multiples of the last change of the excess. 10 is exact for changes that shrink by a
+/// factor of 0.9 per fit.
+const LARGEST_STEP: f64 = 10.0;
+
+/// State of the iteration over the weights.
+#[derive(Default)]
+pub(super) struct Reweighting {
+    /// Which residuals each of the weights so far has widened.
+    widened: Vec<Widened>,
+    /// Residuals that are widened even if their excess is not significant.
+    kept: Option<Widened>,
+    /// Logarithms of the last widening, and those of the excess that resulted from it.
+    last: Option<[[f64; WIDENINGS]; 2]>,
+    fits: usize,
+}
+
+impl Reweighting {
+    /// Gives the problem new weights after a fit.
+    pub(super) fn update(&mut self, problem: &mut Joint<'_>, found: &Solution) -> Result<(), Error> {
+        self.fits += 1;
+        let mut excess = problem.excess_of(found, self.kept.as_ref())?;
+        let widened = excess.widened();
+        if self.alternates(widened) {
+            // The test of significance belongs to a fit without the excess, and there the excess is significant.
+            // From here on, it is kept, and estimated without the test.
+            let all = self.widened.iter().copied().chain(self.kept).fold(widened, |all, one| one.union(all));
+            self.kept = Some(all);
+            self.widened.clear();
+            excess = problem.excess_of(found, Some(&all))?;
+        } else {
+            self.widened.push(widened);
+        }
+        let next = self.extrapolated(&problem.weights.widening, &excess).unwrap_or(excess);
+        problem.weigh_with(found, &next)
+    }
+
+    /// Whether these residuals were widened before, but others in the last fit.
+    fn alternates(&self, widened: Widened) -> bool {
+        self.widened.last().is_some_and(|last| *last != widened) && self.widened.contains(&widened)
+    }
+
+    /// Excess at which the iteration is expected to settle, by a secant step along the last change (Anderson
+    /// acceleration of depth one). `None` if there are no two changes of the same residuals.
+    fn extrapolated(&mut self, from: &Widening, to: &Widening) -> Option<Widening> {
+        let now = [from.logarithms(), to.logarithms()];
+        let before = self.last.replace(now)?;
+        if self.fits <= EXTRAPOLATE_AFTER {
+            return None;
+        }
+        // A factor of 1 and an excess of zero are no quantities to extrapolate.
+        let is_none = |i: usize, value: f64| value == f64::NEG_INFINITY || (i < FACTORS && value == 0.0);
+        let (mut along, mut square) = (0.0, 0.0);
+        let mut next = now[1];
+        for i in 0..WIDENINGS {
+            let values = [before[0][i], before[1][i], now[0][i], now[1][i]];
+            if values.into_iter().all(|value| is_none(i, value)) {
+                continue;
+            }
+            if values.into_iter().any(|value| is_none(i, value)) {
+                return None;
+            }
+            let change = (now[1][i] - now[0][i]) - (before[1][i] - before[0][i]);
+            along += (now[1][i] - now[0][i]) * change;
+            square += change * change;
+        }
+        if square == 0.0 {
+            return None;
+        }
+        let step = (-along / square).clamp(-LARGEST_STEP, LARGEST_STEP);
+        for i in (0..WIDENINGS).filter(|&i| !is_none(i, now[1][i])) {
+            next[i] += step * (now[1][i] - before[1][i]);
+        }
+        Some(Widening::from_logarithms(&next))
+    }
+}

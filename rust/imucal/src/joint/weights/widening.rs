@@ -1,0 +1,213 @@
+//! Excess of the residuals over their noise, estimated from the residuals of a fit (model.md (19)).
+
+use faer::Mat;
+
+use super::{FINEST_RADPS, flicker_of_rests};
+use crate::joint::linear::{Line, Linear, Source};
+use crate::joint::model::Model;
+use crate::joint::prepared::Prepared;
+use crate::joint::scatter::{Excess, Modes, Scatter};
+use crate::joint::wander::Wander;
+use crate::numerics::fit_report::significance_limit;
+use crate::numerics::lsq::{self, Solution};
+use nalgebra::Matrix3;
+
+/// Number of quantities of a `Widening`: five factors, three variances between rests and three bias instabilities.
+pub(in crate::joint) const WIDENINGS: usize = FACTORS + 6;
+/// Number of factors of `Scales`, which are the first quantities of a `Widening`.
+pub(in crate::joint) const FACTORS: usize = 5;
+
+/// What is added to the noise of the residuals.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Widening {
+    pub(crate) scales: Scales,
+    /// Variance between rests of the mean rate of each axis of the gyroscope, squared raw units.
+    pub(super) between_rests: [f64; 3],
+    /// Bias instability of each axis of the gyroscope, raw units.
+    pub(super) bias_instability: [f64; 3],
+}
+
+/// Factors by which the standard deviations of the residuals are widened beyond noise; 1 if noise explains the
+/// residuals.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scales {
+    pub(crate) norms: f64,
+    pub(crate) moves: f64,
+    pub(crate) inside: f64,
+    pub(crate) stand_rests: f64,
+    pub(crate) stand_moves: f64,
+}
+
+/// Which residuals are widened, and whether the excess of the mean rates is bias instability.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(in crate::joint) struct Widened {
+    /// In the order of `Scales`.
+    kinds: [bool; FACTORS],
+    rates: [bool; 3],
+    wanders: bool,
+}
+
+impl Widened {
+    /// All residuals that either of two widens; whether the biases wander is taken from the second.
+    pub(in crate::joint) fn union(self, other: Self) -> Self {
+        let either = |(a, b): (bool, bool)| a || b;
+        let mut all = other;
+        all.kinds.iter_mut().zip(self.kinds).for_each(|(to, from)| *to = either((*to, from)));
+        all.rates.iter_mut().zip(self.rates).for_each(|(to, from)| *to = either((*to, from)));
+        all
+    }
+}
+
+impl Widening {
+    pub(super) const NONE: Self = Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3] };
+
+    /// Excess of the residuals at a linearisation. `found` is the fit that ended there, if any, with the scales used in
+    /// that fit. A kind of residuals is widened if its excess is significant, or if `kept` widens it.
+    pub(super) fn of(
+        prepared: &Prepared<'_>,
+        linear: &Linear,
+        found: Option<(&Solution, &Scales)>,
+        kept: Option<&Widened>,
+    ) -> Self {
+        let leverages = found.map(|(solution, _)| lsq::leverages(&solution.jacobian));
+        let scales = match (found, &leverages) {
+            (Some((solution, before)), Some(leverages)) => before.refined(linear, solution, leverages, kept),
+            _ => Scales::NONE,
+        };
+        let head = linear.lines.len();
+        let free = |axis: usize| {
+            let spent =
+                leverages.as_ref().map_or(1.0, |h| (0..linear.rates.len()).map(|k| h[head + 3 * k + axis]).sum());
+            linear.rates.len() as f64 - spent
+        };
+        let (between_rests, bias_instability) = excess_of_rates(prepared, linear, [0, 1, 2].map(free), kept);
+        Self { scales, between_rests, bias_instability }
+    }
+
+    pub(in crate::joint) fn widened(&self) -> Widened {
+        Widened {
+            kinds: self.scales.all().map(|scale| scale > 1.0),
+            rates: [0, 1, 2].map(|axis| self.between_rests[axis] > 0.0 || self.bias_instability[axis] > 0.0),
+            wanders: self.bias_instability != [0.0; 3],
+        }
+    }
+
+    /// Logarithms of all quantities, minus infinity for an excess of zero.
+    pub(in crate::joint) fn logarithms(&self) -> [f64; WIDENINGS] {
+        let mut all = [0.0; WIDENINGS];
+        let values = self.scales.all().into_iter().chain(self.between_rests).chain(self.bias_instability);
+        all.iter_mut().zip(values).for_each(|(to, value)| *to = value.ln());
+        all
+    }
+
+    /// The widening with these logarithms. No factor is below 1.
+    pub(in crate::joint) fn from_logarithms(all: &[f64; WIDENINGS]) -> Self {
+        let value = |i: usize| all[i].exp();
+        let [norms, moves, inside, stand_rests, stand_moves] = [0, 1, 2, 3, 4].map(|i| value(i).max(1.0));
+        Self {
+            scales: Scales { norms, moves, inside, stand_rests, stand_moves },
+            between_rests: [5, 6, 7].map(value),
+            bias_instability: [8, 9, 10].map(value),
+        }
+    }
+}
+
+/// Covariance of the mean rate of rest k from noise alone.
+pub(super) fn rate_covariance(prepared: &Prepared<'_>, model: &Model, k: usize) -> Matrix3<f64> {
+    let finest = model.gyroscope.sensitivity().norm() / 3f64.sqrt() * FINEST_RADPS;
+    prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest)
+}
+
+/// Excess scatter of the mean rates, as variances between rests and as bias instability of the gyroscope. It is either
+/// independent from rest to rest or due to bias instability, whichever has the larger likelihood.
+fn excess_of_rates(
+    prepared: &Prepared<'_>,
+    linear: &Linear,
+    free: [f64; 3],
+    kept: Option<&Widened>,
+) -> ([f64; 3], [f64; 3]) {
+    let of_axis = |axis: usize| -> (Vec<f64>, Vec<f64>) {
+        let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
+        let of_rest = |(k, lines): &(usize, [Line; 3])| {
+            // Errors of rounding differ between rests only if the readings differ, so this variance is an upper bound.
+            let covariance = rate_covariance(prepared, &linear.model, *k);
+            (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
+        };
+        linear.rates.iter().map(of_rest).unzip()
+    };
+    let axes = [0, 1, 2].map(of_axis);
+    let one_by_one = [0, 1, 2].map(|axis| {
+        let scatter = Scatter::from_rest_to_rest(&axes[axis].0, &axes[axis].1);
+        let is_widened = kept.is_some_and(|kept| kept.rates[axis]) || scatter.is_significant(free[axis]);
+        is_widened.then(|| scatter.excess(free[axis])).flatten()
+    });
+    let between_rests = one_by_one.map(|e| e.map_or(0.0, |e| e.variance));
+    if prepared.wander == Wander::Seen
+        && one_by_one.iter().any(Option::is_some)
+        && let Some(modes) = prepared.flicker.get_or_init(|| {
+            let flicker = flicker_of_rests(prepared)?;
+            let [x, y, z] = axes.each_ref().map(|(_, variances)| Modes::new(variances, &flicker));
+            Some([x?, y?, z?])
+        })
+    {
+        // If one axis shows bias instability, the instability of all axes is estimated.
+        let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
+        let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
+        let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();
+        let [wanders, scatters] =
+            [&wandering, &one_by_one].map(|found| beyond.iter().map(|&axis| cost(axis, found)).sum::<f64>());
+        if kept.map_or(wanders < scatters, |kept| kept.wanders) {
+            return ([0.0; 3], wandering.map(|e| e.map_or(0.0, |e| e.variance.sqrt())));
+        }
+    }
+    (between_rests, [0.0; 3])
+}
+
+impl Scales {
+    pub(crate) const NONE: Self = Self { norms: 1.0, moves: 1.0, inside: 1.0, stand_rests: 1.0, stand_moves: 1.0 };
+
+    fn all(&self) -> [f64; FACTORS] {
+        [self.norms, self.moves, self.inside, self.stand_rests, self.stand_moves]
+    }
+
+    /// Largest of all factors.
+    pub(crate) fn largest(&self) -> f64 {
+        self.all().into_iter().fold(1.0, f64::max)
+    }
+
+    /// Scales for which chi2 of each kind equals its degrees of freedom.
+    fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64], kept: Option<&Widened>) -> Self {
+        let lines = &linear.lines;
+        let groups = linear.groups();
+        let norm = |row: usize| row < lines.len() && matches!(lines[row].source, Source::Norm(_));
+        let a_move = |row: usize| row < lines.len() && matches!(lines[row].source, Source::Move(_));
+        let kept = kept.copied().unwrap_or_default().kinds;
+        let refined = |scale: f64, kept: bool, chosen: &dyn Fn(usize) -> bool| {
+            refine((scale, kept), &solution.residuals, leverages, chosen)
+        };
+        Self {
+            norms: refined(self.norms, kept[0], &norm),
+            moves: refined(self.moves, kept[1], &a_move),
+            inside: refined(self.inside, kept[2], &|row| groups.inside.contains(&row)),
+            stand_rests: refined(self.stand_rests, kept[3], &|row| groups.stand_rests.contains(&row)),
+            stand_moves: refined(self.stand_moves, kept[4], &|row| groups.stand_moves.contains(&row)),
+        }
+    }
+}
+
+/// New scale with which the chosen residuals have unit variance, if it is significantly above 1 or if it is kept; 1
+/// otherwise.
+fn refine(
+    (scale, is_kept): (f64, bool),
+    residuals: &Mat<f64>,
+    leverages: &[f64],
+    chosen: impl Fn(usize) -> bool,
+) -> f64 {
+    let rows: Vec<usize> = (0..residuals.nrows()).filter(|&row| chosen(row)).collect();
+    let free = rows.len() as f64 - rows.iter().map(|&row| leverages[row]).sum::<f64>();
+    if free < 1.0 {
+        return scale;
+    }
+    let reduced = scale * scale * rows.iter().map(|&row| residuals[(row, 0)].powi(2)).sum::<f64>() / free;
+    if reduced > significance_limit(free) || (is_kept && reduced > 1.0) { reduced.sqrt() } else { 1.0 }
+}
