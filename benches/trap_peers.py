@@ -76,14 +76,17 @@ def by_scipy(table: Table) -> dict[str, tuple[float, float]]:
     found = scipy_peer.calibrate(
         table.time_s, table.force, table.rate, gravity_mps2=table.gravity, gyro_nominal=table.nominal
     )
+    # The sensitivity of the accelerometer is symmetric: six entries.
+    symmetric = list(zip(scipy_peer.ROWS, scipy_peer.COLUMNS, strict=True))
+    general = [(i, j) for i in range(3) for j in range(3)]
     values = {}
-    for sensor, bias, sensitivity, std in (
-        ("accel", found.accel_bias, found.accel_sensitivity, found.accel_std),
-        ("gyro", found.gyro_bias, found.gyro_sensitivity, found.gyro_std),
+    for sensor, bias, sensitivity, std, entries in (
+        ("accel", found.accel_bias, found.accel_sensitivity, found.accel_std, symmetric),
+        ("gyro", found.gyro_bias, found.gyro_sensitivity, found.gyro_std, general),
     ):
         values |= {f"{sensor}_bias_{x}": (bias[i], std[i]) for i, x in enumerate("xyz")}
-        names = [f"{sensor}_sensitivity_{x}{y}" for x in "xyz" for y in "xyz"]
-        values |= dict(zip(names, zip(sensitivity.ravel(), std[3:], strict=True), strict=True))
+        for (i, j), sigma in zip(entries, std[3:], strict=True):
+            values[f"{sensor}_sensitivity_{'xyz'[i]}{'xyz'[j]}"] = (sensitivity[i, j], sigma)
     if not np.all(np.isfinite([value for pair in values.values() for value in pair])):
         raise ValueError("the result is not finite")
     return values
@@ -96,7 +99,10 @@ def by_ferraris(table: Table) -> dict[str, tuple[float, float]]:
     do by hand in the program's window.
     """
     dt_s = float(np.median(np.diff(table.time_s)))
-    rests = scipy_peer.find_rests(np.hstack([table.rate, table.force]), dt_s)
+    try:
+        rests = scipy_peer.find_rests(np.hstack([table.rate, table.force]), dt_s)
+    except (ValueError, IndexError, ZeroDivisionError) as error:
+        raise NotReadable(str(error)) from error
     means, _ = scipy_peer.rest_moments(table.force, rests)
     along = means / np.linalg.norm(means, axis=1, keepdims=True)
     least = np.cos(np.radians(ALONG_DEG))
@@ -136,7 +142,7 @@ def outcome_of(peer: str, trap: Trap, question: Question) -> PeerOutcome:
         found = PEERS[peer](table_of(inputs[0], truth))
     except NotReadable:
         return "not readable"
-    except Exception:  # noqa: BLE001 - whatever a peer raises is its refusal
+    except Exception:
         return "right" if outcomes & {"refused", "poor"} else "refused"
     if not outcomes & {"good", "incomplete"}:
         return "wrong"

@@ -88,3 +88,29 @@ def test_a_plan_contains_the_error_of_rounding() -> None:
         plan = imucal.plan("random", unit=coarse, rate_hz=100.0)
         std.append({p.name: p.std for p in plan.parameters}["gyro_bias_x"])
     assert std[1] > 3 * std[0]
+
+
+@pytest.mark.parametrize("seed", [33, 51])
+def test_poses_that_read_one_level_by_chance_do_not_contradict_each_other(seed: int) -> None:
+    """An accelerometer of 8 bit reads one level in several poses, whose forces differ by up to a step."""
+    unit = imucal.Unit.random("lsm6dso", seed)
+    coarse = dataclasses.replace(unit.accelerometer, lsb=9.80665 / 64, bits=8)
+    motion = imucal.Tumble(seed=2 * seed, poses=20, hold_s=3.0, move_s=1.5)
+    run = imucal.simulate(motion, seed=2 * seed, unit=imucal.Unit(coarse, unit.gyroscope), rate_hz=100.0)
+    result = imucal.calibrate(run.recording)
+    assert "noise_below_lsb" in [finding.code for finding in result.findings]
+    assert result.verdict == "good"
+    assert {residuals.kind: residuals.ratio for residuals in result.residuals}["norms"] < 2.0
+
+
+def test_the_end_of_a_move_behind_a_filter_is_not_taken_for_noise() -> None:
+    """A filter of 5 Hz delays the end of a move into the rest by 0.2 s."""
+    unit = imucal.Unit.random("mpu6050", 1)
+    gyroscope = dataclasses.replace(unit.gyroscope, lsb=DEG / 16.4)
+    motion = imucal.Tumble(seed=2, poses=20, hold_s=3.0, move_s=1.5)
+    run = imucal.simulate(
+        motion, seed=2, unit=imucal.Unit(unit.accelerometer, gyroscope), rate_hz=100.0, filter_hz=5.0
+    )
+    (finding,) = [f for f in imucal.inspect(run.recording).findings if f.code == "noise_below_lsb"]
+    noise = gyroscope.noise_density * math.sqrt(2 * 1.11 * 5.0) / gyroscope.lsb
+    assert finding.value == pytest.approx(noise, rel=0.25)

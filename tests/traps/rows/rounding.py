@@ -1,5 +1,6 @@
 """Traps of coarse converters: noise below the step, in counts, SI units, float32 and few decimals."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -135,4 +136,27 @@ FILTERED = tuple(
     for filter_hz in (5.0, 10.0)
 )
 
-TRAPS = (*OF_ONE_SENSOR, *OF_ONE_AXIS, *NUMBER_FORMATS, *COUNTS, *FINE, *FILTERED)
+
+@functools.cache
+def eight_bit_run(seed):
+    """Twenty poses by hand with an accelerometer of 8 bit, whose poses often read one level on an axis."""
+    unit = imucal.Unit.random("lsm6dso", seed)
+    accelerometer = dataclasses.replace(unit.accelerometer, lsb=9.80665 / 64, bits=8)
+    motion = imucal.Tumble(seed=2 * seed, poses=20, hold_s=3.0, move_s=1.5)
+    return imucal.simulate(
+        motion, seed=2 * seed, unit=imucal.Unit(accelerometer, unit.gyroscope), rate_hz=100
+    )
+
+
+EIGHT_BIT = tuple(
+    calibrating(
+        "noise below a step of the converter",
+        f"accelerometer of 8 bit, seed {seed}",
+        changed,
+        good(NOISE_BELOW_STEP),
+        run=functools.partial(eight_bit_run, seed),
+    )
+    for seed in (4, 33, 51)
+)
+
+TRAPS = (*EIGHT_BIT, *OF_ONE_SENSOR, *OF_ONE_AXIS, *NUMBER_FORMATS, *COUNTS, *FINE, *FILTERED)
