@@ -4,6 +4,13 @@ Every row of the table of traps (tests/traps) is asked by command. Clean runs in
 a tool that refuses everything would pass the first table. Two other programs are asked the same rows.
 """
 
+import os
+
+# One thread per process, because two processes share the machine.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
 import dataclasses
 import tempfile
 from collections import Counter, defaultdict
@@ -17,6 +24,7 @@ import imucal
 from changes import truth_of
 from imucal.rig.motion import Tumble
 from imucal.rig.unit import Unit
+from pool import pool_of
 from rows import TRAPS
 from sections import write_section
 from trap import WITHIN_SIGMAS, answer_by_command
@@ -41,9 +49,9 @@ def stand(seed, profile="bmi088", **options):
 
 
 def hand(seed):
-    return imucal.simulate(
-        Tumble(seed=seed, poses=24, hold_s=3.0), seed=seed, unit=unit("bmi088", seed), rate_hz=200.0
-    )
+    """With the tremor of a hand, and poses in a cube of 20 mm."""
+    motion = Tumble(seed=seed, poses=24, hold_s=3.0, tremor_deg=0.1, translation_mm=20.0)
+    return imucal.simulate(motion, seed=seed, unit=unit("bmi088", seed), rate_hz=200.0)
 
 
 CONDITIONS = {
@@ -55,26 +63,30 @@ CONDITIONS = {
 }
 
 
-def trap_table():
+def asked(number):
+    """Outcome of a row by its number in the table, whether it is right, and the outcomes of the peers."""
+    trap = TRAPS[number]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        question = trap.make(folder)
+        by_peer = {peer: outcome_of(peer, trap, question) for peer in PEERS}
+        observed = answer_by_command(question, folder)
+    return observed.outcome, observed.is_right(trap), by_peer
+
+
+def trap_table(pool):
     by_kind = defaultdict(Counter)
-    by_peer, own = {peer: Counter() for peer in PEERS}, Counter()
+    by_program = {"imucal": Counter(), **{peer: Counter() for peer in PEERS}}
     wrong = []
-    for trap in track(TRAPS, description="Traps"):
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            question = trap.make(folder)
-            for peer, counts in by_peer.items():
-                counts[outcome_of(peer, trap, question)] += 1
-            observed = answer_by_command(question, folder)
-        is_right = observed.is_right(trap)
-        own[
-            ("right" if is_right else "wrong") if observed.outcome != "refused" or is_right else "refused"
-        ] += 1
-        by_kind[trap.kind][observed.outcome] += 1
+    answers = pool.map(asked, range(len(TRAPS)))
+    for trap, (outcome, is_right, by_peer) in zip(TRAPS, track(answers, "Traps", len(TRAPS)), strict=True):
+        refused = outcome == "refused" and not is_right
+        own = "refused" if refused else "right" if is_right else "wrong"
+        for program, found in {"imucal": own, **by_peer}.items():
+            by_program[program][found] += 1
+        by_kind[trap.kind][outcome] += 1
         if not is_right:
-            wrong.append(
-                f"{trap.kind}, {trap.name}: {observed.outcome}, not {' or '.join(map(str, trap.right))}"
-            )
+            wrong.append(f"{trap.kind}, {trap.name}: {outcome}, not {' or '.join(map(str, trap.right))}")
     rows = [
         f"| {kind} | {sum(counts.values())} | "
         + " | ".join(str(counts[name] or "") for name in OUTCOMES)
@@ -86,40 +98,46 @@ def trap_table():
     table = "\n".join(["| kind | rows | " + " | ".join(OUTCOMES) + " |", "|---|" + "---:|" * 6, *rows])
     peer_rows = [
         f"| {peer} | " + " | ".join(str(counts[name]) for name in PEER_OUTCOMES) + " |"
-        for peer, counts in {"imucal": own, **by_peer}.items()
+        for peer, counts in by_program.items()
     ]
     head = "| program | " + " | ".join(PEER_OUTCOMES) + " |"
     return table, wrong, "\n".join([head, "|---|" + "---:|" * len(PEER_OUTCOMES), *peer_rows])
 
 
-def clean_table():
+def clean(condition, seed):
+    """Verdict of a clean run, and the errors of its parameters in standard deviations."""
+    run = CONDITIONS[condition](seed)
+    try:
+        result = imucal.calibrate(run.recording)
+    except imucal.ImucalError:
+        return "refused", []
+    truth = truth_of(run)
+    # With a bias instability the bias is not constant, and its true mean is not that of the unit.
+    parameters = [p for p in result.parameters if p.std and not p.name.startswith("gyro_bias")]
+    return str(result.verdict), [abs(p.value - truth[p.name]) / p.std for p in parameters]
+
+
+def clean_table(pool):
     rows = []
-    for condition, make in CONDITIONS.items():
-        verdicts, errors = Counter(), []
-        for seed in track(range(CLEAN_RUNS), description=condition):
-            run = make(seed)
-            try:
-                result = imucal.calibrate(run.recording)
-            except imucal.ImucalError:
-                verdicts["refused"] += 1
-                continue
-            verdicts[result.verdict] += 1
-            truth = truth_of(run)
-            errors += [
-                abs(p.value - truth[p.name]) / p.std
-                for p in result.parameters
-                # With a bias instability the bias is not constant, and its true mean is not that of the unit.
-                if not p.name.startswith("gyro_bias")
-            ]
+    for condition in CONDITIONS:
+        runs = pool.map(partial(clean, condition), range(CLEAN_RUNS))
+        found = list(track(runs, condition, total=CLEAN_RUNS))
+        verdicts = Counter(verdict for verdict, _ in found)
+        errors = np.array([error for _, errors in found for error in errors])
         shown = " | ".join(str(verdicts[name]) for name in ("good", "incomplete", "poor", "refused"))
-        inside = 100.0 * np.mean(np.array(errors) < 1.96)
-        rows.append(f"| {condition} | {CLEAN_RUNS} | {shown} | {inside:.1f} % | {max(errors):.1f} |")
+        inside = 100.0 * np.mean(errors < 1.96)
+        rows.append(f"| {condition} | {CLEAN_RUNS} | {shown} | {inside:.1f} % | {errors.max():.1f} |")
+        print(rows[-1], flush=True)
     head = "| condition | runs | good | incomplete | poor | refused | within 1.96 sigma | worst, sigma |"
     return "\n".join([head, "|---|" + "---:|" * 7, *rows])
 
 
 def main():
-    table, wrong, peers = trap_table()
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--processes", type=int, default=2)
+    with pool_of(arguments.parse_args().processes) as pool:
+        table, wrong, peers = trap_table(pool)
+        cleans = clean_table(pool)
     told = "\n".join(f"- {row}" for row in wrong) or "Every row has an outcome that is right."
     write_section(
         PAGE,
@@ -149,7 +167,7 @@ which are marked by hand; no row has this motion.""",
         "Clean runs",
         f"Seeds 0 to {CLEAN_RUNS - 1} of each condition; errors of all parameters but the gyroscope's biases."
         "\n\n"
-        f"{clean_table()}",
+        f"{cleans}",
     )
 
 
