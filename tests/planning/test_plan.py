@@ -315,3 +315,35 @@ def test_a_group_has_no_parameters_of_an_effect_that_begins_like_it():
     parameters = [("gyro_bias_x", "rad/s"), ("gyro_bias_drift_x", "rad/s/s"), ("accel_sensitivity_xy", "1")]
     assert sigma_of({"gyro_bias": 1e-5}, parameters) == [1e-5, math.inf, math.inf]
     assert sigma_of({"gyro_bias_drift": 1e-6}, parameters) == [math.inf, 1e-6, math.inf]
+
+
+def test_a_box_on_its_faces_is_predicted_from_rests_and_moves():
+    plan = quick("faces", unit="mpu6050")
+    assert (plan.kind, plan.rests, plan.moves) == ("faces", 14, 13)
+    assert plan.undetermined is None
+    assert plan.through_moves == tuple(f"accel_sensitivity_{pair}" for pair in ("xy", "xz", "yz"))
+    assert "the moves between them determine these" in plan.summary()
+    run = imucal.simulate(plan.motion, unit="mpu6050", seed=3)
+    stated = [parameter.std for parameter in imucal.calibrate(run.recording).parameters]
+    assert sigma(plan) == pytest.approx(stated, rel=0.6)
+
+
+def test_targets_of_a_box_on_its_faces_give_the_smallest_number_of_rounds():
+    target = {"accel_bias": 0.8 * quick("faces").worst["accel_bias"].value}
+    plan = quick("faces", targets=target)
+    assert plan.reached
+    assert plan.rests == 28
+    assert plan.worst["accel_bias"].value <= target["accel_bias"]
+    assert not quick("faces", targets=target, minutes=1.5).reached
+    with pytest.raises(imucal.InputError, match="rounds follow from the targets"):
+        quick("faces", targets=target, options={"rounds": 2})
+    with pytest.raises(imucal.InputError, match="for the optimal program and for faces"):
+        quick("random", targets=target)
+
+
+def test_no_number_of_rounds_reaches_an_impossible_target(tmp_path, capsys):
+    command = ["plan", "faces", "--target", "gyro_sensitivity=1e-9", "--no-detection-limits"]
+    assert main([*command, "--card", str(tmp_path / "faces.html"), "-o", str(tmp_path / "faces.json")]) == 2
+    assert "targets not reached" in capsys.readouterr().out
+    assert (tmp_path / "faces.html").read_text(encoding="utf-8").count("<li>") == 280
+    assert imucal.Program.read(tmp_path / "faces.json").duration_s > 600

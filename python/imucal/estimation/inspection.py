@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ from imucal.finding import Finding
 from imucal.recording.recording import Recording, as_recording
 from imucal.units import STANDARD_GRAVITY_MPS2
 
-__all__ = ["Inspection", "inspect"]
+__all__ = ["Inspection", "inspect", "only_moves_determine"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +112,13 @@ def inspect(
         missing=missing,
         predicted_sigma=predicted_sigma,
         through_moves=through_moves if missing is None else (),
+    )
+
+
+def only_moves_determine(names: Sequence[str]) -> str:
+    """The parameters for which the rests alone lack directions, in words."""
+    return (
+        f"the rests alone lack directions for {', '.join(names)}; the moves between them determine these, too"
     )
 
 

@@ -179,8 +179,8 @@ class _Planner:
         if self.limits.axis_count < 3 or any(axis and axis.in_si()[2] for axis in self.limits.axes):
             # A parameter that no program of this stand determines has no target.
             trial, _ = self._search(minutes_allowed, None, FEW_PROPOSALS)
-            determined, _ = self._determined(self._run(trial))
-            base = [s if known else math.inf for s, known in zip(sigma, determined, strict=False)]
+            determined = self._prospect(self._run(trial)).predicted_sigma
+            base = [math.inf if std is None else s for s, std in zip(sigma, determined, strict=False)]
             sigma = [*base, *sigma[len(base) :]]
             if not any(map(math.isfinite, sigma)):
                 raise InputError(
@@ -208,7 +208,8 @@ class _Planner:
         minutes = motion.duration_s / 60.0
         sigma, rests = self._sigma([motion], minutes)
         run = self._run(motion)
-        known, undetermined = self._determined(run)
+        prospect = self._prospect(run)
+        known, undetermined = [std is not None for std in prospect.predicted_sigma], prospect.missing
         notes = self._notes()
         visible: dict[str, Size] = {}
         blind: tuple[NotObservable, ...] = ()
@@ -237,6 +238,7 @@ class _Planner:
             detection_limits=visible,
             not_observable=blind,
             undetermined=undetermined,
+            through_moves=tuple(prospect.through_moves),
             comparison=self._papers(),
             notes=tuple(notes),
             unit=self.unit.name,
@@ -299,10 +301,9 @@ class _Planner:
             profile=held.profile,
         )
 
-    def _determined(self, run: Recording) -> tuple[list[bool], str | None]:
-        """Whether a run determines each of the 21 parameters, and a text on what is missing."""
-        prospect = _core.prospect([run], self._options())
-        return [sigma is not None for sigma in prospect.predicted_sigma], prospect.missing
+    def _prospect(self, run: Recording) -> _core.Prospect:
+        """The parameters that a run determines, and what is missing."""
+        return _core.prospect([run], self._options())
 
     def _visible(self, run: Recording) -> tuple[dict[str, Size], tuple[NotObservable, ...], list[str]]:
         """Detection limits, effects that are not observable, and notes if there are no limits."""

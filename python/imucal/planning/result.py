@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from imucal.document.plain import without_nan
 from imucal.errors import InputError
+from imucal.estimation.inspection import only_moves_determine
 from imucal.planning.groups import GROUPS, PlannedParameter, Size
 from imucal.rig.motion import Motion, Program
 from imucal.units import units_of
@@ -51,6 +52,8 @@ class Plan:
     detection_limits  for each effect, the smallest size that `imucal gap` would find with 90 % probability
     not_observable    effects that such a run cannot show
     undetermined      what the motion does not determine, and what would; None if it determines all
+    through_moves     names of the parameters that only the moves determine, because the rests alone lack
+                      directions for them, as on the six faces of a box
     comparison        the paper's programs with this unit: each, and both
     notes             contributions that the standard deviations do not include
     """
@@ -67,6 +70,7 @@ class Plan:
     detection_limits: Mapping[str, Size]
     not_observable: tuple[NotObservable, ...]
     undetermined: str | None
+    through_moves: tuple[str, ...]
     comparison: tuple[ComparedProgram, ...]
     notes: tuple[str, ...]
     unit: str
@@ -127,5 +131,7 @@ def _summary(plan: Plan) -> str:
         lines.append("  targets not reached")
     if plan.undetermined is not None:
         lines.append(f"  not determined: {plan.undetermined}")
+    elif plan.through_moves:
+        lines.append(f"  {only_moves_determine(plan.through_moves)}")
     lines += [f"  {note}" for note in plan.notes]
     return "\n".join(lines)

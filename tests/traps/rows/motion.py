@@ -2,11 +2,13 @@
 
 import numpy as np
 
+import imucal
 from changes import changed, force, poses_within, program, rate, stand_run
 from recordings import calibrating
 from trap import good, incomplete, poor, refused
 
 FEW_POSES = "the motion does not determine all parameters"
+BOX = "a box rolled over its faces"
 HELD = "parameters are held by a prior"
 DISTURBED = "a rest is disturbed"
 UNITS = "several units are taken for one"
@@ -92,6 +94,32 @@ PRIORS = (
         changed,
         poor("contradict the prior of gyro_scale_z"),
         hold=["gyro_scale_z=1.02+-1e-4"],
+    ),
+)
+
+
+FACES = tuple((step.turn_deg, step.move_s, step.hold_s) for step in imucal.Program.faces().steps)
+
+
+def pushed(rest, size):
+    """A box rolled over its faces, with a force along x added during one rest, m/s^2."""
+
+    def change(r):
+        recording = program(*FACES)(r)
+        values, start = recording.specific_force.copy(), 450 * rest
+        values[start : start + 300, 0] += size
+        return changed(recording, specific_force=values)
+
+    return change
+
+
+ON_FACES = (
+    calibrating(BOX, "four turns about each axis", program(*FACES), good()),
+    calibrating(BOX, "turns about two axes", program(*FACES[:9]), refused("do not determine")),
+    # Without the rest that is wrong all parameters are determined.
+    *(
+        calibrating(BOX, f"rest {rest} pushed", pushed(rest, 0.5), good(), incomplete(), poor())
+        for rest in (2, 6, 11)
     ),
 )
 
@@ -208,4 +236,4 @@ def same_name(r):
     return changed(r, name="first")
 
 
-TRAPS = (*UNDETERMINED, *PRIORS, *DISTURBANCES, *OTHERS)
+TRAPS = (*UNDETERMINED, *PRIORS, *ON_FACES, *DISTURBANCES, *OTHERS)

@@ -31,6 +31,7 @@ def inspect(
     Example: imucal inspect run.csv
     """
     import imucal
+    from imucal.estimation.inspection import only_moves_determine
 
     require_apart(recordings, {"--json": json})
     with working("reading"):
@@ -69,10 +70,7 @@ def inspect(
         else:
             out.line("this recording determines all parameters")
             if seen.through_moves:
-                out.line(
-                    "the rests alone lack directions for "
-                    f"{', '.join(seen.through_moves)}; the moves between them determine these, too"
-                )
+                out.line(only_moves_determine(seen.through_moves))
         if seen.usable and seen.predicted_sigma:
             out.table(
                 ["parameter", "predicted 1 sigma", "unit"],

@@ -137,6 +137,7 @@ def plan(
     Example: imucal plan optimal --stand hand --proposals 2000 -o poses.json --card poses.html
     """
     import imucal
+    from imucal.estimation.inspection import only_moves_determine
     from imucal.planning.card import write_card
     from imucal.planning.result import headline, worst_rows
     from imucal.rig.stand_limits import stand_limits_of
@@ -195,6 +196,8 @@ def plan(
     )
     if planned.undetermined is not None:
         out.line(f"not determined: {planned.undetermined}")
+    elif planned.through_moves:
+        out.line(only_moves_determine(planned.through_moves))
     for note in planned.notes:
         out.line(note)
     for path in (output, card):
