@@ -195,12 +195,14 @@ Written by `make faces`: seeds 1 to {runs} for each condition.
 * determined: runs that determine all 21 parameters by the limits of `imucal inspect`, computed from the
   truth: if rests had errors of half a mg and moves errors of 0.2 deg, each standard deviation would be
   below {DETERMINED:.0%} of the size of the parameter.
-* refused: runs among these that `imucal calibrate` refuses.
+* refused: runs among these that `imucal calibrate` refuses. The limits above are computed without the
+  estimator, so a run close to them may be judged differently.
 * within 95 %: share of the stated 95 % intervals that contain the truth, over all parameters, and the
   smallest and the largest share of one parameter. For a perfect estimator 99 % of the shares of one
   parameter are between {low:.1%} and {high:.1%}.
-* RMSE / bound: root mean square error over the Cramér-Rao bound, of all parameters, and the largest of one
-  parameter. One standard deviation of the latter is {root_mean_square_error(runs):.3f}.
+* RMSE / bound: root mean square error over the Cramér-Rao bound, of all parameters, each run relative to
+  its own bound, and the largest of one parameter, in which the runs with the largest bounds dominate. One
+  standard deviation of the latter is {root_mean_square_error(runs):.3f}.
 
 | condition | runs | determined | refused | good | within 95 % | of one parameter | RMSE / bound | largest |
 |---|---:|---:|---:|---:|---:|---:|---:|---:|
