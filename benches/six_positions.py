@@ -52,9 +52,10 @@ def main() -> None:
         share = 100.0 * np.mean(np.abs(values) < HALF_WIDTH_95)
         rows.append(f"| {group} | {share:.1f} | {np.sqrt(np.mean(values**2)):.2f} |")
     body = (
-        f"{seeds} units on six faces (seeds 1 to {seeds}), with `--model orthogonal`; {refused} were refused.\n"
-        f"The misalignments are drawn with the standard deviations of the default prior, {ACCEL_MISALIGNMENT}\n"
-        f"and {GYRO_MISALIGNMENT} rad, and each face is tilted by {TILT_DEG:g} deg (standard deviation).\n\n"
+        f"{seeds} units on six faces (seeds 1 to {seeds}), with `--model orthogonal`; {refused} refused.\n"
+        "The standard deviations of the drawn misalignments are those of the default prior,\n"
+        f"{ACCEL_MISALIGNMENT} and {GYRO_MISALIGNMENT} rad, and each face is tilted by {TILT_DEG:g} deg\n"
+        "(standard deviation).\n\n"
     )
     write_section(REPORT, "Six positions", "Coverage of the intervals", body + "\n".join(rows))
 
@@ -102,6 +103,8 @@ def program_of(seed: int) -> imucal.Program:
     """A box on its six faces, each with an error of its own."""
     random = np.random.default_rng(seed)
     tilts = TILT_DEG * random.normal(size=(len(FACES), 3))
+    # A slow turn at the start would be part of the first rest.
+    tilts[0] = 0.0
     turns = np.array(FACES, dtype=float) + np.diff(tilts, axis=0, prepend=0.0)
     return imucal.Program(
         tuple(

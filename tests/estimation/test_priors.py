@@ -197,3 +197,40 @@ def test_the_scale_of_a_gyroscope_axis_without_rotation_is_held() -> None:
     held = {held.name: held for held in result.fit.priors.held}
     assert len(held) == 10 and held["gyro_scale_z"].prior_share > 0.5
     assert any("gyro_scale_z" in reason for reason in result.reasons)
+
+
+def test_a_search_for_effects_has_the_same_priors(run: imucal.Recording) -> None:
+    hold = ["accel_misalignment_xy=0.008+-0.0005"]
+    found = imucal.find_gap(run, hold=hold, candidates=["gyro_g_sensitivity"])
+    assert found.verdict == "nothing_missing"
+    wrong = imucal.find_gap(
+        run, hold=["accel_misalignment_xy=0.02+-0.0001"], candidates=["gyro_g_sensitivity"]
+    )
+    assert wrong.verdict == "unknown"
+
+
+def test_without_held_parameters_documents_have_no_priors(run: imucal.Recording) -> None:
+    result = imucal.calibrate(run)
+    assert result.fit.priors is None and "priors" not in result.to_dict()["fit"]
+
+
+def test_small_monte_carlo_of_six_faces() -> None:
+    """Bias and scale of eight units with other misalignments are within their standard deviations."""
+    random, scores = np.random.default_rng(1), []
+    for trial in range(8):
+        misalignments = 0.01 * random.normal(size=3)
+        unit = unit_of()
+        accel = np.diag(np.diag(unit.accelerometer.sensitivity))
+        accel[np.triu_indices(3, 1)] = misalignments
+        accel = np.triu(accel) + np.triu(accel, 1).T
+        still = dataclasses.replace(
+            unit.accelerometer, sensitivity=accel, bias_instability=0.0, random_walk=np.zeros(3)
+        )
+        unit = dataclasses.replace(unit, accelerometer=still)
+        recording = imucal.simulate(imucal.Program(STEPS), unit=unit, seed=trial + 1, rate_hz=50.0).recording
+        for parameter in imucal.calibrate(recording, model="orthogonal").parameters:
+            if re.fullmatch("accel_bias_.|accel_sensitivity_(xx|yy|zz)", parameter.name):
+                axis = "xyz".index(parameter.name[-1])
+                truth = still.bias[axis] if "bias" in parameter.name else accel[axis, axis]
+                scores.append((parameter.value - truth) / parameter.std)
+    assert np.mean(np.abs(scores) < 1.96) > 0.85 and np.max(np.abs(scores)) < 5.0

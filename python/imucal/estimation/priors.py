@@ -49,7 +49,7 @@ class HeldParameter:
     prior_share    share of the variance of the estimate that comes from the priors: 1 if the recordings say
                    nothing about the parameter
     contradiction  difference of prior and recordings in standard deviations of this difference; None if the
-                   recordings say nothing
+                   recordings determine the parameter less accurately than the spread of MEMS sensors
     """
 
     name: str

@@ -36,8 +36,8 @@ pub struct HeldEstimate {
     /// Share of the variance of the estimate that comes from the priors: 1 if the recordings say nothing, 0 if they
     /// determine the parameter.
     pub prior_share: f64,
-    /// Difference of prior and recordings in standard deviations of this difference; `None` if the recordings say
-    /// nothing about the parameter.
+    /// Difference of prior and recordings in standard deviations of this difference; `None` if the recordings determine
+    /// the parameter less accurately than the spread of MEMS sensors.
     pub contradiction: Option<f64>,
 }
 
@@ -58,11 +58,12 @@ impl HeldEstimate {
     }
 }
 
-/// The held parameters of a joint fit, and the prior part B of the covariance. `contradictions` are those of the priors.
+/// The held parameters of a joint fit, and the prior part B of the covariance. `residuals` are those of the priors in
+/// standard deviations, with the share of their variance that the fit leaves in them.
 pub(super) fn held_estimates(
     joint: &JointFit,
     held: &[HeldParameter],
-    contradictions: &[Option<f64>],
+    residuals: &[Option<(f64, f64)>],
 ) -> (Vec<HeldEstimate>, Mat<f64>) {
     let (parameters, n) = (joint.model.parameters(), joint.covariance.ncols());
     let mut rows = Mat::<f64>::zeros(held.len(), n);
@@ -78,11 +79,18 @@ pub(super) fn held_estimates(
             estimate: held[k].estimate(&parameters),
             sigma: held[k].sigma * variance.sqrt(),
             prior_share: (from_priors / variance).min(1.0),
-            contradiction: contradictions.get(k).copied().flatten(),
+            contradiction: residuals.get(k).copied().flatten().and_then(|residual| contradiction(&held[k], residual)),
             prior: held[k].clone(),
         }
     };
     ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
+}
+
+/// Difference of prior and recordings in standard deviations. Recordings that hardly determine the parameter do so
+/// through the curvature of the model, and say nothing about the prior.
+fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
+    let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
+    held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
 /// Errors due to this covariance of the parameters, symmetric frame.

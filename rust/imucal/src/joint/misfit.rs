@@ -55,9 +55,9 @@ pub(crate) struct Misfits {
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// Residual of the prior of each held parameter in standard deviations; `None` if the other residuals do not depend
-    /// on the parameter.
-    pub(crate) held: Vec<Option<f64>>,
+    /// Residual of the prior of each held parameter in standard deviations, and the share of its variance that the fit
+    /// leaves in it; `None` if the other residuals do not depend on the parameter.
+    pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 
 impl Misfits {

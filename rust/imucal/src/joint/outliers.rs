@@ -278,11 +278,11 @@ impl LeaveOut {
         self.basis.push(direction);
     }
 
-    /// Residual of one row divided by its standard deviation in the fit; `None` if the fit follows the residual whatever
-    /// its value.
-    pub(super) fn standardised(&self, row: usize) -> Option<f64> {
+    /// Residual of one row divided by its standard deviation in the fit, and the share of its variance that the fit
+    /// leaves in it; `None` if the fit follows the residual whatever its value.
+    pub(super) fn standardised(&self, row: usize) -> Option<(f64, f64)> {
         let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
-        (free > MIN_JUDGED).then(|| self.residuals[row] / free.sqrt())
+        (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))
     }
 
     /// chi2 of all residuals and its degrees of freedom.
