@@ -27,6 +27,7 @@ from .finding import Finding as Finding, Place as Place
 from .gap import Gap as Gap, find_gap as find_gap
 from .importing import read_calibration as read_calibration
 from .io import read as read, write as write
+from .io.means import read_means as read_means
 from .limits.judgement import Check as Check, Judgement as Judgement
 from .limits.limit import FigureLimit as FigureLimit, ParameterLimit as ParameterLimit
 from .limits.limits import Limits as Limits
@@ -40,6 +41,7 @@ from .noise_analysis.noise import (
 from .planning.groups import PlannedParameter as PlannedParameter
 from .planning.plan import plan as plan
 from .planning.result import Plan as Plan
+from .recording.means import Means as Means
 from .recording.recording import Recording as Recording
 from .rig.motion import Program as Program, Static as Static, Step as Step, Tumble as Tumble
 from .rig.stand import Stand as Stand

@@ -107,6 +107,7 @@ def test_readme_runs(tmp_path):
         ("index.md", 7),
         ("hand-held.md", 10),
         ("raw-counts.md", 7),
+        ("one-sensor.md", 10),
         ("thermal.md", 9),
         ("plan.md", 8),
     ],

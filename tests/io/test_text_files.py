@@ -302,8 +302,10 @@ def test_the_accelerometer_with_gravity_is_chosen_from_an_archive(tmp_path):
     assert [source.path for source in recording.sources] == [str(tmp_path / "phone.zip")]
     with pytest.raises(imucal.FormatError, match=r"without gravity .*TotalAcceleration.csv"):
         imucal.read(zipped([files[0], files[2]]))
-    with pytest.raises(imucal.FormatError, match="no file with the gyroscope"):
-        imucal.read(zipped(files[:2]))
+    # Without the gyroscope's file it is a recording of the accelerometer alone, with a warning.
+    alone = imucal.read(zipped(files[:2]))
+    assert alone.angular_rate is None and "sensor_missing" in {finding.code for finding in alone.findings}
+    assert np.array_equal(alone.specific_force, recording.specific_force)
 
 
 # Other containers and lines

@@ -301,7 +301,7 @@ def test_hovering_over_a_residual_tells_of_its_rest(opened, reports):
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     words = page.locator("#figure-control-rests .hoverlayer .hovertext").text_content()
     assert "rest 7 of control.parquet" in words
-    assert f"{result['rests'][7]['start_s']:.1f} s to" in words
+    assert f"{result['rests'][7]['start_s']:.2f} s to" in words
 
 
 def test_the_page_of_a_gap_shows_its_json(opened, reports):

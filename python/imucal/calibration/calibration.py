@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +41,7 @@ __all__ = ["Calibration", "require_calibration"]
 class Calibration(SensorModel):
     """The sensor model of one unit, its uncertainty and its origin.
 
-    accelerometer, gyroscope  the two triads, raw unit -> SI
+    accelerometer, gyroscope  the two triads, raw unit -> SI; gyroscope is None for an accelerometer alone
     frame                     the body frame: "symmetric", "triangular", or "given" by another program
     accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
     gravity_mps2              local gravity in the calibration, m/s^2
@@ -85,8 +85,8 @@ class Calibration(SensorModel):
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters with the standard deviations of the covariance.
 
-        The 21 of the triads in their fixed order come first, then those of each effect. A parameter of an
-        effect is named <effect>_<parameter>; the shape of an effect comes last.
+        The 21 of the triads in their fixed order come first (nine for an accelerometer alone), then those of
+        each effect. A parameter of an effect is named <effect>_<parameter>; the shape of one comes last.
         """
         if self.covariance is None:
             return super().parameters
@@ -102,7 +102,8 @@ class Calibration(SensorModel):
         Figures that make a calibration poor decide if the verdict is better, or not known, as in a file of an
         older version.
         """
-        return saved_verdict(self.verdict, self.reasons, self.calibration_set, self.control_set)
+        sets = (self.calibration_set, self.control_set)
+        return saved_verdict(self.verdict, self.reasons, *sets, has_gyroscope=self.gyroscope is not None)
 
     @property
     def left_in_data(self) -> tuple[str, ...]:
@@ -126,15 +127,32 @@ class Calibration(SensorModel):
         """
         return takes_pieces(self)
 
-    def apply(self, angular_rate: ArrayLike, specific_force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Correct raw samples.
+    @overload
+    def apply(self, angular_rate: ArrayLike, specific_force: ArrayLike) -> tuple[FloatArray, FloatArray]: ...
+
+    @overload
+    def apply(self, angular_rate: None, specific_force: ArrayLike) -> tuple[None, FloatArray]: ...
+
+    @overload
+    def apply(self, angular_rate: ArrayLike, specific_force: None) -> tuple[FloatArray, None]: ...
+
+    @overload
+    def apply(
+        self, angular_rate: ArrayLike | None, specific_force: ArrayLike | None
+    ) -> tuple[FloatArray | None, FloatArray | None]: ...
+
+    def apply(
+        self, angular_rate: ArrayLike | None, specific_force: ArrayLike | None
+    ) -> tuple[FloatArray | None, FloatArray | None]:
+        """Correct raw samples of both sensors, or of one with None for the other.
 
         angular_rate    (N, 3) in `gyro_unit`
         specific_force  (N, 3) in `accel_unit`
 
         Returns (angular_rate, specific_force), (N, 3) each, rad/s and m/s^2 in the body frame. NaN stays NaN.
-        A sample is NaN if its effects are too large to be inverted.
-        Raises InputError for other shapes, and if an effect depends on more than rate and force, which
+        A sample is NaN if its effects are too large to be inverted. A sensor that is None stays None.
+        Raises InputError for other shapes, for a sensor that the calibration does not have, for one sensor
+        alone if there are effects, and if an effect depends on more than rate and force, which
         `apply_recording` supports.
         """
         return correct(self, angular_rate, specific_force)
@@ -145,6 +163,8 @@ class Calibration(SensorModel):
         start_s  time of the first sample of the whole recording, if `recording` is a piece of it; see
                  `takes_pieces`
 
+        One sensor alone is corrected if there are no effects. A gyroscope that the calibration does not have
+        is left out of the result.
         Time counts from the recording's first sample or from `start_s`, temperature from 25 degC; the angular
         acceleration is the derivative of the rate. NaN stays NaN. A sample is NaN if its effects are too
         large to be inverted.
@@ -158,8 +178,8 @@ class Calibration(SensorModel):
         """One line: the unit, its raw units, the number of effects, and its figures."""
         count = len(self.effects)
         parts = [
-            f"accelerometer in {self.accel_unit}",
-            f"gyroscope in {self.gyro_unit}",
+            f"accelerometer in {self.accel_unit}" + (" alone" if self.gyroscope is None else ""),
+            *([] if self.gyroscope is None else [f"gyroscope in {self.gyro_unit}"]),
             f"{count or 'no'} effect{'s' if count != 1 else ''}",
         ]
         # A file written by another program may hold figures of other types.

@@ -98,6 +98,8 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
 
 
 def _require_composable(first: Calibration, second: Calibration) -> None:
+    for calibration in (first, second):
+        calibration.both()
     if (second.accel_unit, second.gyro_unit) != ("m/s^2", "rad/s"):
         both = "lsb" in (first.accel_unit, first.gyro_unit)
         which = "both calibrations expect raw counts" if both else "the second calibration expects raw counts"
@@ -126,7 +128,8 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
 def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
     """The model that does both."""
     axes = Axes.parse(second.axes)
-    accel2, gyro2 = _along(second.accelerometer, axes.accel), _along(second.gyroscope, axes.gyro)
+    (accel1, gyro1), (accel2, gyro2) = first.both(), second.both()
+    accel2, gyro2 = _along(accel2, axes.accel), _along(gyro2, axes.gyro)
     accel_bias, gyro_bias = accel2.bias, gyro2.bias
     moved = []
     left = left_in_data(first)
@@ -136,12 +139,12 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
             if values.name == G_SENSITIVITY:
                 # The rate that the first correction takes away for the bias b2 of the force.
                 gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel_bias
-    accel_t, gyro_t = first.accelerometer.sensitivity, first.gyroscope.sensitivity
+    accel_t, gyro_t = accel1.sensitivity, gyro1.sensitivity
     # A product of lower triangular matrices is lower triangular; other products have no special form.
     triangular = first.frame == second.frame == "triangular" and second.axes == UNCHANGED
     return SensorModel(
-        Triad(accel_t @ accel2.sensitivity, first.accelerometer.bias + accel_t @ accel_bias),
-        Triad(gyro_t @ gyro2.sensitivity, first.gyroscope.bias + gyro_t @ gyro_bias),
+        Triad(accel_t @ accel2.sensitivity, accel1.bias + accel_t @ accel_bias),
+        Triad(gyro_t @ gyro2.sensitivity, gyro1.bias + gyro_t @ gyro_bias),
         "triangular" if triangular else "given",
         first.accel_unit,
         first.gyro_unit,

@@ -70,13 +70,14 @@ def origins_of(
 ) -> dict[str, Origin]:
     """By path, the other place in the file for each field that repeats one."""
     places = _places(written, frame)
-    base = base_count(frame)
     names = [] if written["covariance"] is None else written["covariance"]["names"]
     variances = {name: f"$.covariance.matrix[{k}][{k}]" for k, name in enumerate(names)}
     sizes = {
         sensor: max(abs(number) for row in written[key]["T"] for number in row)
         for sensor, key in (("accel", "accelerometer"), ("gyro", "gyroscope"))
+        if written[key] is not None
     }
+    base = base_count(frame, has_gyroscope=written["gyroscope"] is not None)
     origins = {
         "$.model": Origin("this version of the schema"),
         "$.body_frame": Origin("$.accelerometer.frame"),
@@ -111,6 +112,8 @@ def _places(written: Mapping[str, Any], frame: Frame) -> dict[str, tuple[str, st
         ("accel", "accelerometer", ACCEL_ENTRIES[frame]),
         ("gyro", "gyroscope", GYRO_ENTRIES),
     ):
+        if written[key] is None:
+            continue
         unit = f"$.raw_units.{key}"
         for k, axis in enumerate("xyz"):
             places[f"{sensor}_bias_{axis}"] = (f"$.{key}.bias[{k}]", unit)

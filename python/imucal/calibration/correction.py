@@ -26,7 +26,7 @@ from imucal.effects.effect import EffectValues
 from imucal.effects.state import State
 from imucal.errors import InputError
 from imucal.recording.axes import UNCHANGED
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, require_sensors, samples_of_both
 
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
@@ -38,10 +38,22 @@ COLUMNS: Final = {"time": "time_s", "angular_acceleration": "time_s", "temperatu
 
 
 def correct(
-    model: SensorModel, angular_rate: ArrayLike, specific_force: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+    model: SensorModel, angular_rate: ArrayLike | None, specific_force: ArrayLike | None
+) -> tuple[FloatArray | None, FloatArray | None]:
     """Corrected rate and force of raw samples, (N, 3) each; see `Calibration.apply`."""
     _require_rate_and_force_only(model)
+    if angular_rate is not None and model.gyroscope is None:
+        model.both()
+    if angular_rate is None or specific_force is None:
+        if model.effects:
+            missing = "angular_rate" if angular_rate is None else "specific_force"
+            raise InputError(
+                f"{missing} is None [sensor_missing], and {model.effects[0].name} needs both sensors: give "
+                "both"
+            )
+        rate = None if angular_rate is None else as_rows(angular_rate, "angular_rate", 3)
+        force = None if specific_force is None else as_rows(specific_force, "specific_force", 3)
+        return _of_triad(model.gyroscope, rate), _of_triad(model.accelerometer, force)
     rate = as_rows(angular_rate, "angular_rate", 3)
     force = as_rows(specific_force, "specific_force", 3, len(rate))
     corrected: tuple[FloatArray, FloatArray] = _core.correct(model, rate, force)
@@ -55,9 +67,25 @@ def correct_recording(model: SensorModel, recording: Recording, *, start_s: floa
     if start_s is not None and not takes_pieces(model):
         raise InputError(f"{recording.name}: the effects of this calibration need the whole recording")
     model.require_raw_units(recording)
+    if model.gyroscope is None:
+        # What is left of the recording is in SI units and the body frame, so a raw gyroscope is not.
+        recording = recording.of_sensor("accelerometer")
+    if len(recording.sensors) == 1:
+        if model.effects:
+            require_sensors(recording, "accelerometer", "gyroscope")
+        _core.require_signed_counts(recording)
+        rate, force = (
+            _of_triad(model.gyroscope, _float64(recording.angular_rate)),
+            _of_triad(model.accelerometer, _float64(recording.specific_force)),
+        )
+        return _in_body_frame(recording, rate, force)
     _require_columns(model, recording)
     without = _remove_user_effects(model, recording)
     rate, force = _core.correct_recording(model.without_user_effects(), without, start_s)
+    return _in_body_frame(recording, rate, force)
+
+
+def _in_body_frame(recording: Recording, rate: FloatArray | None, force: FloatArray | None) -> Recording:
     return replace(
         recording,
         angular_rate=rate,
@@ -69,13 +97,26 @@ def correct_recording(model: SensorModel, recording: Recording, *, start_s: floa
     )
 
 
+def _of_triad(triad: Triad | None, raw: FloatArray | None) -> FloatArray | None:
+    """Samples of one sensor, (N, 3), corrected without effects."""
+    if triad is None or raw is None:
+        return None
+    corrected: FloatArray = _core.correct_triad(triad, raw)
+    return corrected
+
+
+def _float64(samples: SampleArray | None) -> FloatArray | None:
+    return None if samples is None else samples.astype(np.float64, copy=False)
+
+
 def empty_samples(
     raw: Recording, corrected: Recording
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Masks of the samples that lack a rate or a force, and of complete samples without a correction."""
 
     def is_complete(recording: Recording) -> npt.NDArray[np.bool_]:
-        columns = np.hstack((recording.angular_rate, recording.specific_force))
+        there = [rows for rows in (recording.angular_rate, recording.specific_force) if rows is not None]
+        columns = np.hstack(there)
         return np.asarray(np.isfinite(columns).all(axis=1))
 
     complete = is_complete(raw)
@@ -151,10 +192,12 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     if not own:
         return recording
     others = model.without_user_effects()
+    accelerometer, gyroscope = model.both()
+    raw_force, raw_rate = samples_of_both(recording)
     size = np.hstack(
         (
-            _rounded_size(model.gyroscope, recording.angular_rate),
-            _rounded_size(model.accelerometer, recording.specific_force),
+            _rounded_size(gyroscope, raw_rate),
+            _rounded_size(accelerometer, raw_force),
         )
     )
     rate, force = _core.correct_recording(others, recording)
@@ -165,8 +208,8 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
         on_rate, on_force = _added(own, State.of(recording, rate, force, acceleration))
         without = replace(
             recording,
-            angular_rate=recording.angular_rate - on_rate @ model.gyroscope.sensitivity.T,
-            specific_force=recording.specific_force - on_force @ model.accelerometer.sensitivity.T,
+            angular_rate=raw_rate - on_rate @ gyroscope.sensitivity.T,
+            specific_force=raw_force - on_force @ accelerometer.sensitivity.T,
         )
         before = np.hstack((rate, force))
         rate, force = _core.correct_recording(others, without)

@@ -212,6 +212,12 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
 
 
 def _require_same_units(before: Calibration, after: Calibration) -> None:
+    if before.sensors != after.sensors:
+        which, other = ("first", "second") if before.gyroscope is None else ("second", "first")
+        raise InputError(
+            f"the {which} calibration has no gyroscope and the {other} one has [sensor_missing]: compare "
+            "calibrations of the same sensors"
+        )
     pairs = (
         (
             "the accelerometer is in",

@@ -29,7 +29,7 @@ class Figures:
     gravity_norm_rms_mps2      rms of the norm of gravity at a rest minus local gravity, m/s^2
     gravity_direction_rms_deg  rms angle between the gravity direction that the gyroscope propagates over a
                                move and the direction measured after it, deg
-    rests, moves               numbers of rests and moves that are used
+    rests, moves               numbers of rests and moves that are used; an accelerometer alone has no moves
     """
 
     chi2_per_dof: float | None
@@ -53,13 +53,14 @@ def figures_text(figures: object) -> str:
     return ", ".join(parts)
 
 
-def poor_figures(name: str, figures: Figures) -> list[str]:
+def poor_figures(name: str, figures: Figures, *, has_gyroscope: bool = True) -> list[str]:
     """Reasons why these figures make a verdict poor; empty if they do not.
 
-    name  the set of recordings: "calibration set" or "control set"
+    name           the set of recordings: "calibration set" or "control set"
+    has_gyroscope  whether moves are needed; an accelerometer alone has none
     """
     rests, moves = _count(figures.rests), _count(figures.moves)
-    reason = _core.poor_figures(name, rests, moves, figures.chi2_per_dof)
+    reason = _core.poor_figures(name, rests, moves, figures.chi2_per_dof, has_gyroscope)
     return [] if reason is None else [reason]
 
 
@@ -69,14 +70,17 @@ def _count(number: float) -> int:
 
 
 def saved_reasons(
-    calibration_set: Mapping[str, Any] | None, control_set: Mapping[str, Any] | None
+    calibration_set: Mapping[str, Any] | None,
+    control_set: Mapping[str, Any] | None,
+    *,
+    has_gyroscope: bool = True,
 ) -> list[str]:
     """Reasons why the figures of a calibration file make its verdict poor; empty if they do not."""
     return [
         reason
         for name, fields in (("calibration set", calibration_set), ("control set", control_set))
         if fields is not None and (figures := _complete(fields)) is not None
-        for reason in poor_figures(name, figures)
+        for reason in poor_figures(name, figures, has_gyroscope=has_gyroscope)
     ]
 
 

@@ -8,7 +8,7 @@ reading.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, get_args
+from typing import Any, Final, cast, get_args
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from imucal.calibration.report import (
     require_sha256,
     require_version,
 )
-from imucal.calibration.triad import FRAMES, Parameter, Triad, as_frame
+from imucal.calibration.triad import FRAMES, Frame, Parameter, Triad, as_frame
 from imucal.calibration.verdict import VERDICTS, verdict_of
 from imucal.document.json_document import Node
 from imucal.document.name import require_name
@@ -86,7 +86,10 @@ def document_of(
             "serial_number": others["serial_number"],
             "model": MODEL,
             "body_frame": BODY_FRAME[model.frame],
-            "raw_units": {"accelerometer": model.accel_unit, "gyroscope": model.gyro_unit},
+            "raw_units": {
+                "accelerometer": model.accel_unit,
+                "gyroscope": None if model.gyroscope is None else model.gyro_unit,
+            },
             "axes": model.axes,
             "gravity_mps2": model.gravity_mps2,
             "references": others["references"],
@@ -95,7 +98,9 @@ def document_of(
                 "bias": model.accelerometer.bias,
                 "frame": model.frame,
             },
-            "gyroscope": {"T": model.gyroscope.sensitivity, "bias": model.gyroscope.bias},
+            "gyroscope": None
+            if model.gyroscope is None
+            else {"T": model.gyroscope.sensitivity, "bias": model.gyroscope.bias},
             "reference_temperature_degc": _core.REFERENCE_TEMPERATURE_DEGC,
             "effects": _effects_table(model, parameters),
             "parameters": parameters,
@@ -164,10 +169,9 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
     units = node.get("raw_units")
     frame = as_frame(node.get("accelerometer").get("frame").text(FRAMES))
     accel_unit = units.get("accelerometer").text(get_args(AccelUnit))
-    gyro_unit = units.get("gyroscope").text(get_args(GyroUnit))
-    accelerometer, gyroscope = _triad(node.get("accelerometer")), _triad(node.get("gyroscope"))
+    accelerometer = _triad(node.get("accelerometer"))
+    gyroscope, gyro_unit = _gyroscope(node.get("gyroscope"), units.get("gyroscope"), frame)
     require_accelerometer(node.get("accelerometer"), accelerometer, frame, accel_unit)
-    require_gyroscope(node.get("gyroscope"), gyroscope, frame, gyro_unit)
     covariance = node.get("covariance")
     names: tuple[str, ...] = ()
     if covariance.value is not None:
@@ -198,6 +202,21 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
         if node.get("serial_number").value is None
         else _name(node.get("serial_number")),
     }
+
+
+def _gyroscope(node: Node, unit: Node, frame: Frame) -> tuple[Triad | None, GyroUnit]:
+    """The gyroscope and its raw unit; None with the SI unit if both are null (accelerometer alone)."""
+    if (node.value is None) != (unit.value is None):
+        absent, there = (node, unit) if node.value is None else (unit, node)
+        raise FormatError(
+            f"{node.file}: {absent.path} is null, but {there.path} is not: an accelerometer alone has null "
+            "in both; correct one of them"
+        )
+    if node.value is None:
+        return None, "rad/s"
+    gyro_unit, triad = unit.text(get_args(GyroUnit)), _triad(node)
+    require_gyroscope(node, triad, frame, gyro_unit)
+    return triad, cast(GyroUnit, gyro_unit)
 
 
 def require_consistent(node: Node, model: SensorModel, written: Mapping[str, Any]) -> None:

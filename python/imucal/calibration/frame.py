@@ -59,11 +59,13 @@ def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
         )
 
     def convert(model: SensorModel) -> SensorModel:
-        accel, gyro = _core.convert_frame(model.accelerometer.sensitivity, model.gyroscope.sensitivity, frame)
+        # The frame is that of the accelerometer, whatever the gyroscope is.
+        gyroscope = np.eye(3) if model.gyroscope is None else model.gyroscope.sensitivity
+        accel, gyro = _core.convert_frame(model.accelerometer.sensitivity, gyroscope, frame)
         rotation: FloatArray = np.linalg.solve(accel, model.accelerometer.sensitivity).astype(np.float64)
         return SensorModel(
             Triad(accel, model.accelerometer.bias),
-            Triad(gyro, model.gyroscope.bias),
+            None if model.gyroscope is None else Triad(gyro, model.gyroscope.bias),
             frame,
             model.accel_unit,
             model.gyro_unit,
@@ -89,7 +91,7 @@ def for_columns(calibration: Calibration) -> Calibration:
         return replace(
             model,
             accelerometer=_before(model.accelerometer, axes.accel),
-            gyroscope=_before(model.gyroscope, axes.gyro),
+            gyroscope=None if model.gyroscope is None else _before(model.gyroscope, axes.gyro),
             frame="given",
             axes=UNCHANGED,
         )

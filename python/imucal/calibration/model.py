@@ -20,7 +20,7 @@ from imucal.effects.effect import Effect, EffectValues
 from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.recording.axes import UNCHANGED, Axes
-from imucal.recording.recording import AccelUnit, GyroUnit, Recording
+from imucal.recording.recording import AccelUnit, GyroUnit, Recording, Sensor
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["SensorModel"]
@@ -32,7 +32,7 @@ Model = TypeVar("Model", bound="SensorModel")
 class SensorModel:
     """The parameters of the sensor model, without their uncertainty.
 
-    accelerometer, gyroscope  the two triads, raw unit -> SI
+    accelerometer, gyroscope  the two triads, raw unit -> SI; gyroscope is None for an accelerometer alone
     frame                     the body frame: "symmetric", "triangular", or "given" by another program
     accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
     gravity_mps2              local gravity in the calibration, m/s^2
@@ -42,7 +42,7 @@ class SensorModel:
     """
 
     accelerometer: Triad
-    gyroscope: Triad
+    gyroscope: Triad | None
     frame: Frame = "symmetric"
     accel_unit: AccelUnit = "m/s^2"
     gyro_unit: GyroUnit = "rad/s"
@@ -57,6 +57,13 @@ class SensorModel:
             raise InputError(f"gravity_mps2 is {self.gravity_mps2}: a positive number is needed")
         object.__setattr__(self, "axes", str(Axes.parse(self.axes)))
         object.__setattr__(self, "effects", tuple(self.effects))
+        if self.gyroscope is None:
+            object.__setattr__(self, "gyro_unit", "rad/s")
+            if self.effects:
+                raise InputError(
+                    f"{self.effects[0].name} is given without a gyroscope [sensor_missing]: effects need "
+                    "both sensors"
+                )
         names = {values.name for values in self.effects}
         if len(names) < len(self.effects):
             raise InputError(f"an effect stands twice among {[values.name for values in self.effects]}")
@@ -77,18 +84,34 @@ class SensorModel:
             raise InputError(f"two parameters have the name {twice}: give your effect another name")
 
     @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """The names of the sensors that the model has."""
+        return ("accelerometer",) if self.gyroscope is None else ("accelerometer", "gyroscope")
+
+    def both(self) -> tuple[Triad, Triad]:
+        """(accelerometer, gyroscope); InputError `sensor_missing` for an accelerometer alone."""
+        if self.gyroscope is None:
+            raise InputError(
+                "the calibration has no gyroscope, and this needs one [sensor_missing]: calibrate both "
+                "sensors; docs/one-sensor.md lists what one sensor alone allows"
+            )
+        return self.accelerometer, self.gyroscope
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters: those of the triads in their fixed order, then those of each effect.
 
-        The triads have 21 parameters, and 24 in the frame "given".
-
-        A parameter of an effect is named <effect>_<parameter>; the shape of an effect comes last.
+        The triads have 21 parameters, and 24 in the frame "given"; an accelerometer alone has nine, or
+        twelve. A parameter of an effect is named
+        <effect>_<parameter>; the shape of an effect comes last.
         """
         found: list[Parameter] = []
         for sensor, triad, entries, raw_unit, si_unit in (
             ("accel", self.accelerometer, ACCEL_ENTRIES[self.frame], self.accel_unit, "m/s^2"),
             ("gyro", self.gyroscope, GYRO_ENTRIES, self.gyro_unit, "rad/s"),
         ):
+            if triad is None:
+                continue
             scale_unit = f"lsb/({si_unit})" if raw_unit == "lsb" else "1"
             for i, axis in enumerate("xyz"):
                 found.append(Parameter(f"{sensor}_bias_{axis}", float(triad.bias[i]), None, raw_unit))
@@ -127,12 +150,15 @@ class SensorModel:
         )
 
     def require_raw_units(self, recording: Recording) -> None:
-        """Raise InputError for a recording whose raw units or axes differ from those of this model."""
+        """Raise InputError for a recording whose raw units or axes differ from those of this model.
+
+        A sensor that the model or the recording does not have has no unit.
+        """
         for sensor, expected, found in (
             ("accelerometer", self.accel_unit, recording.accel_unit),
             ("gyroscope", self.gyro_unit, recording.gyro_unit),
         ):
-            if expected != found:
+            if sensor in self.sensors and sensor in recording.sensors and expected != found:
                 raise InputError(
                     f"{recording.name}: the {sensor} is in {found} but the calibration expects {expected}: "
                     "give the recording in the units that the unit was calibrated in"

@@ -44,7 +44,7 @@ def with_values(model: SensorModel, values: FloatArray) -> SensorModel:
         return Triad(matrix, bias)
 
     accelerometer = triad(ACCEL_ENTRIES[model.frame], model.frame == "symmetric")
-    gyroscope = triad(GYRO_ENTRIES, False)
+    gyroscope = None if model.gyroscope is None else triad(GYRO_ENTRIES, False)
     effects = [
         EffectValues(
             effect.name,
@@ -71,8 +71,9 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
     values = values_of(model)
     columns = []
     sizes = {
-        "accel": np.abs(model.accelerometer.sensitivity).max(),
-        "gyro": np.abs(model.gyroscope.sensitivity).max(),
+        sensor: np.abs(triad.sensitivity).max()
+        for sensor, triad in (("accel", model.accelerometer), ("gyro", model.gyroscope))
+        if triad is not None
     }
     for k, parameter in enumerate(model.parameters):
         sensor, _, rest = parameter.name.partition("_")

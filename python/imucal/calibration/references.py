@@ -50,14 +50,18 @@ class References:
     latitude_deg: float | None = None
     height_m: float | None = None
 
-    def notes(self, gravity_mps2: float) -> list[str]:
-        """What the standard deviations do not contain, and how to add it, one sentence each."""
-        return [*self._of_gravity(gravity_mps2), *self._of_clock()]
+    def notes(self, gravity_mps2: float, *, has_gyroscope: bool = True) -> list[str]:
+        """What the standard deviations do not contain, and how to add it, one sentence each.
+
+        has_gyroscope  whether the clock matters; an accelerometer alone does not depend on it
+        """
+        return [*self._of_gravity(gravity_mps2), *(self._of_clock() if has_gyroscope else [])]
 
     def covariance_of_base(self, gravity_mps2: float, values: FloatArray) -> FloatArray:
         """The part of the covariance of the 21 base parameters that is due to the references (model.md (38)).
 
-        values   (21,) the parameters: accelerometer bias and sensitivity, gyroscope bias and sensitivity
+        values   (21,) the parameters: accelerometer bias and sensitivity, gyroscope bias and sensitivity; or
+                 the first nine for an accelerometer alone
         """
         by_gravity, by_clock = np.zeros(len(values)), np.zeros(len(values))
         by_gravity[3:9] = (self.gravity_sigma_mps2 or 0.0) / gravity_mps2 * values[3:9]

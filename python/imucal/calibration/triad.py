@@ -66,9 +66,9 @@ def as_estimated_frame(name: str) -> Frame:
     return frame
 
 
-def base_count(frame: Frame) -> int:
-    """Number of parameters of both triads in this body frame."""
-    return 3 + len(ACCEL_ENTRIES[frame]) + 3 + len(GYRO_ENTRIES)
+def base_count(frame: Frame, *, has_gyroscope: bool = True) -> int:
+    """Number of parameters of both triads, or of the accelerometer's alone, in this body frame."""
+    return 3 + len(ACCEL_ENTRIES[frame]) + (3 + len(GYRO_ENTRIES) if has_gyroscope else 0)
 
 
 def frame_of(sensitivity: FloatArray) -> Frame:

@@ -76,9 +76,11 @@ def saved_verdict(
     reasons: Sequence[str],
     calibration_set: Mapping[str, Any] | None,
     control_set: Mapping[str, Any] | None,
+    *,
+    has_gyroscope: bool = True,
 ) -> tuple[Verdict, tuple[str, ...]]:
     """The verdict of a calibration file with its reasons, or that of its figures if it is worse."""
-    poor = tuple(saved_reasons(calibration_set, control_set))
+    poor = tuple(saved_reasons(calibration_set, control_set, has_gyroscope=has_gyroscope))
     if not poor:
         return verdict or "good", tuple(reasons)
     return "poor", (*poor, *(reason for reason in reasons if reason not in poor))

@@ -13,7 +13,7 @@ from typing import Any, Final
 __all__ = ["as_typed", "document_as_typed"]
 
 # Arguments of imucal.read, calibrate and their like that are options of commands with another name.
-RENAMED: Final = {"gravity_mps2": "gravity", "effects": "effect"}
+RENAMED: Final = {"gravity_mps2": "gravity", "effects": "effect", "noise_mps2": "noise"}
 ARGUMENTS: Final = (
     *RENAMED,
     "accel_bias",

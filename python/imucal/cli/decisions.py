@@ -40,8 +40,8 @@ def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Mov
         (
             (
                 str(index),
-                f"{rest.start_s:.3f}",
-                f"{rest.end_s:.3f}",
+                _number(rest.start_s, ".3f"),
+                _number(rest.end_s, ".3f"),
                 _number(rest.norm_error_mps2, "+.2e"),
                 _number(rest.norm_sigma_mps2, ".2e"),
                 _use(rest),

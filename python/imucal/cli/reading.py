@@ -13,6 +13,7 @@ from imucal.cli.parameters import argument, option
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
+    from imucal.recording.means import Means
     from imucal.recording.recording import Recording
 
 __all__ = ["Files", "Reading", "reading_options"]
@@ -110,6 +111,16 @@ class Reading:
                 f"{len(paths)} files given, but the format {self.format} needs {size} for each recording"
             )
         return [self.one(paths[start : start + size]) for start in range(0, len(paths), size)]
+
+    def means(self, paths: Sequence[Path]) -> Means:
+        """The table of means in one file."""
+        from imucal.io.means import read_means
+
+        if len(paths) != 1:
+            raise InputError(
+                f"{len(paths)} files given with --means: give one table, with one row for each pose"
+            )
+        return read_means(paths[0], **self._options())
 
     def _options(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in fields(self)}

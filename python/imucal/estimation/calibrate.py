@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -25,11 +26,14 @@ from imucal.effects.effect import EffectValues
 from imucal.errors import InputError
 from imucal.estimation.evaluate import evaluated, evaluation_of
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
+from imucal.estimation.known import known_accelerometer
+from imucal.estimation.means import FromMeans, calibrated_means, rows_of_means
 from imucal.estimation.options import Options, asked_for, wander_of
 from imucal.estimation.priors import Hold, Priors, holds_of, profile_of
 from imucal.estimation.rests import FittedMove, FittedRest, of_library
 from imucal.estimation.result import CalibrationResult
 from imucal.estimation.user_effects import UserEffectSource
+from imucal.recording.means import Means
 from imucal.recording.one_unit import of_one_unit, require_other_data
 from imucal.recording.recording import Recording, as_recordings
 from imucal.rig.unit import Unit
@@ -41,7 +45,7 @@ MOST_FOLDS: Final = 1000
 
 
 def calibrate(
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | Means | Sequence[Recording],
     *,
     control: Recording | Sequence[Recording] | None = None,
     gravity_mps2: float | None = None,
@@ -60,9 +64,14 @@ def calibrate(
     joint: bool = True,
     unit: Unit | str | os.PathLike[str] | None = None,
     folds: int | None = None,
+    noise_mps2: float | None = None,
+    calibration: Calibration | None = None,
     serial_number: str | None = None,
 ) -> CalibrationResult:
     """Calibrate one unit from one or more of its recordings.
+
+    Recordings of an accelerometer alone give its nine parameters, and so does a table of mean readings
+    (`Means`), which gives the bias of the gyroscope as well; effects and `folds` are then errors.
 
     control            recordings that are not fitted and only used to judge the result
     gravity_mps2       local gravity, m/s^2, with which the accelerometer scales change inversely; None:
@@ -97,6 +106,12 @@ def calibrate(
                        random walks, which recordings of minutes hardly show, are included in the standard
                        deviations, and the estimated biases are means over the recording. Its spread gives
                        the priors of held parameters
+    noise_mps2         standard deviation of the means of the accelerometer, m/s^2, for a table of means that
+                       does not contain it; without it, it follows from the noise density of `unit` and
+                       the `duration_s` of the means, or else from the residuals
+    calibration        calibration of the accelerometer, such as that of an accelerometer alone: its nine
+                       parameters, with their covariance, are a prior, so that the recordings need only the
+                       moves that the gyroscope needs; a gyroscope in it is not used
     folds              number of additional fits that each exclude one part of the moves or of the rests, and
                        predict it
 
@@ -107,7 +122,15 @@ def calibrate(
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
     NotEnoughMotionError if poses are missing, and FitError if a fit does not end acceptably.
     """
-    unit_data = of_one_unit(recordings)
+    means = recordings if isinstance(recordings, Means) else None
+    if not isinstance(recordings, Means):
+        if noise_mps2 is not None:
+            raise InputError(
+                "noise_mps2 is the noise of a table of means; recordings contain theirs: leave it out"
+            )
+        unit_data = of_one_unit(recordings)
+    else:
+        unit_data = [rows_of_means(recordings)]
     if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
         raise InputError(
             f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
@@ -135,22 +158,35 @@ def calibrate(
         model=model,
         hold=holds_of(hold),
         profile=profile_of(unit),
-        wander=wander_of(unit),
+        wander=None if means is not None else wander_of(unit),
         folds=folds,
         partly=partly,
+        accelerometer=None if calibration is None else known_accelerometer(calibration, unit_data),
     )
     judges = as_recordings(control)
     require_other_data(unit_data, judges)
     source = UserEffectSource(own, unit_data, judges) if own else None
-    outcome = _core.calibrate(unit_data, options, source)
-    result = result_of(
-        outcome, unit_data, options, own, judges, serial_number=serial_number, references=references
-    )
+    of_means: FromMeans | None = None
+    if means is not None:
+        of_means, outcome = calibrated_means(means, noise_mps2, unit, options)
+    elif all(recording.angular_rate is None for recording in unit_data):
+        outcome = _core.calibrate_accelerometer(unit_data, options)
+    else:
+        outcome = _core.calibrate(unit_data, options, source)
+
+    def finished(found: _core.Evaluation | None = None) -> CalibrationResult:
+        result = result_of(outcome, unit_data, options, own, judges, found, serial_number, references)
+        if calibration is not None:
+            result = replace(result, accelerometer_of=calibration.provenance)
+        return result if of_means is None else replace(result, from_means=of_means)
+
+    result = finished()
     if not judges:
         return result
     found = evaluated(result.calibration, judges, options.min_rest_s)
-    _core.require_independent(unit_data, outcome.rest_ranges, judges, found.rest_ranges)
-    return result_of(outcome, unit_data, options, own, judges, found, serial_number, references)
+    if of_means is None:
+        _core.require_independent(unit_data, outcome.rest_ranges, judges, found.rest_ranges)
+    return finished(found)
 
 
 def result_of(
@@ -178,7 +214,9 @@ def result_of(
     reasons = (*outcome.reasons, *(() if found is None else found.reasons))
     calibration = Calibration(
         accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
-        gyroscope=Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
+        gyroscope=None
+        if outcome.gyro_sensitivity is None or outcome.gyro_bias is None
+        else Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
         frame=options.frame,
         accel_unit=unit_data[0].accel_unit,
         gyro_unit=unit_data[0].gyro_unit,
@@ -231,7 +269,7 @@ def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ..
     return (*names, *(f"{effect.name}_{p.name}" for effect in own for p in effect.parameters))
 
 
-def _noise(accel_density: FloatArray, gyro_density: FloatArray) -> dict[str, float]:
+def _noise(accel_density: FloatArray, gyro_density: FloatArray | None) -> dict[str, float]:
     """White-noise densities by name, continuous, two-sided: a sample has this times the root of the rate."""
     return {
         f"{name}_{axis}_{unit}_per_sqrt_hz": float(density)
@@ -239,6 +277,8 @@ def _noise(accel_density: FloatArray, gyro_density: FloatArray) -> dict[str, flo
             ("accel_noise_density", "mps2", accel_density),
             ("gyro_noise_density", "radps", gyro_density),
         )
+        # A table of means has no density.
+        if densities is not None and np.isfinite(densities).all()
         for axis, density in zip("xyz", densities, strict=True)
     }
 

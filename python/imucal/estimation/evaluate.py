@@ -15,7 +15,7 @@ from imucal.calibration.figures import Figures, figures_text
 from imucal.calibration.frame import in_frame
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance
-from imucal.calibration.triad import BASE
+from imucal.calibration.triad import base_count
 from imucal.calibration.verdict import ResidualFit, Verdict, verdict_of, worst
 from imucal.document.json_document import now
 from imucal.document.plain import plain, without_nan
@@ -26,7 +26,7 @@ from imucal.finding import Finding
 from imucal.limits.judgement import Judgement
 from imucal.notebook import html_of
 from imucal.recording.one_unit import require_different
-from imucal.recording.recording import Recording, as_recordings
+from imucal.recording.recording import Recording, as_recordings, require_sensors
 
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
@@ -72,7 +72,8 @@ class Evaluation:
     figures       figures of the calibration on these recordings
     before        figures of the uncalibrated unit, with its nominal sensitivity
     rests, moves  the rests and moves of the recordings, in order of time
-    carried       for each recording, gravity at its rests, measured and propagated by the gyroscope
+    carried       for each recording, gravity at its rests, measured and propagated by the gyroscope; empty
+                  for an accelerometer alone
     findings      warnings about the recordings
     verdict       `good`, `incomplete` or `poor`
     reasons       why the verdict is not good
@@ -110,7 +111,8 @@ class Evaluation:
         return replace(self, judgement=judgement, verdict=verdict, reasons=reasons)
 
     def __repr__(self) -> str:
-        used = f"{used_of(self.rests)} rests and {used_of(self.moves)} moves judged"
+        moves = f" and {used_of(self.moves)} moves" if self.moves else ""
+        used = f"{used_of(self.rests)} rests{moves} judged"
         return f"Evaluation({self.verdict}: {used}; {figures_text(self.figures) or 'no figures'})"
 
     def _repr_html_(self) -> str | None:
@@ -160,6 +162,17 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
     if calibration.frame == "given" and calibration.covariance is not None and not calibration.effects:
         # The figures are the same in every body frame; the library propagates the covariance in this one.
         calibration = in_frame(calibration, "symmetric")
+    if calibration.gyroscope is None:
+        nine = _covariance(calibration)
+        return _core.evaluate_accelerometer(
+            calibration.accelerometer,
+            None if nine is None else (nine, calibration.frame),
+            judges,
+            calibration.gravity_mps2,
+            min_rest_s,
+        )
+    for judge in judges:
+        require_sensors(judge, "accelerometer", "gyroscope")
     corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
     covariance = _covariance(calibration)
     return _core.evaluate(
@@ -173,18 +186,19 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
 
 
 def _covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of the parameters of both triads; None if the calibration does not have all of it."""
-    names = [parameter.name for parameter in calibration.parameters[:BASE]]
+    """The covariance of the parameters of the triads; None if the calibration does not have all of it."""
+    base = base_count(calibration.frame, has_gyroscope=calibration.gyroscope is not None)
+    names = [parameter.name for parameter in calibration.parameters[:base]]
     if (
         calibration.frame == "given"
         or calibration.covariance is None
-        or list(calibration.covariance_names[:BASE]) != names
+        or list(calibration.covariance_names[:base]) != names
     ):
         return None
     # Both recordings were made with the same gravity and clock, so errors of these cancel in the residuals.
-    values = np.array([parameter.value for parameter in calibration.parameters[:BASE]])
+    values = np.array([parameter.value for parameter in calibration.parameters[:base]])
     common = calibration.references.covariance_of_base(calibration.gravity_mps2, values)
-    return calibration.covariance[:BASE, :BASE] - common
+    return calibration.covariance[:base, :base] - common
 
 
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:

@@ -107,7 +107,7 @@ class RestThreshold:
     stable_from, stable_to range of factors with the same rests
     window_s               length of the window over which samples are compared, s
     noise_floor            (6,) standard deviation of a sample at rest, gyroscope x, y, z, accelerometer x, y,
-                           z, in raw units
+                           z, in raw units; None for a sensor that is not there
     """
 
     factor: float | None
@@ -121,7 +121,8 @@ class RestThreshold:
 class Fit:
     """The course of an estimation.
 
-    accelerometer, gyroscope  the two-stage fits, from which the joint fit starts
+    accelerometer, gyroscope  the two-stage fits, from which the joint fit starts; gyroscope is None for an
+                              accelerometer alone
     joint                     the joint fit; None without one, which leaves the next four fields empty, too
     noise_alone               test whether noise alone explains the residuals
     bias_instability_radps    (3,) of the gyroscope, rad/s, as given by `unit` or estimated from the rates at
@@ -134,7 +135,7 @@ class Fit:
     """
 
     accelerometer: FitReport
-    gyroscope: FitReport
+    gyroscope: FitReport | None
     joint: JointFit | None
     noise_alone: NoiseTest | None
     bias_instability_radps: tuple[float, ...] | None
@@ -157,7 +158,7 @@ class Fit:
         tests = tuple(EffectSignificance(e.name, e.statistic, len(e.values)) for e in outcome.effects)
         return Fit(
             of_library(FitReport, outcome.accelerometer_fit),
-            of_library(FitReport, outcome.gyroscope_fit),
+            None if outcome.gyroscope_fit is None else of_library(FitReport, outcome.gyroscope_fit),
             joint,
             noise_alone,
             instability,

@@ -46,13 +46,15 @@ class PredictedSigma:
 class Inspection:
     """The inspection of one recording.
 
+    accel_unit, gyro_unit   units of the samples; None for a sensor that the recording does not have
     findings      all findings of the checks; those of severity "error" prevent a calibration
     rests         the rests, in order of time
     threshold     how the rests were found; None without samples
     explanation   why that threshold was chosen, or why there is no rest
     missing       what this recording alone does not determine, and what to add; None if nothing is missing
     predicted_sigma   predicted standard deviations of the 21 parameters, for the noise at the rests and
-                      nominal sensors
+                      nominal sensors; of an accelerometer alone, those of its nine parameters by the
+                      calibration of this recording
     through_moves     names of the parameters that only the moves determine, because the rests alone lack
                       directions for them, as on the six faces of a box
     """
@@ -61,8 +63,8 @@ class Inspection:
     samples: int
     duration_s: float
     rate_hz: float
-    accel_unit: str
-    gyro_unit: str
+    accel_unit: str | None
+    gyro_unit: str | None
     findings: tuple[Finding, ...]
     rests: tuple[FoundRest, ...]
     threshold: RestThreshold | None
@@ -75,6 +77,13 @@ class Inspection:
     def usable(self) -> bool:
         """Whether the recording has no fault that prevents a calibration."""
         return all(finding.severity != "error" for finding in self.findings)
+
+    @property
+    def sensors_in_words(self) -> str:
+        """The sensors with the units of their samples."""
+        units = {"accelerometer": self.accel_unit, "gyroscope": self.gyro_unit}
+        words = [f"{sensor} in {unit}" for sensor, unit in units.items() if unit is not None]
+        return ", ".join(words) if len(words) > 1 else f"{words[0]} alone"
 
     def to_dict(self) -> dict[str, Any]:
         """One item of the document of `imucal inspect --json`."""
@@ -94,17 +103,22 @@ def inspect(
     """
     recording = as_recording(recording).without_copies()
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
-    missing = _missing(recording, gravity_mps2, min_rest_s)
-    predicted_sigma, through_moves = _predicted(
-        recording, gravity_mps2, min_rest_s, _not_determined(missing or "")
-    )
+    calibrated = _calibrated(recording, gravity_mps2, min_rest_s)
+    missing = calibrated if isinstance(calibrated, str) else None
+    through_moves: tuple[str, ...] = ()
+    if recording.angular_rate is None:
+        predicted_sigma = _of_accelerometer(recording, calibrated)
+    else:
+        predicted_sigma, through_moves = _predicted(
+            recording, gravity_mps2, min_rest_s, _not_determined(missing or "")
+        )
     return Inspection(
         name=recording.name,
         samples=len(recording),
         duration_s=recording.duration_s,
         rate_hz=recording.rate_hz,
-        accel_unit=recording.accel_unit,
-        gyro_unit=recording.gyro_unit,
+        accel_unit=None if recording.specific_force is None else recording.accel_unit,
+        gyro_unit=None if recording.angular_rate is None else recording.gyro_unit,
         findings=(*recording.findings, *seen.findings),
         rests=tuple(FoundRest(start, end) for start, end in seen.rests),
         threshold=None if seen.threshold is None else of_library(RestThreshold, seen.threshold),
@@ -122,17 +136,27 @@ def only_moves_determine(names: Sequence[str]) -> str:
     )
 
 
-def _missing(recording: Recording, gravity_mps2: float, min_rest_s: float) -> str | None:
-    """The message of a calibration that fails; None if the recording determines all parameters.
+def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) -> Calibration | str:
+    """The calibration if the recording determines all parameters; otherwise the message why it fails.
 
     Only a complete calibration tests this reliably.
     """
     try:
         # Saturated samples are findings already, so a calibration without them is tested.
-        calibrate(recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
+        result = calibrate(
+            recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True
+        )
     except ImucalError as error:
         return str(error)
-    return None
+    return result.calibration
+
+
+def _of_accelerometer(recording: Recording, calibrated: Calibration | str) -> tuple[PredictedSigma, ...]:
+    """Standard deviations of an accelerometer alone; none of them is known if the calibration fails."""
+    if isinstance(calibrated, Calibration):
+        return tuple(PredictedSigma(p.name, p.std, p.unit) for p in calibrated.parameters)
+    nominal = Calibration(Triad(np.eye(3), np.zeros(3)), None, accel_unit=recording.accel_unit)
+    return tuple(PredictedSigma(p.name, None, p.unit) for p in nominal.parameters)
 
 
 def _not_determined(missing: str) -> set[str]:

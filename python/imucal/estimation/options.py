@@ -36,6 +36,7 @@ class Options:
     effects      names of the effects of the catalogue, and whether the full form is estimated
     user_fields  fields of the user-defined effects
     partly       names of the effects of which only the observable part is estimated
+    accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance
     hold         names, means and standard deviations of the held parameters or groups
     profile      standard deviations of the unit's profile, by group of parameters
     The other fields are the arguments of `calibrate`.
@@ -55,6 +56,7 @@ class Options:
     wander: tuple[Wander, Wander] | None = None
     folds: int | None = None
     partly: tuple[str, ...] = ()
+    accelerometer: tuple[list[float], list[list[float]]] | None = None
     model: str = "full"
     hold: tuple[tuple[str, float | None, float | None], ...] = ()
     profile: tuple[tuple[str, list[float]], ...] = ()

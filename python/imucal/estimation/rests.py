@@ -19,7 +19,7 @@ class Rest:
 
     recording            name of the recording
     first, end           samples [first, end) of the recording
-    start_s, end_s       times of its first and last sample, s
+    start_s, end_s       times of its first and last sample, s; None in a table of means
     unsteadiness         standard deviation of its samples, as a multiple of the noise floor
     mean_specific_force  (3,) mean of the raw samples, in the raw unit
     mean_angular_rate    (3,) mean of the raw samples, in the raw unit
@@ -31,14 +31,21 @@ class Rest:
     recording: str
     first: int
     end: int
-    start_s: float
-    end_s: float
+    start_s: float | None
+    end_s: float | None
     unsteadiness: float | None
     mean_specific_force: Axes
     mean_angular_rate: Axes
     norm_error_mps2: float | None
     norm_sigma_mps2: float | None
     excluded: str | None
+
+    @property
+    def place(self) -> str:
+        """Where the rest is: its times, or its row in a table of means."""
+        if self.start_s is None or self.end_s is None:
+            return f"row {self.first + 1}"
+        return f"{self.start_s:.2f} s to {self.end_s:.2f} s"
 
 
 @dataclass(frozen=True, slots=True)

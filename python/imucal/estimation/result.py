@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures, figures_text
+from imucal.calibration.provenance import Provenance
 from imucal.calibration.triad import Parameter
 from imucal.calibration.verdict import RESIDUALS, ResidualFit, Verdict
-from imucal.document.plain import without_nan
+from imucal.document.plain import plain, without_nan
 from imucal.estimation.evaluate import Evaluation
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
+from imucal.estimation.means import FromMeans
 from imucal.estimation.rests import FittedMove, FittedRest, used_of
 from imucal.finding import Finding
 from imucal.limits.judgement import Judgement
@@ -24,6 +26,10 @@ if TYPE_CHECKING:
 __all__ = ["CalibrationResult"]
 
 SCHEMA: Final = "imucal.calibration-result/1"
+ACCELEROMETER_ALONE: Final = (
+    "the recordings have no gyroscope: the accelerometer is calibrated alone, and the tremor of a hand is "
+    "not separated from its noise"
+)
 # Largest p value of the residuals at which a note says that noise alone does not explain them.
 UNLIKELY: Final = 1e-6
 
@@ -45,6 +51,8 @@ class CalibrationResult:
     residuals        the residuals of the calibration recordings beside their noise, by kind
     diagnosis        parameters that the recordings determine badly
     judgement        the checks against limits; None without limits
+    accelerometer_of   origin of the calibration of the accelerometer that was given as a prior, or None
+    from_means       the noise and the gyroscope bias of a table of means; None for recordings
     """
 
     calibration: Calibration
@@ -60,10 +68,15 @@ class CalibrationResult:
     residuals: tuple[ResidualFit, ...] = ()
     diagnosis: tuple[Diagnosis, ...] = ()
     judgement: Judgement | None = None
+    from_means: FromMeans | None = None
+    accelerometer_of: Provenance | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The 21 parameters and those of the effects, with their standard deviations."""
+        """The 21 parameters and those of the effects, with their standard deviations.
+
+        An accelerometer alone has nine.
+        """
         return self.calibration.parameters
 
     @property
@@ -80,8 +93,7 @@ class CalibrationResult:
     def notes(self) -> tuple[str, ...]:
         """Exclusions, widened uncertainties, effects, badly determined parameters, and assumptions."""
         notes = [
-            f"rest {index} ({rest.start_s:.2f} s to {rest.end_s:.2f} s) of {rest.recording} "
-            f"excluded: {rest.excluded}"
+            f"rest {index} ({rest.place}) of {rest.recording} excluded: {rest.excluded}"
             for index, rest in enumerate(self.rests)
             if rest.excluded is not None
         ]
@@ -123,7 +135,19 @@ class CalibrationResult:
         ]
         notes += self.fit.priors.notes if self.fit.priors is not None else []
         notes += [f"{item.message}: {item.way_out}" for item in self.diagnosis]
-        notes += self.calibration.references.notes(self.calibration.gravity_mps2)
+        has_gyroscope = self.calibration.gyroscope is not None
+        if self.accelerometer_of is not None:
+            files = ", ".join(source.path for source in self.accelerometer_of.files)
+            notes.append(
+                "the given calibration of the accelerometer is a prior with its covariance"
+                + (f" (from {files})" if files else "")
+                + ": the recordings change its parameters as far as they determine them"
+            )
+        if self.from_means is not None:
+            notes += self.from_means.notes
+        elif not has_gyroscope:
+            notes.append(ACCELEROMETER_ALONE)
+        notes += self.calibration.references.notes(self.calibration.gravity_mps2, has_gyroscope=has_gyroscope)
         return tuple(notes)
 
     def _widened(self) -> list[tuple[str, float | None]]:
@@ -135,7 +159,7 @@ class CalibrationResult:
             ]
         return [
             ("the accelerometer", self.fit.accelerometer.inflation),
-            ("the gyroscope", self.fit.gyroscope.inflation),
+            *([] if self.fit.gyroscope is None else [("the gyroscope", self.fit.gyroscope.inflation)]),
         ]
 
     def judged_by(self, limits: Limits) -> CalibrationResult:
@@ -150,7 +174,7 @@ class CalibrationResult:
         for parameter in self.parameters:
             std = "not known" if parameter.std is None else f"{parameter.std:.2e}"
             lines.append(f"{parameter.name:<24} {parameter.value:>13.7g} {std:>14}  {parameter.unit}")
-        lines.append(self._used())
+        lines.append(self.used)
         for name, figures in (
             ("calibration set", self.calibration_set),
             ("held-out rests and moves", self.held_out),
@@ -175,9 +199,13 @@ class CalibrationResult:
     def __repr__(self) -> str:
         name = "control set" if self.control_set is not None else "calibration set"
         figures = figures_text(self.control_set or self.calibration_set) or "no figures"
-        return f"CalibrationResult({self.verdict}: {self._used()}; {name}: {figures})"
+        return f"CalibrationResult({self.verdict}: {self.used}; {name}: {figures})"
 
-    def _used(self) -> str:
+    @property
+    def used(self) -> str:
+        """How many rests and moves are used, in words."""
+        if self.calibration.gyroscope is None:
+            return f"{used_of(self.rests)} rests used"
         return f"{used_of(self.rests)} rests and {used_of(self.moves)} moves used"
 
     def _repr_html_(self) -> str | None:
@@ -202,5 +230,7 @@ class CalibrationResult:
             "findings": [finding.to_dict() for finding in self.findings],
             "diagnosis": without_nan(self.diagnosis),
             "judgement": None if self.judgement is None else self.judgement.to_dict(),
+            "from_means": without_nan(self.from_means),
+            "accelerometer_of": plain(self.accelerometer_of),
             "provenance": document["provenance"],
         }

@@ -16,7 +16,7 @@ from imucal.effects.definition import UserEffect
 from imucal.effects.effect import EffectValues
 from imucal.effects.state import State
 from imucal.estimation.options import UserField
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["UserEffectSource"]
 
@@ -85,7 +85,8 @@ class UserEffectSource:
         own: Sequence[UserEffect], calibration: Calibration, recordings: Sequence[Recording]
     ) -> list[UserField]:
         corrected = [calibration.apply_recording(recording) for recording in recordings]
-        states = [State.of(c, c.angular_rate, c.specific_force) for c in corrected]
+        both = [samples_of_both(recording) for recording in corrected]
+        states = [State.of(c, rate, force) for c, (force, rate) in zip(corrected, both, strict=True)]
         return [
             UserField(
                 effect.name,
@@ -99,7 +100,8 @@ class UserEffectSource:
 
 def _corrected(calibration: Calibration, recordings: Sequence[Recording]) -> list[RateAndForce]:
     corrected = [calibration.apply_recording(recording) for recording in recordings]
-    return [(np.ascontiguousarray(c.angular_rate), np.ascontiguousarray(c.specific_force)) for c in corrected]
+    both = map(samples_of_both, corrected)
+    return [(np.ascontiguousarray(rate), np.ascontiguousarray(force)) for force, rate in both]
 
 
 def _brief(recording: Recording) -> Recording:
@@ -113,11 +115,12 @@ def _brief(recording: Recording) -> Recording:
         sums: FloatArray = np.add.reduceat(values[: rows * count], starts, dtype=np.float64)
         return sums / count
 
+    force, rate = samples_of_both(recording)
     return replace(
         recording,
         time_s=means(recording.time_s),
-        specific_force=means(recording.specific_force),
-        angular_rate=means(recording.angular_rate),
+        specific_force=means(force),
+        angular_rate=means(rate),
         temperature_degc=None if recording.temperature_degc is None else means(recording.temperature_degc),
         stand_rad=None if recording.stand_rad is None else means(recording.stand_rad),
         auxiliary={name: means(values) for name, values in recording.auxiliary.items()},

@@ -25,7 +25,7 @@ from imucal.estimation.evaluate import Evaluation, evaluate
 from imucal.exporting.ardupilot import ARDUPILOT
 from imucal.exporting.basalt import BASALT
 from imucal.exporting.c_header import C_HEADER
-from imucal.exporting.format import Format, header, require_si
+from imucal.exporting.format import Format, header, require_sensors_of, require_si
 from imucal.exporting.fusion import FUSION
 from imucal.exporting.gazebo import GAZEBO
 from imucal.exporting.kalibr import KALIBR, KALIBR_IMU
@@ -143,10 +143,10 @@ def export(
     name    prefix of all C names in the formats c-header (default "imucal") and fusion (default: no prefix).
             Two units in one program need two prefixes.
 
-    Raises InputError for an unknown format, for a calibration of raw counts if the other program only
-    corrects SI units, for left-handed sensor axes or a large rotation between the sensors if the format
-    cannot represent them, for missing noise figures, and for a `name` that is not a C identifier or that the
-    format does not use.
+    Raises InputError for an unknown format, for an accelerometer alone if the format needs both sensors, for
+    a calibration of raw counts if the other program only corrects SI units, for left-handed sensor axes or a
+    large rotation between the sensors if the format cannot represent them, for missing noise figures, and for
+    a `name` that is not a C identifier or that the format does not use.
     """
     form = find_format(format)
     if name is not None:
@@ -154,6 +154,8 @@ def export(
             raise InputError(f"{form.name} files contain no names with a prefix: remove --name")
         form = form.named(name)
     require_si(calibration, form)
+    able = [each.name for each in FORMATS.values() if not each.needs_gyroscope]
+    require_sensors_of(calibration, form, able)
     if form.needs_noise and noise is None:
         raise InputError(
             f"{form.name} needs noise figures, which a calibration does not contain: give a recording of the "

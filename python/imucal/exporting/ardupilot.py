@@ -43,7 +43,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         ("INS_ACCSCAL", model.accel_scale),
         ("INS_GYROFFS", model.gyro_offset),
     ):
-        rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
+        if values is not None:
+            rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = (
         "Raw samples are samples without ArduPilot's corrections: record with INS_ACCOFFS and INS_GYROFFS 0, "
@@ -51,7 +52,9 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         "The parameters are for the first sensors. INS_ACC_ID and INS_GYR_ID are not in this file. They must "
         "hold the device IDs of these sensors, otherwise ArduPilot reports them as not calibrated. Running "
         "ArduPilot's calibration once sets them.",
-        "Set INS_GYR_CAL to 0, otherwise ArduPilot estimates new gyroscope offsets at each start.",
+        "The calibration has no gyroscope, so ArduPilot keeps its own gyroscope offsets."
+        if model.gyro_offset is None
+        else "Set INS_GYR_CAL to 0, otherwise ArduPilot estimates new gyroscope offsets at each start.",
     )
     return Written(
         body="\n".join(f"{name},{number(value, single=True)}" for name, value in rows) + "\n",
@@ -100,4 +103,5 @@ ARDUPILOT = Format(
     omits="misalignment of both, scale of the gyroscope, all other effects",
     layout=line_comments("#"),
     write=write,
+    needs_gyroscope=False,
 )

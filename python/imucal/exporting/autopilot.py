@@ -41,7 +41,7 @@ class Thermal:
 class PerAxis:
     """A calibration approximated by offsets and scales; all arrays are (3,).
 
-    accel_offset, gyro_offset   raw units
+    accel_offset, gyro_offset   raw units; gyro_offset is None for an accelerometer alone
     accel_scale                 corrected / raw, dimensionless
     thermal                     by sensor ("accel", "gyro"); only sensors with a temperature effect
     same_as                     the approximation as a calibration
@@ -50,7 +50,7 @@ class PerAxis:
 
     accel_offset: FloatArray
     accel_scale: FloatArray
-    gyro_offset: FloatArray
+    gyro_offset: FloatArray | None
     thermal: dict[str, Thermal]
     temperature_range_degc: tuple[float, float] | None
     same_as: Calibration
@@ -84,26 +84,26 @@ def per_axis_model(calibration: Calibration) -> PerAxis:
         # The thermal terms are in raw units, so the change of body frame does not affect them.
         for sensor, triad in (("accel", calibration.accelerometer), ("gyro", calibration.gyroscope))
         for values in calibration.effects
-        if values.name == THERMAL[sensor]
+        if triad is not None and values.name == THERMAL[sensor]
     }
     diagonal = {"accel": np.diag(scale), "gyro": np.eye(3)}
     effects = [_effect(sensor, found, diagonal[sensor]) for sensor, found in thermal.items()]
     return PerAxis(
         accel_offset=accel.bias,
         accel_scale=1 / scale,
-        gyro_offset=gyro.bias,
+        gyro_offset=None if gyro is None else gyro.bias,
         thermal=thermal,
         temperature_range_degc=calibration.temperature_range_degc,
         same_as=replace(
             moved,
             accelerometer=Triad(diagonal["accel"], accel.bias),
-            gyroscope=Triad(diagonal["gyro"], gyro.bias),
+            gyroscope=None if gyro is None else Triad(diagonal["gyro"], gyro.bias),
             effects=tuple(effects),
         ),
         lost=(
             *misalignment("accelerometer", accel.sensitivity),
-            *off_scale("gyroscope", gyro.sensitivity),
-            *misalignment("gyroscope", gyro.sensitivity),
+            *(() if gyro is None else off_scale("gyroscope", gyro.sensitivity)),
+            *(() if gyro is None else misalignment("gyroscope", gyro.sensitivity)),
             *lost_effects(calibration, THERMAL.values()),
         ),
     )

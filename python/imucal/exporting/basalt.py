@@ -33,8 +33,9 @@ ENTRIES: Final = {
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     """The two arrays, in the triangular frame, where the inverse of the sensitivity is lower triangular."""
     moved, rotation = rotated(calibration, "triangular")
+    accelerometer, gyroscope = moved.both()
     fields = {}
-    for name, triad in (("calib_accel_bias", moved.accelerometer), ("calib_gyro_bias", moved.gyroscope)):
+    for name, triad in (("calib_accel_bias", accelerometer), ("calib_gyro_bias", gyroscope)):
         correction = inverse(triad)
         scale = correction - np.eye(3)
         fields[name] = [

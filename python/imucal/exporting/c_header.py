@@ -143,26 +143,33 @@ def _function(
     def row(values: Sequence[float]) -> str:
         return f"{{{', '.join(map(literal, values))}}}"
 
+    triads = [
+        (*sensor, triad)
+        for sensor, triad in (
+            (("gyro", "w", "rate"), calibration.gyroscope),
+            (("accel", "f", "force"), calibration.accelerometer),
+        )
+        if triad is not None
+    ]
     lines = [
         f"static inline int {name}(",
-        f"    const {real} raw_rate[3], const {real} raw_force[3],",
+        f"    {', '.join(f'const {real} raw_{output}[3]' for _, _, output, _ in triads)},",
         *(f"    {argument.format(real=real)}," for argument in arguments),
-        f"    {real} rate[3], {real} force[3])",
+        f"    {', '.join(f'{real} {output}[3]' for _, _, output, _ in triads)})",
         "{",
     ]
-    for sensor, triad in (("gyro", calibration.gyroscope), ("accel", calibration.accelerometer)):
+    for sensor, _, _, triad in triads:
         lines.append(f"    static const {real} {sensor}_bias[3] = {row(triad.bias.tolist())};")
         lines.append(f"    static const {real} {sensor}_inverse[3][3] = {{")
         lines += [f"        {row(numbers)}," for numbers in inverse(triad).tolist()]
         lines.append("    };")
     lines += [
-        f"    {real} w[3], f[3];",
+        f"    {real} {', '.join(f'{local}[3]' for _, local, _, _ in triads)};",
         *([f"    {real} seen_w[3], seen_f[3];", "    int pass;"] if effects else []),
         "    int i;",
         "",
         "    for (i = 0; i < 3; ++i) {",
-        *_row("w", "gyro", "raw_rate"),
-        *_row("f", "accel", "raw_force"),
+        *(line for sensor, local, output, _ in triads for line in _row(local, sensor, f"raw_{output}")),
         "    }",
     ]
     sign = f"{prefix}_sign_{'f32' if single else 'f64'}"
@@ -178,8 +185,7 @@ def _function(
     lines += _removal(effects, fields, on_force, real, literal, single) if effects else []
     lines += [
         "    for (i = 0; i < 3; ++i) {",
-        "        rate[i] = w[i];",
-        "        force[i] = f[i];",
+        *(f"        {output}[i] = {local}[i];" for _, local, output, _ in triads),
         "    }",
         "    return 0;",
         "}",
@@ -323,5 +329,6 @@ C_HEADER = Format(
     layout=block_comment,
     write=write,
     takes_counts=True,
+    needs_gyroscope=False,
     named=named,
 )

@@ -29,6 +29,7 @@ __all__ = [
     "in_json",
     "line_comments",
     "number",
+    "require_sensors_of",
     "require_si",
     "xml_comment",
 ]
@@ -73,6 +74,7 @@ class Format:
     write        makes the body from a calibration and noise figures
     takes_counts     calibrations of raw counts can be written
     needs_noise      noise figures of a recording at rest are required
+    needs_gyroscope  a calibration of an accelerometer alone cannot be written
     named            returns the format with a prefix for its C names; None if its files contain no C names
     """
 
@@ -88,6 +90,7 @@ class Format:
     write: Callable[[Calibration, NoiseResult | None], Written]
     takes_counts: bool = False
     needs_noise: bool = False
+    needs_gyroscope: bool = True
     named: Callable[[str], Format] | None = None
 
 
@@ -108,8 +111,13 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
         + (f" by imucal {made.imucal_version}" if made.imucal_version else "")
         + (f" from {files}" if files else ""),
         f"Apply: {form.formula}",
-        f"Units: raw samples in {calibration.accel_unit} and {calibration.gyro_unit}, "
-        f"corrected samples in {form.units}",
+        "Units: raw samples in "
+        + (
+            f"{calibration.accel_unit} (accelerometer alone)"
+            if calibration.gyroscope is None
+            else f"{calibration.accel_unit} and {calibration.gyro_unit}"
+        )
+        + f", corrected samples in {form.units}",
         f"Body frame: {written.frame}",
         *written.notes,
         *(f"Not exported: {loss}" for loss in written.lost),
@@ -152,6 +160,18 @@ def number(value: float, *, single: bool = False) -> str:
     if not single:
         return repr(float(value))
     return str(np.float32(value))
+
+
+def require_sensors_of(calibration: Calibration, form: Format, able: Sequence[str]) -> None:
+    """Raises InputError for an accelerometer alone if the format needs both sensors.
+
+    able   names of the formats that can be written for an accelerometer alone
+    """
+    if calibration.gyroscope is None and form.needs_gyroscope:
+        raise InputError(
+            f"{form.name} needs both sensors, and this calibration has no gyroscope [sensor_missing]: "
+            f"calibrate both, or export the accelerometer to {', '.join(able)}"
+        )
 
 
 def require_si(calibration: Calibration, form: Format) -> None:

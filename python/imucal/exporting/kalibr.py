@@ -34,7 +34,8 @@ G_SENSITIVITY = "gyro_g_sensitivity"
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     """The block `imu0`, in the triangular frame."""
     moved, rotation = rotated(calibration, "triangular")
-    from_body = moved.gyroscope.sensitivity
+    accelerometer, gyroscope = moved.both()
+    from_body = gyroscope.sensitivity
     gyro, to_gyro = _lower_times_rotation(from_body)
     effects = [values for values in calibration.effects if values.name == G_SENSITIVITY]
     # Kalibr's g-sensitivity adds to the raw rate, in the gyroscope frame; ours to the true rate, in the body
@@ -60,7 +61,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         body="\n".join(body),
         lost=(
             "the constant biases: Kalibr's block has no field for them, estimators find their own (start "
-            f"from {moved.accelerometer.bias.tolist()} m/s^2 and {moved.gyroscope.bias.tolist()} rad/s)",
+            f"from {accelerometer.bias.tolist()} m/s^2 and {gyroscope.bias.tolist()} rad/s)",
             *lost_effects(calibration, {G_SENSITIVITY}),
         ),
         same_as=moved,
@@ -130,4 +131,5 @@ KALIBR_IMU = Format(
     write=write_imu,
     takes_counts=True,
     needs_noise=True,
+    needs_gyroscope=False,
 )

@@ -16,13 +16,20 @@ __all__ = ["MATLAB"]
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     """The function file. Rows of its arrays are samples, as in `Calibration.apply`."""
-    lines = ["function [rate, force] = imucal_correct(raw_rate, raw_force)"]
+    has_gyroscope = calibration.gyroscope is not None
+    lines = [
+        "function [rate, force] = imucal_correct(raw_rate, raw_force)"
+        if has_gyroscope
+        else "function force = imucal_correct(raw_force)"
+    ]
     for name, triad in (("gyro", calibration.gyroscope), ("accel", calibration.accelerometer)):
+        if triad is None:
+            continue
         rows = "; ".join(", ".join(number(value) for value in row) for row in triad.sensitivity)
         lines.append(f"{name}_T = [{rows}];")
         lines.append(f"{name}_bias = [{', '.join(number(value) for value in triad.bias)}];")
     lines += [
-        "rate = bsxfun(@minus, raw_rate, gyro_bias) / gyro_T';",
+        *(["rate = bsxfun(@minus, raw_rate, gyro_bias) / gyro_T';"] if has_gyroscope else []),
         "force = bsxfun(@minus, raw_force, accel_bias) / accel_T';",
         "end",
         "",
@@ -48,4 +55,5 @@ MATLAB = Format(
     layout=line_comments("%"),
     write=write,
     takes_counts=True,
+    needs_gyroscope=False,
 )

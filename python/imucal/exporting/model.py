@@ -66,7 +66,7 @@ def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calib
     return replace(
         calibration,
         accelerometer=before(calibration.accelerometer, axes.accel),
-        gyroscope=before(calibration.gyroscope, axes.gyro),
+        gyroscope=None if calibration.gyroscope is None else before(calibration.gyroscope, axes.gyro),
         axes=UNCHANGED,
         covariance=None,
         covariance_names=(),
@@ -100,11 +100,13 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
         )
     if _is_in(frame, old):
         return replace(linear(calibration), frame=frame), np.eye(3)
-    accel, gyro = _core.convert_frame(old, calibration.gyroscope.sensitivity, frame)
+    gyroscope = calibration.gyroscope
+    # The frame is that of the accelerometer, whatever the gyroscope is.
+    accel, gyro = _core.convert_frame(old, np.eye(3) if gyroscope is None else gyroscope.sensitivity, frame)
     moved = replace(
         linear(calibration),
         accelerometer=Triad(accel, calibration.accelerometer.bias),
-        gyroscope=Triad(gyro, calibration.gyroscope.bias),
+        gyroscope=None if gyroscope is None else Triad(gyro, gyroscope.bias),
         frame=frame,
     )
     return moved, np.asarray(np.linalg.solve(accel, old), dtype=np.float64)

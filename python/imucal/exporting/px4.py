@@ -38,7 +38,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     for i, axis in enumerate("XYZ"):
         rows.append((f"CAL_ACC0_{axis}OFF", model.accel_offset[i]))
         rows.append((f"CAL_ACC0_{axis}SCALE", model.accel_scale[i]))
-    rows += [(f"CAL_GYRO0_{axis}OFF", model.gyro_offset[i]) for i, axis in enumerate("XYZ")]
+    if model.gyro_offset is not None:
+        rows += [(f"CAL_GYRO0_{axis}OFF", model.gyro_offset[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = [
         "Raw samples are samples without PX4's corrections: the topics sensor_accel and sensor_gyro.",
@@ -87,4 +88,5 @@ PX4 = Format(
     omits="misalignment of both, scale of the gyroscope, all other effects",
     layout=line_comments("#"),
     write=write,
+    needs_gyroscope=False,
 )

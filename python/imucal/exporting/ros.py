@@ -37,14 +37,20 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     return Written(
         body=body + "\n",
         lost=(
-            f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node estimates its own at its start",
-            *off_scale("gyroscope", gyro.sensitivity),
-            *misalignment("gyroscope", gyro.sensitivity),
+            *(() if gyro is None else _lost_gyroscope(gyro)),
             *lost_effects(calibration),
         ),
-        same_as=replace(linear(calibration), gyroscope=Triad(np.eye(3), gyro.bias)),
+        same_as=replace(linear(calibration), gyroscope=None if gyro is None else Triad(np.eye(3), gyro.bias)),
         frame=FRAMES[calibration.frame],
         notes=("The unit must be at rest when the node starts.",),
+    )
+
+
+def _lost_gyroscope(gyro: Triad) -> tuple[str, ...]:
+    return (
+        f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node estimates its own at its start",
+        *off_scale("gyroscope", gyro.sensitivity),
+        *misalignment("gyroscope", gyro.sensitivity),
     )
 
 
@@ -59,4 +65,5 @@ ROS = Format(
     omits="bias, scale and misalignment of the gyroscope, all effects",
     layout=line_comments("#"),
     write=write,
+    needs_gyroscope=False,
 )

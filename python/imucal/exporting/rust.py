@@ -48,7 +48,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     listed = f"effects::{{{', '.join(used)}}}, " if used else ""
     imports = f"use imucal_core::{{calibration::Calibration, {listed}sensor::Triad}};"
     lines = [imports, "use nalgebra::{Matrix3, RealField, Vector3, convert};", ""]
-    for name, triad in (("ACCELEROMETER", calibration.accelerometer), ("GYROSCOPE", calibration.gyroscope)):
+    for name, triad in zip(("ACCELEROMETER", "GYROSCOPE"), calibration.both(), strict=True):
         rows = ",\n    ".join(_row(row) for row in triad.sensitivity)
         lines += [
             "/// T in raw = T true + bias.",

@@ -14,7 +14,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.effects.formula import CONSTANTS, FUNCTIONS, INPUTS
 from imucal.effects.formula_effect import FormulaEffect, formula_effects
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["column_effects"]
 
@@ -71,7 +71,8 @@ def _explained_share(name: str, recordings: Sequence[Recording]) -> float:
 
 def _inputs(recording: Recording, rows: np.ndarray) -> FloatArray:
     """What effects of the catalogue depend on, centred and scaled, one column each."""
-    given = [recording.time_s[rows, None], recording.specific_force[rows], recording.angular_rate[rows]]
+    force, rate = samples_of_both(recording)
+    given = [recording.time_s[rows, None], force[rows], rate[rows]]
     if recording.temperature_degc is not None:
         given.append(recording.temperature_degc[rows, None])
     inputs = np.hstack([np.asarray(values, dtype=np.float64) for values in given])

@@ -212,7 +212,7 @@ def _simulated(question: Question, suggestion: Suggestion, after: CalibrationRes
             # The simulation adds noise to raw samples, so the density is converted to raw units.
             noise_density=float(np.mean(density) * np.cbrt(abs(np.linalg.det(triad.sensitivity)))),
         )
-        for triad, density in ((calibration.accelerometer, accel), (calibration.gyroscope, gyro))
+        for triad, density in zip(calibration.both(), (accel, gyro), strict=True)
     )
     first = question.recordings[0]
     temperature: Any = suggestion.temperature

@@ -13,8 +13,8 @@ from imucal.arrays import FloatArray
 from imucal.document.atomic import write_atomically
 from imucal.document.source import first_bytes, open_large
 from imucal.errors import FormatError, ImucalError, InputError
+from imucal.io.alone import recording_of_any_text
 from imucal.io.arrow_values import arrow_of
-from imucal.io.headed import recording_of_text
 from imucal.io.mapping import mapping_of
 from imucal.io.names import is_canonical
 from imucal.io.parquet_pages import require_plausible_pages, require_plausible_rows
@@ -59,7 +59,7 @@ def read_csv(
              own names are canonical and are not given here.
     rate_hz  sampling rate, Hz, if there is no time column
     """
-    return recording_of_text(open_path(path), columns, rate_hz)
+    return recording_of_any_text(open_path(path), columns, rate_hz)
 
 
 def read_parquet(

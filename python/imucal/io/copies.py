@@ -33,7 +33,8 @@ def without_copies(recording: Recording) -> Recording:
     time_s = recording.time_s
     if not has_equal_stamps(time_s):
         return recording
-    columns = [time_s, *recording.specific_force.T, *recording.angular_rate.T]
+    there = (recording.specific_force, recording.angular_rate)
+    columns = [time_s, *(column for samples in there if samples is not None for column in samples.T)]
     if recording.temperature_degc is not None:
         columns.append(recording.temperature_degc)
     if recording.stand_rad is not None:

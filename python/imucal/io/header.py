@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 
 from imucal.io.unit_words import split_unit
 
-__all__ = ["Header", "Triad", "header_of"]
+__all__ = ["Header", "Triad", "header_of", "names_sensor"]
 
 ACCEL: Final = {
     *("a", "ac", "acc", "accel", "accl", "accelerometer", "acceleration", "accelerometers", "accels", "af"),
@@ -196,6 +196,17 @@ def header_of(
         header.accel.extend(Triad(t.columns, t.unit or program.accel, program.name) for t in header.linear)
         header.linear.clear()
     return header
+
+
+def names_sensor(names: Sequence[str], what: str) -> bool:
+    """Whether any column is an axis of this sensor, "accel" or "gyro", by the words of its name."""
+
+    def of(name: str) -> str | None:
+        bare, unit = split_unit(name)
+        role = _role([word.lower() for word in WORD.findall(bare)], bare, unit)
+        return None if role is None else role[0].removeprefix("plain-")
+
+    return any(of(name) == what for name in names)
 
 
 def _shared_start(names: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from imucal.finding import Finding
 
-__all__ = ["damaged", "lines_left_out", "remark"]
+__all__ = ["damaged", "lines_left_out", "one_sensor", "remark"]
 
 
 def remark(file: str, code: str, message: str, way_out: str) -> Finding:
@@ -25,6 +25,23 @@ def lines_left_out(file: str, parts: Sequence[str], count: int) -> Finding:
             "check that no samples are lost there, or remove these lines from the file",
         ),
         count=count,
+    )
+
+
+def one_sensor(file: str, sensor: str, others: Sequence[str]) -> Finding:
+    """The warning for a file with the columns of one sensor only.
+
+    others   names of the columns that were read as something else
+    """
+    missing = {"accelerometer": "gyroscope", "gyroscope": "accelerometer"}[sensor]
+    kept = f" (other columns: {', '.join(others)})" if others else ""
+    return remark(
+        file,
+        "sensor_missing",
+        f"there are no columns of a {missing}{kept}: this is a recording of the {sensor} alone".replace(
+            "a accel", "an accel"
+        ),
+        f"if the file has a {missing}, name its columns with --columns".replace("a accel", "an accel"),
     )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from imucal.document.source import File, is_folder, open_file, open_large
 from imucal.errors import FormatError, InputError
+from imucal.io.alone import alone, recording_of_any_text
 from imucal.io.headed import layout_header, recording_of_text
 from imucal.io.joined import joined
 from imucal.io.packed import TEXT_ENDINGS, ZIP, Archive
@@ -53,12 +54,14 @@ def read_folder(
 ) -> Recording:
     """Read the text files in a folder or a zip archive: one with both sensors, or one for each sensor.
 
+    Without a file of a gyroscope, the recording is that of the accelerometer alone.
+
     The other arguments are those of `read_csv` and `read_pair`.
     """
     units = units_given(time_unit, accel_unit, gyro_unit)
     texts, name = list(_texts(path)), Path(path).name
     if len(texts) == 1:
-        return recording_of_text(texts[0], columns, rate_hz)
+        return recording_of_any_text(texts[0], columns, rate_hz)
     both = [text for text in texts if _has_both(text)]
     if len(both) == 1:
         return recording_of_text(both[0], columns, rate_hz)
@@ -72,8 +75,12 @@ def read_folder(
             sensors.append(sensor_of(text))
         except FormatError:
             continue
-    accel = _chosen(name, [s for s in sensors if s.what == "accel"], "accelerometer", texts)
-    gyro = _chosen(name, [s for s in sensors if s.what == "gyro"], "gyroscope", texts)
+    accels = [sensor for sensor in sensors if sensor.what == "accel"]
+    gyros = [sensor for sensor in sensors if sensor.what == "gyro"]
+    if accels and not gyros:
+        return alone(_chosen(name, accels, "accelerometer", texts), units)
+    accel = _chosen(name, accels, "accelerometer", texts)
+    gyro = _chosen(name, gyros, "gyroscope", texts)
     return joined(accel, gyro, units, lambda: list(dict.fromkeys([*accel.text.sources, *gyro.text.sources])))
 
 

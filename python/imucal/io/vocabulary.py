@@ -23,6 +23,7 @@ from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
 from imucal.io.arrow_values import numpy_of, present_of, ticks_of
 from imucal.io.copies import without_copies
+from imucal.io.header import names_sensor
 from imucal.io.names import (
     AXES,
     RAW_TEMPERATURE,
@@ -32,9 +33,10 @@ from imucal.io.names import (
     time_unit,
     triad_part,
 )
+from imucal.io.remarks import one_sensor
 from imucal.io.suggestion import columns_suggested
 from imucal.io.table import Table, parts
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, Sensor
 from imucal.units import COLUMN_UNITS, TEMPERATURE_UNITS, TICKS_PER_S, to_degc
 
 __all__ = ["Clock", "column_names", "float64", "recording_from_table"]
@@ -48,8 +50,12 @@ def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
     accel = "lsb" if recording.accel_unit == "lsb" else "mps2"
     gyro = "lsb" if recording.gyro_unit == "lsb" else "radps"
     columns: list[tuple[str, NDArray[Any]]] = [("time_s", recording.time_s)]
-    columns += [(f"accel_{axis}_{accel}", recording.specific_force[:, i]) for i, axis in enumerate("xyz")]
-    columns += [(f"gyro_{axis}_{gyro}", recording.angular_rate[:, i]) for i, axis in enumerate("xyz")]
+    for what, unit, samples in (
+        ("accel", accel, recording.specific_force),
+        ("gyro", gyro, recording.angular_rate),
+    ):
+        if samples is not None:
+            columns += [(f"{what}_{axis}_{unit}", samples[:, i]) for i, axis in enumerate("xyz")]
     if recording.temperature_degc is not None:
         columns.append(("temp_degc", recording.temperature_degc))
     if recording.stand_rad is not None:
@@ -82,13 +88,15 @@ def recording_from_table(
     rate_hz  sampling rate, Hz, if there is no time column; the first sample is then at 0 s
     clock    shared by all pieces of a recording; None if the table is the whole recording
 
+    A table without any column of one sensor is a recording of the other sensor alone, with a warning.
     Raises FormatError if a column is missing, given twice, has an unknown unit, or contains text.
     """
     _refuse_duplicates(table)
     used: set[str] = set()
     wanted = _Wanted(table, Clock() if clock is None else clock)
-    accel, accel_unit = _triad(wanted, "accel", used)
-    gyro, gyro_unit = _triad(wanted, "gyro", used)
+    alone = _alone(table)
+    accel, accel_unit = (None, None) if alone == "gyroscope" else _triad(wanted, "accel", used)
+    gyro, gyro_unit = (None, None) if alone == "accelerometer" else _triad(wanted, "gyro", used)
     time_s = _time(wanted, used, rate_hz)
     stand = None
     if any(name.startswith("stand_") and triad_part(name) for name in table.names):
@@ -100,6 +108,9 @@ def recording_from_table(
         if name not in used and name not in SKIP and name and _is_numeric(column)
     }
     wanted.read()
+    findings = table.findings
+    if alone is not None:
+        findings = (*findings, one_sensor(table.file, alone, list(auxiliary)))
     recording = Recording(
         time_s,
         accel,
@@ -111,10 +122,23 @@ def recording_from_table(
         gyro_unit="lsb" if gyro_unit == "lsb" else "rad/s",
         name=table.file,
         sources=sources,
-        findings=table.findings,
+        findings=findings,
         column_units=(accel_unit, gyro_unit),
     )
     return recording if rate_hz is not None or clock is not None else without_copies(recording)
+
+
+def _alone(table: Table) -> Sensor | None:
+    """The sensor that the table has without the other one; None if it has columns of both, or of none.
+
+    A column whose name is that of a gyroscope or of an accelerometer in other words is not overlooked: the
+    message about the missing columns then proposes it.
+    """
+    triads = {part[0] for name in table.names if (part := triad_part(name)) is not None}
+    others = [name for name in table.names if name not in SKIP and name and not is_canonical(name)]
+    if len(triads & {"accel", "gyro"}) != 1 or names_sensor(others, "gyro" if "accel" in triads else "accel"):
+        return None
+    return "accelerometer" if "accel" in triads else "gyroscope"
 
 
 def _refuse_duplicates(table: Table) -> None:
@@ -280,7 +304,8 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
     if not names:
         raise FormatError(
             f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; {_found(table)}If "
-            "there is none, give the sample rate (rate_hz, --rate-hz)"
+            "there is none, give the sample rate (rate_hz, --rate-hz); if each row is the mean of a rest, "
+            "give --means (imucal.read_means)"
         )
     name = names[0]
     used.add(name)

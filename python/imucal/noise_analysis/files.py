@@ -27,7 +27,8 @@ def kalibr_yaml(noise: NoiseResult, *, rostopic: str = ROSTOPIC) -> str:
     """Kalibr's imu.yaml: continuous-time figures in SI units, the largest of the three axes.
 
     A random walk that is not detected is written as the upper end of its 95 % band, with a comment, because
-    Kalibr does not accept zero. Raises InputError for a recording in raw counts.
+    Kalibr does not accept zero. One sensor alone gives its two lines. Raises InputError for a
+    recording in raw counts.
     """
     _require_si(noise)
     lines = [
@@ -35,6 +36,8 @@ def kalibr_yaml(noise: NoiseResult, *, rostopic: str = ROSTOPIC) -> str:
         f"# the largest of the three axes, from {noise.samples} samples ({noise.duration_s:.0f} s) at rest.",
     ]
     for name, (sensor, figure, unit) in KALIBR.items():
+        if not noise.has(sensor):
+            continue
         estimates = [getattr(axis, figure) for axis in noise.triad(sensor)]
         seen = [e for e in estimates if e.value is not None]
         value, std = max(((e.value, e.std) for e in seen), default=(max(e.high for e in estimates), None))
@@ -77,7 +80,7 @@ def unit_of_noise(noise: NoiseResult, *, name: str = "measured") -> Unit:
 
 
 def _require_si(noise: NoiseResult) -> None:
-    if (noise.accel_unit, noise.gyro_unit) != ("m/s^2", "rad/s"):
+    if "lsb" in (noise.accel_unit, noise.gyro_unit):
         raise InputError(
             f"{noise.name} is in raw counts: correct it first (imucal apply), for these figures need SI units"
         )

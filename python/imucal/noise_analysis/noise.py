@@ -10,6 +10,7 @@ import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.document.plain import without_nan
 from imucal.document.whole import check_threads
+from imucal.errors import InputError
 from imucal.finding import Finding
 from imucal.notebook import html_of
 from imucal.recording.recording import Recording, as_recording
@@ -134,9 +135,11 @@ class Drift:
 
 @dataclass(frozen=True, eq=False)
 class NoiseResult:
-    """The noise of both triads of a unit.
+    """The noise of both sensors of a unit, or of the one that was recorded.
 
-    axes              accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z
+    axes              accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z; without those of a sensor that the
+                      recording does not have
+    accel_unit, gyro_unit   units of the samples; None for a sensor that the recording does not have
     start_s, end_s    the rest that was used
     steps             steps of the means in the rest; they are part of the noise figures
     cut_steps         steps that were cut; the samples without them were used
@@ -150,16 +153,26 @@ class NoiseResult:
     end_s: float
     samples: int
     rate_hz: float
-    accel_unit: str
-    gyro_unit: str
+    accel_unit: str | None
+    gyro_unit: str | None
     steps: tuple[Step, ...]
     cut_steps: tuple[Step, ...]
     drifts: tuple[Drift, ...]
     findings: tuple[Finding, ...]
 
     def triad(self, sensor: str) -> tuple[AxisNoise, ...]:
-        """The axes of "accel" or "gyro"."""
+        """The axes of "accel" or "gyro"; InputError `sensor_missing` if the recording does not have it."""
+        if not self.has(sensor):
+            name = {"accel": "accelerometer", "gyro": "gyroscope"}[sensor]
+            raise InputError(
+                f"{self.name}: there is no {name} in this recording, and this needs its noise "
+                "[sensor_missing]: record both sensors at rest"
+            )
         return tuple(self.axes[f"{sensor}_{axis}"] for axis in "xyz")
+
+    def has(self, sensor: str) -> bool:
+        """Whether there are figures of "accel" or "gyro"."""
+        return f"{sensor}_x" in self.axes
 
     @property
     def duration_s(self) -> float:
@@ -231,7 +244,7 @@ def noise(
             ("accel", found.accelerometer, recording.accel_unit),
             ("gyro", found.gyroscope, recording.gyro_unit),
         )
-        for axis, of_axis in zip("xyz", triad, strict=True)
+        for axis, of_axis in zip("xyz", triad or (), strict=triad is not None)
     }
     return NoiseResult(
         name=recording.name,
@@ -240,8 +253,8 @@ def noise(
         end_s=found.end_s,
         samples=found.samples,
         rate_hz=found.rate_hz,
-        accel_unit=recording.accel_unit,
-        gyro_unit=recording.gyro_unit,
+        accel_unit=None if found.accelerometer is None else recording.accel_unit,
+        gyro_unit=None if found.gyroscope is None else recording.gyro_unit,
         steps=_steps(found.steps),
         cut_steps=_steps(found.cut_steps),
         drifts=tuple(

@@ -23,11 +23,11 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
 
     Points with 95 % confidence intervals are measured, lines are the identified noise model.
 
-    Raises ImucalError without plotly.
+    Raises ImucalError without plotly, and InputError for a sensor that the recording does not have.
     """
     go, _ = plotly()
     figure = go.Figure()
-    unit = shown_unit(noise.accel_unit if sensor == "accel" else noise.gyro_unit)
+    unit = shown_unit((noise.accel_unit if sensor == "accel" else noise.gyro_unit) or "")
     for (axis, colour, symbol), of_axis in zip(LOOKS, noise.triad(sensor), strict=True):
         error = {
             "type": "data",

@@ -33,10 +33,7 @@ def rest_residuals(result: CalibrationResult | Evaluation) -> Figure:
     Raises ImucalError without plotly.
     """
     rests = result.rests
-    words = [
-        f"rest {number} of {rest.recording}<br>{rest.start_s:.1f} s to {rest.end_s:.1f} s"
-        for number, rest in enumerate(rests)
-    ]
+    words = [f"rest {number} of {rest.recording}<br>{rest.place}" for number, rest in enumerate(rests)]
     errors, sigmas = numbers(rests, "norm_error_mps2"), numbers(rests, "norm_sigma_mps2")
     return _figure("rest", rests, words, errors, sigmas, ("|f| − g", "m/s²"), (-NORMAL_95, NORMAL_95))
 

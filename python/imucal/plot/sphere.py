@@ -80,7 +80,7 @@ def _series(result: CalibrationResult | Evaluation) -> list[tuple[str, FloatArra
         return [("control rests", up, _numbered(len(up), "control rest"), GREEN, "diamond", 5)]
     up = up_at_rests(result)
     words = [
-        f"rest {number} of {rest.recording}<br>{rest.start_s:.1f} s to {rest.end_s:.1f} s"
+        f"rest {number} of {rest.recording}<br>{rest.place}"
         + (f"<br>excluded: {rest.excluded}" if rest.excluded else "")
         for number, rest in enumerate(result.rests)
     ]

@@ -26,6 +26,13 @@ def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
         raise InputError("there is no recording: give at least one")
     first = unit_data[0]
     for other in unit_data[1:]:
+        if other.sensors != first.sensors:
+            lacking, having = (other, first) if len(other.sensors) < len(first.sensors) else (first, other)
+            missing = next(sensor for sensor in having.sensors if sensor not in lacking.sensors)
+            raise InputError(
+                f"{lacking.name} has no {missing} and {having.name} has one [sensor_missing]: recordings of "
+                f"one unit need the same sensors; `of_sensor` leaves the {missing} of the other out"
+            )
         if (other.accel_unit, other.gyro_unit) != (first.accel_unit, first.gyro_unit):
             raise InputError(
                 f"{other.name} is in {other.accel_unit} and {other.gyro_unit} but {first.name} in "
@@ -102,7 +109,8 @@ def _is_same_run(one: Recording, other: Recording) -> bool:
 
 def _changes(recording: Recording, end: int | None = None) -> NDArray[Any]:
     """The rows up to `end` that differ from the previous row, (n, 6)."""
-    rows = np.hstack((recording.specific_force[:end], recording.angular_rate[:end]))
+    there = (recording.specific_force, recording.angular_rate)
+    rows = np.hstack([samples[:end] for samples in there if samples is not None])
     is_new = np.ones(len(rows), dtype=bool)
     is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
     return np.asarray(rows[is_new])

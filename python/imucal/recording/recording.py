@@ -27,10 +27,14 @@ __all__ = [
     "AccelUnit",
     "GyroUnit",
     "Recording",
+    "Sensor",
     "as_recording",
     "as_recordings",
+    "require_sensors",
+    "samples_of_both",
 ]
 
+Sensor: TypeAlias = Literal["accelerometer", "gyroscope"]
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
 # Longer time steps are pauses between runs, s: no sensor that can be calibrated samples more slowly.
@@ -42,8 +46,8 @@ class Recording:
     """The measurements of one unit; every column is a read-only, C-contiguous array.
 
     time_s            (N,)    s
-    specific_force    (N, 3)  in `accel_unit`, along the accelerometer's axes
-    angular_rate      (N, 3)  in `gyro_unit`, along the gyroscope's axes
+    specific_force    (N, 3)  in `accel_unit`, along the accelerometer's axes; None without an accelerometer
+    angular_rate      (N, 3)  in `gyro_unit`, along the gyroscope's axes; None without a gyroscope
     temperature_degc  (N,)    degC, or None
     stand_rad         (N, 3)  angles of the stand's motors from their encoders, rad, or None
     auxiliary         name -> (N,)  other columns of the file; characters of a name that cannot be printed
@@ -57,12 +61,17 @@ class Recording:
     type is not copied; anything else (lists, other integers, Fortran order, strides) is converted once.
     Masked values become NaN. Do not change an array that was not copied while a calculation uses it.
 
-    Raises InputError if a column has the wrong shape, another length than `time_s`, or no real numbers.
+    A recording has at least one of the two sensors. One sensor alone is calibrated (the accelerometer),
+    evaluated, applied and analysed for noise; everything that needs both raises InputError with the code
+    `sensor_missing` (docs/one-sensor.md).
+
+    Raises InputError if a column has the wrong shape, another length than `time_s`, or no real numbers, and
+    without any sensor.
     """
 
     time_s: FloatArray
-    specific_force: SampleArray
-    angular_rate: SampleArray
+    specific_force: SampleArray | None
+    angular_rate: SampleArray | None
     temperature_degc: FloatArray | None
     stand_rad: FloatArray | None
     auxiliary: Mapping[str, FloatArray]
@@ -77,8 +86,8 @@ class Recording:
     def __init__(
         self,
         time_s: ArrayLike,
-        specific_force: ArrayLike,
-        angular_rate: ArrayLike,
+        specific_force: ArrayLike | None = None,
+        angular_rate: ArrayLike | None = None,
         *,
         temperature_degc: ArrayLike | None = None,
         stand_rad: ArrayLike | None = None,
@@ -101,6 +110,12 @@ class Recording:
         # A file may have any name, but messages are one line of valid text.
         printable = shown(name)
 
+        if specific_force is None and angular_rate is None:
+            raise InputError(f"{printable}: there is neither a specific_force nor an angular_rate: give one")
+
+        def samples(values: ArrayLike | None, what: str, rows: int) -> SampleArray | None:
+            return None if values is None else as_samples(values, f"{printable}: {what}", rows)
+
         def column(values: ArrayLike, what: str, width: int | None, rows: int | None) -> FloatArray:
             return as_rows(values, f"{printable}: {what}", width, rows)
 
@@ -108,8 +123,8 @@ class Recording:
         rows = len(time)
         fields: dict[str, Any] = {
             "time_s": time,
-            "specific_force": as_samples(specific_force, f"{printable}: specific_force", rows),
-            "angular_rate": as_samples(angular_rate, f"{printable}: angular_rate", rows),
+            "specific_force": samples(specific_force, "specific_force", rows),
+            "angular_rate": samples(angular_rate, "angular_rate", rows),
             "temperature_degc": None
             if temperature_degc is None
             else column(temperature_degc, "temperature_degc", None, rows),
@@ -118,8 +133,8 @@ class Recording:
                 shown(key): column(values, f"auxiliary[{key!r}]", None, rows)
                 for key, values in (auxiliary or {}).items()
             },
-            "accel_unit": accel_unit,
-            "gyro_unit": gyro_unit,
+            "accel_unit": "m/s^2" if specific_force is None else accel_unit,
+            "gyro_unit": "rad/s" if angular_rate is None else gyro_unit,
             "name": printable,
             "sources": tuple(sources),
             "findings": tuple(findings),
@@ -144,9 +159,36 @@ class Recording:
         ]
         return (
             f"Recording({self.name!r}: {samples} samples, {duration_s:.3f} s, {self.rate_hz:.6g} Hz, "
-            f"accelerometer in {self.accel_unit}, gyroscope in {self.gyro_unit}"
-            + (f", with {', '.join(extras)})" if extras else ")")
+            f"{self.sensors_in_words}" + (f", with {', '.join(extras)})" if extras else ")")
         )
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """The names of the sensors that the recording has: "accelerometer", "gyroscope"."""
+        columns: dict[Sensor, SampleArray | None] = {
+            "accelerometer": self.specific_force,
+            "gyroscope": self.angular_rate,
+        }
+        return tuple(name for name, values in columns.items() if values is not None)
+
+    @property
+    def sensors_in_words(self) -> str:
+        """The sensors with the units of their samples, for messages."""
+        units = {"accelerometer": self.accel_unit, "gyroscope": self.gyro_unit}
+        words = [f"{sensor} in {units[sensor]}" for sensor in self.sensors]
+        return ", ".join(words) if len(words) > 1 else f"{words[0]} alone"
+
+    def of_sensor(self, sensor: Sensor) -> Recording:
+        """The same recording with the accelerometer or the gyroscope alone.
+
+        Raises InputError if it does not have this sensor.
+        """
+        if sensor not in get_args(Sensor):
+            raise InputError(f"sensor is {sensor!r}: give one of {', '.join(get_args(Sensor))}")
+        require_sensors(self, sensor)
+        if sensor == "accelerometer":
+            return replace(self, angular_rate=None)
+        return replace(self, specific_force=None)
 
     @property
     def rate_hz(self) -> float:
@@ -180,8 +222,8 @@ class Recording:
         return replace(
             self,
             time_s=self.time_s[keep],
-            specific_force=self.specific_force[keep],
-            angular_rate=self.angular_rate[keep],
+            specific_force=None if self.specific_force is None else self.specific_force[keep],
+            angular_rate=None if self.angular_rate is None else self.angular_rate[keep],
             temperature_degc=None if self.temperature_degc is None else self.temperature_degc[keep],
             stand_rad=None if self.stand_rad is None else self.stand_rad[keep],
             auxiliary={key: values[keep] for key, values in self.auxiliary.items()},
@@ -200,6 +242,8 @@ class Recording:
             return self
         rows = np.flatnonzero(is_copy)
         for values in (self.specific_force, self.angular_rate):
+            if values is None:
+                continue
             is_copy[rows] &= (values[rows] == values[rows - 1]).all(axis=1)
         count, first = int(is_copy.sum()), int(is_copy.argmax())
         if count < len(rows):
@@ -239,8 +283,8 @@ class Recording:
             magnetometer.update(zip(names, _along(columns, wanted.accel).T, strict=True))
         return replace(
             self,
-            specific_force=_along(self.specific_force, wanted.accel),
-            angular_rate=_along(self.angular_rate, wanted.gyro),
+            specific_force=None if self.specific_force is None else _along(self.specific_force, wanted.accel),
+            angular_rate=None if self.angular_rate is None else _along(self.angular_rate, wanted.gyro),
             auxiliary=magnetometer,
             axes=str(wanted.after(Axes.parse(self.axes))),
         )
@@ -265,6 +309,42 @@ class Recording:
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
         """The columns through the Arrow PyCapsule interface, for polars.DataFrame(recording) and its like."""
         return self.to_arrow().__arrow_c_stream__(requested_schema)
+
+
+def require_sensors(recording: Recording, *needed: Sensor) -> None:
+    """Raise InputError, with the finding `sensor_missing`, for a recording without a needed sensor."""
+    for sensor in needed:
+        if sensor not in recording.sensors:
+            raise _sensor_missing(recording, sensor)
+
+
+def samples_of_both(recording: Recording) -> tuple[SampleArray, SampleArray]:
+    """(specific_force, angular_rate); InputError `sensor_missing` for a recording without one of them."""
+    force, rate = recording.specific_force, recording.angular_rate
+    if force is None:
+        raise _sensor_missing(recording, "accelerometer")
+    if rate is None:
+        raise _sensor_missing(recording, "gyroscope")
+    return force, rate
+
+
+def _sensor_missing(recording: Recording, sensor: Sensor) -> InputError:
+    message = f"there is no {sensor} in this recording, and this needs it"
+    way_out = f"add the columns of the {sensor}; docs/one-sensor.md lists what one sensor alone allows"
+    prefix = {"accelerometer": "accel", "gyroscope": "gyro"}[sensor]
+    finding = Finding(
+        code="sensor_missing",
+        severity="error",
+        recording=recording.name,
+        columns=tuple(f"{prefix}_{axis}" for axis in "xyz"),
+        place=None,
+        count=len(recording),
+        value=0.0,
+        unit="samples",
+        message=message,
+        way_out=way_out,
+    )
+    return InputError(f"{recording.name}: {message} [{finding.code}]: {way_out}", [finding])
 
 
 def _along(samples: NDArray[Any], matrix: FloatArray) -> NDArray[Any]:

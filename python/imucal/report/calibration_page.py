@@ -57,7 +57,8 @@ def write_calibration_page(
         *limits_tabs(result.judgement),
         coverage_tab(result),
     ]
-    if result.control is not None:
+    # An accelerometer alone propagates nothing.
+    if result.control is not None and result.control.carried:
         tabs.append(propagated_tab(result.control))
     left: list[Shown | str] = [heading("Recordings of the calibration"), *residuals(result, "calibration")]
     if result.control is not None:
@@ -84,7 +85,7 @@ def write_evaluation_page(
             ),
         ),
         *limits_tabs(judged.judgement),
-        propagated_tab(judged),
+        *([propagated_tab(judged)] if judged.carried else []),
         Tab("Residuals", tuple(residuals(judged, "control"))),
         coverage_tab(judged),
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import imucal.plot as plot
 import imucal.report.sentences as sentences
@@ -37,9 +37,14 @@ def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
         ),
     )
     caption = "Overlapping Allan deviation with 95 % confidence intervals; lines: the identified noise model."
-    plots = (
-        Tab("Accelerometer", (Shown("allan-accel", plot.allan(noise, "accel"), caption),)),
-        Tab("Gyroscope", (Shown("allan-gyro", plot.allan(noise, "gyro"), caption),)),
+    sensors: tuple[tuple[Literal["accel", "gyro"], str], ...] = (
+        ("accel", "Accelerometer"),
+        ("gyro", "Gyroscope"),
+    )
+    plots = tuple(
+        Tab(title, (Shown(f"allan-{sensor}", plot.allan(noise, sensor), caption),))
+        for sensor, title in sensors
+        if noise.has(sensor)
     )
     write_page(path, f"Noise of {noise.name}", (*plots, figures), sentences.of_noise(noise))
 

@@ -29,8 +29,7 @@ NO_NAME = {
 
 def of_calibration(result: CalibrationResult) -> Verdict:
     """Whether the calibration is good, and its improvement on control recordings."""
-    used = [sum(item.excluded is None for item in items) for items in (result.rests, result.moves)]
-    beside = f"{used[0]} of {len(result.rests)} rests and {used[1]} of {len(result.moves)} moves are used."
+    beside = f"{result.used.removesuffix(' used')} are used."
     if result.control is None:
         beside += " There is no control recording to verify it: give one with --control."
         sentence = "Good on its own recordings; not verified on others."
@@ -91,10 +90,21 @@ def _better(judged: Evaluation) -> str:
     uncalibrated = judged.before.gravity_direction_rms_deg
     calibrated = judged.figures.gravity_direction_rms_deg
     if uncalibrated is None or calibrated is None:
-        return ""
+        return _better_norm(judged)
     return (
         "On the control recordings, the gravity direction propagated over a move has an rms error of "
         f"{calibrated:.2g} deg, compared to {uncalibrated:.2g} deg without calibration."
+    )
+
+
+def _better_norm(judged: Evaluation) -> str:
+    """The figure of an accelerometer alone in a sentence; empty if it is unknown."""
+    before, after = judged.before.gravity_norm_rms_mps2, judged.figures.gravity_norm_rms_mps2
+    if before is None or after is None or judged.moves:
+        return ""
+    return (
+        f"On the control recordings, the norm of gravity at the rests has an rms error of {after:.2g} m/s², "
+        f"compared to {before:.2g} m/s² without calibration."
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.errors import InputError
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, samples_of_both
 from imucal.rig.motion import Program, Step
 from imucal.rig.stand import Stand, stand_from_name
 from imucal.rig.unit import Unit, unit_of
@@ -83,7 +83,7 @@ class SimulatedUnit:
     def _clipped(self, unit: Unit, program: Program, seed: int, share: float) -> Unit:
         """The unit with a gyroscope range of `share` times the highest rate of the program."""
         whole = simulate(program, seed=seed, unit=unit, rate_hz=self.rate_hz).recording
-        highest_radps = float(np.abs(whole.angular_rate).max())
+        highest_radps = float(np.abs(samples_of_both(whole)[1]).max())
         return dataclasses.replace(unit, gyroscope=unit.gyroscope.with_range(share * highest_radps))
 
 

@@ -13,7 +13,7 @@ from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.inspection import Inspection, inspect
 from imucal.limits.limit import ParameterLimit
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, samples_of_both
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.rows import recording_of
 
@@ -154,7 +154,8 @@ def _prospect(recording: Recording, inspection: Inspection) -> Prospect:
 def _coverage(recording: Recording, inspection: Inspection) -> float:
     """Share of all directions within `NEAR_DEG` of the vertical of a rest."""
     ups = [
-        recording.between(rest.start_s, rest.end_s).specific_force.mean(axis=0) for rest in inspection.rests
+        samples_of_both(recording.between(rest.start_s, rest.end_s))[0].mean(axis=0)
+        for rest in inspection.rests
     ]
     if not ups:
         return 0.0

@@ -32,7 +32,7 @@ from imucal.estimation.rests import FittedRest
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.limits.limits import Limits
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, samples_of_both
 from imucal.rig.motion import Program
 from imucal.simulation.simulate import simulate
 
@@ -144,7 +144,7 @@ def assess(
 
 def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
     """Reasons for axes, 0 to 5, that output only noise although the program excites them."""
-    columns = np.hstack([recording.specific_force, recording.angular_rate]).astype(np.float64)
+    columns = np.hstack(samples_of_both(recording)).astype(np.float64)
     if len(columns) < 2 or not np.isfinite(columns).all():
         return {}
     spread = np.std(columns, axis=0)
@@ -188,7 +188,7 @@ def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
 def _excites(program: Program) -> list[bool]:
     """Whether a program excites all axes of the accelerometer and of the gyroscope, for any mounting."""
     ideal = simulate(program, unit="ideal", seed=0, rate_hz=IDEAL_HZ).recording
-    spreads = [np.linalg.eigvalsh(np.cov(rows.T)) for rows in (ideal.specific_force, ideal.angular_rate)]
+    spreads = [np.linalg.eigvalsh(np.cov(rows.T)) for rows in samples_of_both(ideal)]
     return [bool(least > LEAST_EXCITATION * most) for least, _, most in spreads]
 
 
@@ -197,7 +197,7 @@ def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
     rests = [
         (rest.first, rest.end, rest.start_s, rest.mean_specific_force, rest.excluded is None)
         for rest in result.rests
-        if rest.recording == recording.name
+        if rest.recording == recording.name and rest.start_s is not None
     ]
     return _core.mount_faults(result.calibration.accelerometer, rests, recording)
 

@@ -4,7 +4,8 @@
 //! all arrays are verified here to be in C order. The Python package converts arrays beforehand; other callers get an
 //! error.
 
-use imucal::calibrate::UserField;
+use imucal::calibrate::{MeanNoise, MeanReadings, UserField};
+use imucal::check::sensor_missing;
 use imucal::error::Error;
 use imucal::recording::{RawUnit, Recording, Samples};
 use imucal_core::effects::Sensor;
@@ -19,8 +20,8 @@ use crate::error::ToPython;
 pub(crate) struct RecordingColumns<'py> {
     name: String,
     time_s: PyReadonlyArray1<'py, f64>,
-    specific_force: SampleArray<'py>,
-    angular_rate: SampleArray<'py>,
+    specific_force: Option<SampleArray<'py>>,
+    angular_rate: Option<SampleArray<'py>>,
     temperature_degc: Option<PyReadonlyArray1<'py, f64>>,
     stand_rad: Option<PyReadonlyArray2<'py, f64>>,
     accel_unit: String,
@@ -29,16 +30,28 @@ pub(crate) struct RecordingColumns<'py> {
 }
 
 impl RecordingColumns<'_> {
-    /// The recordings as the library uses them, without copying the columns.
+    /// The recordings as the library uses them, without copying the columns, for a function that needs both sensors.
+    /// Raises InputError with the finding `sensor_missing` for a recording that has one only.
     pub(crate) fn views<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
+        let views = Self::views_of_any(py, recordings)?;
+        let missing: Vec<_> = views.iter().filter_map(sensor_missing).collect();
+        if missing.is_empty() { Ok(views) } else { Err(Error::Data(missing)).to_python(py) }
+    }
+
+    /// As [`Self::views`], for a function that can do with one sensor.
+    pub(crate) fn views_of_any<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         recordings
             .iter()
             .map(|r| {
+                let samples = |sensor: &'a Option<SampleArray<'_>>, name: &str| match sensor {
+                    Some(array) => array.view(py, name),
+                    None => Ok(Samples::Absent(r.time_s.as_array().len())),
+                };
                 Ok(Recording {
                     name: &r.name,
                     time_s: column(py, &r.time_s, "time_s")?,
-                    specific_force: r.specific_force.view(py, "specific_force")?,
-                    angular_rate: r.angular_rate.view(py, "angular_rate")?,
+                    specific_force: samples(&r.specific_force, "specific_force")?,
+                    angular_rate: samples(&r.angular_rate, "angular_rate")?,
                     temperature_degc: match &r.temperature_degc {
                         Some(values) => Some(column(py, values, "temperature_degc")?),
                         None => None,
@@ -53,6 +66,38 @@ impl RecordingColumns<'_> {
                 })
             })
             .collect()
+    }
+}
+
+/// Columns of an `imucal.Means`; its attributes are converted.
+#[derive(FromPyObject)]
+pub(crate) struct MeanColumns<'py> {
+    name: String,
+    specific_force: PyReadonlyArray2<'py, f64>,
+    angular_rate: Option<PyReadonlyArray2<'py, f64>>,
+    specific_force_std: Option<PyReadonlyArray2<'py, f64>>,
+    accel_unit: String,
+    gyro_unit: String,
+}
+
+impl MeanColumns<'_> {
+    /// The table as the library uses it, without copying the columns.
+    pub(crate) fn view(&self, py: Python<'_>, noise_mps2: Option<f64>) -> PyResult<MeanReadings<'_>> {
+        Ok(MeanReadings {
+            name: &self.name,
+            specific_force: rows(py, &self.specific_force, "specific_force")?,
+            angular_rate: match &self.angular_rate {
+                Some(values) => Some(rows(py, values, "angular_rate")?),
+                None => None,
+            },
+            accel_unit: raw_unit(&self.accel_unit),
+            gyro_unit: raw_unit(&self.gyro_unit),
+            noise: match (&self.specific_force_std, noise_mps2) {
+                (Some(values), _) => MeanNoise::Each(rows(py, values, "specific_force_std")?),
+                (None, Some(noise)) => MeanNoise::Common(noise),
+                (None, None) => MeanNoise::Unknown,
+            },
+        })
     }
 }
 

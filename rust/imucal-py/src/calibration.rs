@@ -29,15 +29,21 @@ impl TriadArrays<'_> {
 #[derive(FromPyObject)]
 pub(crate) struct CalibrationArrays<'py> {
     accelerometer: TriadArrays<'py>,
-    gyroscope: TriadArrays<'py>,
+    gyroscope: Option<TriadArrays<'py>>,
     effects: Vec<EffectArrays<'py>>,
 }
 
 impl CalibrationArrays<'_> {
+    /// The calibration of both sensors. Raises InputError for an accelerometer alone.
     pub(crate) fn calibration(&self, py: Python<'_>) -> PyResult<Calibration<f64>> {
+        let Some(gyroscope) = &self.gyroscope else {
+            let message = "the calibration has no gyroscope, and this needs one [sensor_missing]: calibrate both sensors; \
+                           docs/one-sensor.md lists what one sensor alone allows";
+            return Err(Error::Input(message.into())).to_python(py);
+        };
         Ok(Calibration {
             accelerometer: self.accelerometer.triad(py, "accelerometer")?,
-            gyroscope: self.gyroscope.triad(py, "gyroscope")?,
+            gyroscope: gyroscope.triad(py, "gyroscope")?,
             effects: EffectArrays::set(py, &self.effects)?,
         })
     }

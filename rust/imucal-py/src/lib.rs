@@ -33,8 +33,8 @@ mod _core {
     use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
     use pyo3::prelude::*;
 
-    use super::arrays::{RecordingColumns, column, matrix, rows, to_rows};
-    use super::calibration::CalibrationArrays;
+    use super::arrays::{MeanColumns, RecordingColumns, column, matrix, rows, to_rows};
+    use super::calibration::{CalibrationArrays, TriadArrays};
     #[pymodule_export]
     use super::effects::{Effect, effect_field, effects};
     use super::error::{ToPython, finding};
@@ -87,6 +87,8 @@ mod _core {
     #[pymodule_export]
     const GAP_FOLDS: usize = library::gap::FOLDS;
 
+    /// Bias of the gyroscope, x, y and z, and its standard deviation, in raw units.
+    type RestBias = ([f64; 3], [f64; 3]);
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
     fn require_same_length(time: usize, rate: usize) -> Result<(), Error> {
@@ -118,6 +120,60 @@ mod _core {
         };
         let (outcome, diagnosis) = interruptible(py, work)?;
         Outcome::new(py, outcome, diagnosis, &recordings, &options)
+    }
+
+    /// Calibrates an accelerometer alone from its recordings, whose gyroscope columns are not used.
+    #[pyfunction]
+    fn calibrate_accelerometer(
+        py: Python<'_>,
+        recordings: Vec<RecordingColumns<'_>>,
+        options: CalibrateOptions<'_>,
+    ) -> PyResult<Outcome> {
+        let options = options.options(py)?;
+        let recordings = RecordingColumns::views_of_any(py, &recordings)?;
+        let outcome = interruptible(py, || library::calibrate::calibrate_accelerometer(&recordings, &options))?;
+        Outcome::of_accelerometer(py, outcome, &recordings, &options)
+    }
+
+    /// Calibrates an accelerometer from a table of mean readings: the result, and the bias of the gyroscope with its
+    /// standard deviation, or None. `noise_mps2` is the noise of all means if the table has none.
+    #[pyfunction]
+    fn calibrate_means(
+        py: Python<'_>,
+        table: MeanColumns<'_>,
+        noise_mps2: Option<f64>,
+        options: CalibrateOptions<'_>,
+    ) -> PyResult<(Outcome, Option<RestBias>)> {
+        let options = options.options(py)?;
+        let table = table.view(py, noise_mps2)?;
+        let (outcome, bias) = interruptible(py, || library::calibrate::calibrate_means(&table, &options))?;
+        let outcome = Outcome::of_means(py, outcome, table.name, &options)?;
+        Ok((outcome, bias.map(|bias| (bias.value.into(), bias.std.into()))))
+    }
+
+    /// Evaluates an accelerometer, `(sensitivity, bias)`, on recordings, whose gyroscope columns are not used.
+    /// `uncertainty` is the covariance of its nine parameters, by rows, and their body frame.
+    #[pyfunction]
+    fn evaluate_accelerometer(
+        py: Python<'_>,
+        accelerometer: TriadArrays<'_>,
+        uncertainty: Option<(Vec<Vec<f64>>, String)>,
+        recordings: Vec<RecordingColumns<'_>>,
+        gravity_mps2: f64,
+        min_rest_s: f64,
+    ) -> PyResult<Evaluation> {
+        let triad = accelerometer.triad(py, "accelerometer")?;
+        let recordings = RecordingColumns::views_of_any(py, &recordings)?;
+        let uncertainty = uncertainty.map(|(covariance, frame)| {
+            frame_named(&frame).and_then(|frame| library::evaluate::Uncertainty::of_accelerometer(&covariance, frame))
+        });
+        let uncertainty = uncertainty.transpose().to_python(py)?;
+        let work = || {
+            let uncertainty = uncertainty.as_ref();
+            library::evaluate::evaluate_accelerometer(&triad, uncertainty, &recordings, gravity_mps2, min_rest_s)
+        };
+        let evaluation = interruptible(py, work)?;
+        Evaluation::new(py, evaluation, &recordings)
     }
 
     /// Predicts, before any fit, the standard deviation of each parameter that the recordings of one unit determine,
@@ -181,8 +237,8 @@ mod _core {
         control: Vec<RecordingColumns<'_>>,
         control_rests: Vec<Vec<(usize, usize)>>,
     ) -> PyResult<()> {
-        let recordings = RecordingColumns::views(py, &recordings)?;
-        let control = RecordingColumns::views(py, &control)?;
+        let recordings = RecordingColumns::views_of_any(py, &recordings)?;
+        let control = RecordingColumns::views_of_any(py, &control)?;
         let ranges = |rests: Vec<Vec<(usize, usize)>>| -> Vec<Vec<std::ops::Range<usize>>> {
             rests.into_iter().map(|rests| rests.into_iter().map(|(first, end)| first..end).collect()).collect()
         };
@@ -192,22 +248,30 @@ mod _core {
     }
 
     /// The reason for a poor verdict from the figures of merit of the `"calibration set"` or `"control set"`; None if
-    /// these figures are good.
+    /// these figures are good. An accelerometer alone (not `has_gyroscope`) needs no moves.
     #[pyfunction]
-    fn poor_figures(set: &str, rests: usize, moves: usize, chi2_per_dof: Option<f64>) -> Option<String> {
+    #[pyo3(signature = (set, rests, moves, chi2_per_dof, has_gyroscope = true))]
+    fn poor_figures(
+        set: &str,
+        rests: usize,
+        moves: usize,
+        chi2_per_dof: Option<f64>,
+        has_gyroscope: bool,
+    ) -> Option<String> {
         use library::evaluate::Figures;
         use library::verdict::RecordingSet;
         let set = if set == RecordingSet::Control.name() { RecordingSet::Control } else { RecordingSet::Calibration };
         let (chi2_per_dof, nan) = (chi2_per_dof.unwrap_or(f64::NAN), f64::NAN);
         let figures =
             Figures { chi2_per_dof, gravity_norm_rms_mps2: nan, gravity_direction_rms_deg: nan, rests, moves };
-        figures.reason(set, Vec::new).map(|reason| reason.to_string())
+        let reason = if has_gyroscope { figures.reason(set, Vec::new) } else { figures.reason_of_accelerometer(set) };
+        reason.map(|reason| reason.to_string())
     }
 
     /// The finding about implausible temperatures of a recording; None if there are none.
     #[pyfunction]
     fn check_temperature(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<Option<Py<PyAny>>> {
-        let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+        let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
         check::check_temperature(&views[0]).map(|found| finding(py, &found)).transpose()
     }
 
@@ -219,10 +283,10 @@ mod _core {
         gravity_mps2: f64,
         min_rest_s: f64,
     ) -> PyResult<Inspection> {
-        let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+        let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
         let recording = &views[0];
         let (findings, segments) = interruptible(py, || {
-            let mut findings = check::check_columns(recording);
+            let mut findings = check::check_one_or_both(recording);
             let readable = findings.iter().all(|finding| {
                 !["empty", "lengths_differ", "non_finite", "time_not_increasing", "too_short", "value_impossible"]
                     .contains(&finding.code)
@@ -263,6 +327,27 @@ mod _core {
             corrected.unzip()
         });
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
+    }
+
+    /// Corrects raw samples of one sensor, (N, 3), in SI units in the body frame, without effects.
+    #[pyfunction]
+    fn correct_triad<'py>(
+        py: Python<'py>,
+        triad: TriadArrays<'py>,
+        samples: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Rows<'py>> {
+        let triad = triad.triad(py, "sensor")?;
+        let samples = rows(py, &samples, "samples")?;
+        let corrected = py.detach(|| samples.iter().map(|raw| triad.correct(Vector3::from(*raw)).into()).collect());
+        to_rows(py, corrected)
+    }
+
+    /// Refuses a recording with negative counts that were read as unsigned numbers, which no correction can mend.
+    #[pyfunction]
+    fn require_signed_counts(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<()> {
+        let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
+        let findings = py.detach(|| check::check_counts(&views[0]));
+        if findings.is_empty() { Ok(()) } else { Err(Error::Data(findings)).to_python(py) }
     }
 
     /// Corrects a recording with its time, temperature and angular acceleration. If the recording is a part of a longer

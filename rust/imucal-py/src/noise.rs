@@ -63,8 +63,9 @@ pub(crate) struct Noise {
     end_s: f64,
     samples: usize,
     rate_hz: f64,
-    accelerometer: Vec<Py<AxisNoise>>,
-    gyroscope: Vec<Py<AxisNoise>>,
+    /// Axes x, y, z; None if the recording does not have the sensor.
+    accelerometer: Option<Vec<Py<AxisNoise>>>,
+    gyroscope: Option<Vec<Py<AxisNoise>>>,
     steps: Vec<Step>,
     cut_steps: Vec<Step>,
     drifts: Vec<Drift>,
@@ -105,12 +106,14 @@ pub(crate) fn identify_noise(
     cut_steps: bool,
     threads: Option<NonZeroUsize>,
 ) -> PyResult<Noise> {
-    let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+    let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
     let threads = or_all(threads);
     let options = library::Options { min_rest_s, cut_steps };
     let noise = interruptible(py, || library::identify(&views[0], &options, threads))?;
-    let axes =
-        |axes: &[library::AxisNoise; 3]| axes.iter().map(|axis| AxisNoise::new(py, axis)).collect::<PyResult<_>>();
+    let axes = |axes: &Option<[library::AxisNoise; 3]>| {
+        let of = |axes: &[library::AxisNoise; 3]| axes.iter().map(|axis| AxisNoise::new(py, axis)).collect();
+        axes.as_ref().map(of).transpose()
+    };
     Ok(Noise {
         start_s: noise.start_s,
         end_s: noise.end_s,

@@ -3,7 +3,7 @@
 use imucal::calibrate::{BiasWander, EffectChoice, Options, References, UnitWander};
 use imucal::error::Error;
 use imucal::frame::Frame;
-use imucal::held::{Hold, ParameterModel, Priors};
+use imucal::held::{Hold, KnownAccelerometer, ParameterModel, Priors};
 use pyo3::prelude::*;
 
 use crate::arrays::UserFieldArrays;
@@ -55,6 +55,8 @@ pub(crate) struct CalibrateOptions<'py> {
     partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,
     folds: Option<usize>,
+    /// Nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance by rows.
+    accelerometer: Option<([f64; 9], [[f64; 9]; 9])>,
 }
 
 /// Name, mean and standard deviation of a parameter or group to be held.
@@ -62,7 +64,8 @@ pub(crate) type HeldTuple = (String, Option<f64>, Option<f64>);
 
 pub(crate) fn priors(model: &str, hold: &[HeldTuple], profile: &[(String, Vec<f64>)]) -> Result<Priors, Error> {
     let hold = hold.iter().map(|(name, value, sigma)| Hold { name: name.clone(), value: *value, sigma: *sigma });
-    Ok(Priors { model: ParameterModel::named(model)?, hold: hold.collect(), profile: profile.to_vec() })
+    let model = ParameterModel::named(model)?;
+    Ok(Priors { model, hold: hold.collect(), profile: profile.to_vec(), accelerometer: None })
 }
 
 impl CalibrateOptions<'_> {
@@ -80,7 +83,12 @@ impl CalibrateOptions<'_> {
             exclude_saturated: self.exclude_saturated,
             accel_nominal: self.accel_nominal,
             gyro_nominal: self.gyro_nominal,
-            priors: priors(&self.model, &self.hold, &self.profile).to_python(py)?,
+            priors: Priors {
+                accelerometer: self
+                    .accelerometer
+                    .map(|(parameters, covariance)| KnownAccelerometer { parameters, covariance }),
+                ..priors(&self.model, &self.hold, &self.profile).to_python(py)?
+            },
             joint: self.joint,
             wander: self.wander.as_ref().map(|(accelerometer, gyroscope)| UnitWander {
                 accelerometer: accelerometer.to_library(),

@@ -14,7 +14,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arrays::to_rows;
-use crate::error::finding;
+use crate::error::{ToPython, finding};
 use crate::mappings::{
     Diagnosis, Fields, Figures, FitReport, GroupMisfit, HeldParameter, Misfit, Move, PriorCost, ResidualScales, Rest,
     Threshold, fields,
@@ -87,13 +87,13 @@ impl Estimate {
     }
 }
 
-/// Result of a calibration.
+/// Result of a calibration. For an accelerometer alone, everything about the gyroscope is None.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Outcome {
     accel_sensitivity: Rows,
     accel_bias: Vector,
-    gyro_sensitivity: Rows,
-    gyro_bias: Vector,
+    gyro_sensitivity: Option<Rows>,
+    gyro_bias: Option<Vector>,
     names: Vec<String>,
     covariance: Rows,
     /// Evaluation of each rest, with its goodness of fit under noise alone.
@@ -103,9 +103,9 @@ pub(crate) struct Outcome {
     rest_ranges: Vec<Vec<(usize, usize)>>,
     thresholds: Vec<Fields>,
     accel_noise_density: Vector,
-    gyro_noise_density: Vector,
+    gyro_noise_density: Option<Vector>,
     accelerometer_fit: Fields,
-    gyroscope_fit: Fields,
+    gyroscope_fit: Option<Fields>,
     joint_fit: Option<Fields>,
     joint_scales: Option<Fields>,
     misfit: Fields,
@@ -174,8 +174,8 @@ impl Outcome {
         Ok(Self {
             accel_sensitivity: matrix(py, o.calibration.accelerometer.sensitivity())?,
             accel_bias: vector(py, o.calibration.accelerometer.bias()),
-            gyro_sensitivity: matrix(py, o.calibration.gyroscope.sensitivity())?,
-            gyro_bias: vector(py, o.calibration.gyroscope.bias()),
+            gyro_sensitivity: Some(matrix(py, o.calibration.gyroscope.sensitivity())?),
+            gyro_bias: Some(vector(py, o.calibration.gyroscope.bias())),
             names: o.names,
             covariance: PyArray1::from_vec(py, covariance).reshape([size, size])?.unbind(),
             rests: rests.collect::<PyResult<_>>()?,
@@ -183,9 +183,9 @@ impl Outcome {
             rest_ranges: ranges(&o.rests, recordings),
             thresholds: o.thresholds.iter().map(|t| fields(py, Threshold::from(t))).collect::<PyResult<_>>()?,
             accel_noise_density: vector(py, &o.noise_density.specific_force),
-            gyro_noise_density: vector(py, &o.noise_density.angular_rate),
+            gyro_noise_density: Some(vector(py, &o.noise_density.angular_rate)),
             accelerometer_fit: fields(py, FitReport::from(o.accelerometer_fit))?,
-            gyroscope_fit: fields(py, FitReport::from(o.gyroscope_fit))?,
+            gyroscope_fit: Some(fields(py, FitReport::from(o.gyroscope_fit))?),
             joint_fit: o.joint_fit.map(|fit| fields(py, FitReport::from(fit))).transpose()?,
             misfit: fields(py, Misfit::from(o.misfit))?,
             bias_instability_radps: o.bias_instability_radps,
@@ -202,6 +202,68 @@ impl Outcome {
             held_out: o.held_out.map(|held_out| HeldOut::new(py, held_out)).transpose()?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
             diagnosis: diagnosis.into_iter().map(|d| fields(py, Diagnosis::from(d))).collect::<PyResult<_>>()?,
+        })
+    }
+}
+
+impl Outcome {
+    /// Converts the outcome of a calibration from a table of means with this name.
+    pub(crate) fn of_means(
+        py: Python<'_>,
+        o: calibrate::AccelerometerOutcome,
+        name: &str,
+        options: &calibrate::Options<'_>,
+    ) -> PyResult<Self> {
+        let table = Recording::try_new(name, &[], &[], &[]).to_python(py)?;
+        Self::of_accelerometer(py, o, &[table], options)
+    }
+
+    /// Converts the outcome of a calibration of an accelerometer alone.
+    pub(crate) fn of_accelerometer(
+        py: Python<'_>,
+        o: calibrate::AccelerometerOutcome,
+        recordings: &[Recording<'_>],
+        options: &calibrate::Options<'_>,
+    ) -> PyResult<Self> {
+        let without_misfit = |rest| {
+            let item = fields(py, Rest::new(recordings, rest))?;
+            item.bind(py).update(Misfit::from(None).into_pyobject(py)?.as_mapping())?;
+            Ok::<Fields, PyErr>(item)
+        };
+        let size = o.values.len();
+        let verdict = o.verdict();
+        let covariance = o.covariance_with_references(&options.references, options.gravity_mps2).concat();
+        Ok(Self {
+            accel_sensitivity: matrix(py, o.triad.sensitivity())?,
+            accel_bias: vector(py, o.triad.bias()),
+            gyro_sensitivity: None,
+            gyro_bias: None,
+            covariance: PyArray1::from_vec(py, covariance).reshape([size, size])?.unbind(),
+            rests: o.rests.iter().map(without_misfit).collect::<PyResult<_>>()?,
+            moves: Vec::new(),
+            rest_ranges: ranges(&o.rests, recordings),
+            thresholds: o.thresholds.iter().map(|t| fields(py, Threshold::from(t))).collect::<PyResult<_>>()?,
+            accel_noise_density: vector(py, &o.noise_density),
+            gyro_noise_density: None,
+            accelerometer_fit: fields(py, FitReport::from(o.fit))?,
+            gyroscope_fit: None,
+            joint_fit: None,
+            misfit: fields(py, Misfit::from(None))?,
+            bias_instability_radps: None,
+            tremor_rad: vec![None; recordings.len()],
+            joint_scales: None,
+            effects: Vec::new(),
+            figures: fields(py, Figures::from(o.figures))?,
+            reasons: words_of(&verdict),
+            verdict: verdict.name(),
+            residuals: residuals(py, &o.groups)?,
+            held: o.held.iter().map(|held| fields(py, HeldParameter::from(held))).collect::<PyResult<_>>()?,
+            prior_shares: o.prior_shares,
+            prior_cost: o.prior_cost.map(|cost| fields(py, PriorCost::from(cost))).transpose()?,
+            held_out: None,
+            findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
+            diagnosis: Vec::new(),
+            names: o.names,
         })
     }
 }

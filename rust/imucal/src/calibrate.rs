@@ -2,6 +2,7 @@
 //! the accelerometer to the rests, propagate gravity from rest to rest to fit the gyroscope, fit all parameters
 //! jointly, and determine the uncertainty of the result.
 
+mod accelerometer_alone;
 mod checked;
 mod control;
 mod cross_validation;
@@ -9,6 +10,7 @@ mod design;
 pub mod diagnosis;
 mod held_estimates;
 mod jointly;
+mod mean_readings;
 mod offer;
 mod outcome;
 mod prospect;
@@ -34,10 +36,12 @@ pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEst
 use crate::joint::{Kinds, Prepared};
 pub use crate::parameters::{parameter_names, parameter_values};
 use crate::recording::Recording;
+pub use accelerometer_alone::{AccelerometerOutcome, calibrate_accelerometer};
 pub use checked::Checked;
 pub use control::{require_independent, rest_ranges};
 pub use cross_validation::CrossValidation;
 pub use held_estimates::HeldEstimate;
+pub use mean_readings::{MeanNoise, MeanReadings, RestBias, calibrate_means};
 pub use outcome::Outcome;
 pub use prospect::{Prospect, prospect};
 pub use references::References;

@@ -37,7 +37,7 @@ mod values;
 
 use survey::Survey;
 
-pub use gains::check_gains;
+pub use gains::{check_accelerometer_gains, check_gains};
 pub use independence::{AtRest, at_rest, check_control, check_independent};
 pub use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};
@@ -51,12 +51,37 @@ pub use unsigned::check_counts;
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
-/// Runs all checks that do not need rests. An empty result means that no fault was found.
+/// Runs all checks that do not need rests, for functions that need both sensors. An empty result means that no fault was
+/// found.
+///
+/// Codes: `sensor_missing` if the recording has one sensor only, and those of [`check_one_or_both`].
+pub fn check_columns(recording: &Recording) -> Vec<Finding> {
+    sensor_missing(recording).into_iter().chain(check_one_or_both(recording)).collect()
+}
+
+/// The finding for a recording that lacks a sensor; `None` if it has both.
+pub fn sensor_missing(recording: &Recording) -> Option<Finding> {
+    let (absent, present, columns) = match (recording.specific_force.is_absent(), recording.angular_rate.is_absent()) {
+        (false, false) => return None,
+        (false, true) => ("gyroscope", "accelerometer", GYRO),
+        (true, _) => ("accelerometer", "gyroscope", ACCEL),
+    };
+    Some(Finding {
+        columns: names(columns),
+        count: recording.len(),
+        unit: "samples",
+        message: format!("there is no {absent}: this needs both sensors, and the recording has the {present} alone"),
+        way_out: format!("add the columns of the {absent}; docs/one-sensor.md lists what one sensor alone allows"),
+        ..Finding::error("sensor_missing", recording.name)
+    })
+}
+
+/// Runs all checks that do not need rests on the sensors that are there. An empty result means that no fault was found.
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `value_impossible`, `time_not_increasing`,
 /// `samples_duplicated`, `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`,
 /// `accel_saturation`, `gyro_saturation`, `accel_units`, `gyro_units`, `temperature_implausible`, `temperature_jump`.
-pub fn check_columns(recording: &Recording) -> Vec<Finding> {
+pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
     if let Err(error) = recording.check_lengths() {
         return vec![Finding {
             count: recording.len(),

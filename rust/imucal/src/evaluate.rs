@@ -1,5 +1,6 @@
 //! Evaluation of a calibration on control recordings.
 
+mod accelerometer_alone;
 mod group_misfits;
 mod uncertainty;
 mod verdict;
@@ -23,6 +24,7 @@ use crate::rests::segment::Segments;
 use crate::rests::tremor::{self, Sensors};
 use crate::rests::unit_rest::{UnitRest, rests_of};
 use crate::verdict::{GroupMisfit, Reason, RecordingSet, Verdict};
+pub use accelerometer_alone::evaluate_accelerometer;
 use group_misfits::Judged;
 pub use uncertainty::Uncertainty;
 pub(crate) use verdict::unknown_direction;
@@ -35,7 +37,8 @@ pub struct Figures {
     pub chi2_per_dof: f64,
     /// RMS of |f| - g over the rests, m/s^2.
     pub gravity_norm_rms_mps2: f64,
-    /// RMS over the moves of the angle between the propagated and the measured direction of gravity, deg.
+    /// RMS over the moves of the angle between the propagated and the measured direction of gravity, deg; NaN without a
+    /// move.
     pub gravity_direction_rms_deg: f64,
     /// Number of rests used.
     pub rests: usize,
@@ -328,7 +331,12 @@ pub(crate) fn figures(
     Figures {
         chi2_per_dof: chi2 / count.saturating_sub(parameters).max(1) as f64,
         gravity_norm_rms_mps2: rms(rests.iter().map(|rest| rest.norm_error_mps2)),
-        gravity_direction_rms_deg: rms(moves.iter().map(|m| m.direction_error_deg)),
+        // Without a move there is no figure, in particular none of zero.
+        gravity_direction_rms_deg: if moves.is_empty() {
+            f64::NAN
+        } else {
+            rms(moves.iter().map(|m| m.direction_error_deg))
+        },
         rests: rests.len(),
         moves: moves.len(),
     }

@@ -11,6 +11,7 @@
 //! far as they determine it, and the covariance of the result contains the width of the prior. All held parameters are
 //! those of the symmetric body frame.
 
+mod known;
 mod priors;
 
 use std::ops::Range;
@@ -18,6 +19,7 @@ use std::ops::Range;
 use faer::Mat;
 
 use crate::parameters::BASE;
+pub use known::KnownAccelerometer;
 pub use priors::{Hold, ParameterModel, Priors};
 
 /// Names of the groups of parameters that can be held together.
@@ -79,12 +81,16 @@ enum Quantity {
     Entry { parameter: usize, nominal: f64 },
     /// An off-diagonal entry of a sensitivity divided by the diagonal entry of its row.
     Misalignment { parameter: usize, diagonal: usize },
+    /// One of the nine uncorrelated combinations of the parameters of a calibrated accelerometer: `by` times their
+    /// difference from `at`.
+    Combination { number: usize, by: [f64; 9], at: [f64; 9] },
 }
 
 /// Residual of a held parameter: its value, and its derivatives with the indices of the parameters.
 pub(crate) struct HeldRow {
     pub(crate) residual: f64,
-    pub(crate) derivatives: [(usize, f64); 2],
+    /// Derivatives with the indices of the parameters.
+    pub(crate) derivatives: Vec<(usize, f64)>,
 }
 
 impl HeldParameter {
@@ -98,6 +104,7 @@ impl HeldParameter {
     pub(crate) fn parameter(&self) -> usize {
         match self.quantity {
             Quantity::Entry { parameter, .. } | Quantity::Misalignment { parameter, .. } => parameter,
+            Quantity::Combination { number, .. } => number,
         }
     }
 
@@ -110,20 +117,27 @@ impl HeldParameter {
         match self.quantity {
             Quantity::Entry { parameter, nominal } => parameters[parameter] / nominal,
             Quantity::Misalignment { parameter, diagonal } => parameters[parameter] / parameters[diagonal],
+            Quantity::Combination { by, at, .. } => (0..9).map(|p| by[p] * (parameters[p] - at[p])).sum(),
         }
+    }
+
+    /// Whether this is not a parameter but a combination of those of a known accelerometer.
+    pub(crate) fn is_combination(&self) -> bool {
+        matches!(self.quantity, Quantity::Combination { .. })
     }
 
     /// Residual of the prior, in standard deviations. The indices count all parameters from 0.
     pub(crate) fn row(&self, parameters: &[f64]) -> HeldRow {
         let residual = (self.estimate(parameters) - self.value) / self.sigma;
         let derivatives = match self.quantity {
-            Quantity::Entry { parameter, nominal } => [(parameter, 1.0 / nominal), (parameter, 0.0)],
+            Quantity::Entry { parameter, nominal } => vec![(parameter, 1.0 / nominal)],
             Quantity::Misalignment { parameter, diagonal } => {
                 let scale = parameters[diagonal];
-                [(parameter, 1.0 / scale), (diagonal, -parameters[parameter] / (scale * scale))]
+                vec![(parameter, 1.0 / scale), (diagonal, -parameters[parameter] / (scale * scale))]
             }
+            Quantity::Combination { by, .. } => by.into_iter().enumerate().collect(),
         };
-        HeldRow { residual, derivatives: derivatives.map(|(p, by)| (p, by / self.sigma)) }
+        HeldRow { residual, derivatives: derivatives.into_iter().map(|(p, by)| (p, by / self.sigma)).collect() }
     }
 }
 
@@ -148,6 +162,14 @@ impl<'a> StageRows<'a> {
     /// Indices of the held parameters, counted from the first one of the stage.
     pub(crate) fn columns(&self) -> Vec<usize> {
         self.held.iter().map(|held| held.parameter() - self.stage.start).collect()
+    }
+
+    /// The parameters of a known accelerometer, if that is held.
+    pub(crate) fn known(&self) -> Option<[f64; 9]> {
+        self.held.iter().find_map(|held| match held.quantity {
+            Quantity::Combination { at, .. } => Some(at),
+            _ => None,
+        })
     }
 
     /// Means of the priors, with the index of each parameter counted from the first one of the stage.
@@ -178,8 +200,13 @@ impl<'a> StageRows<'a> {
 pub(crate) fn precisions(held: &[HeldParameter], parameters: &[f64]) -> [(f64, f64); BASE] {
     let mut all = [(0.0, 0.0); BASE];
     for held in held {
-        let HeldRow { residual, derivatives: [(p, by), _] } = held.row(parameters);
-        all[p] = (by * by, residual / by);
+        let HeldRow { residual, derivatives } = held.row(parameters);
+        if let Quantity::Combination { at, .. } = held.quantity {
+            // The precision of one parameter if the other ones are known.
+            derivatives.into_iter().for_each(|(p, by)| all[p] = (all[p].0 + by * by, parameters[p] - at[p]));
+        } else if let Some((p, by)) = derivatives.first() {
+            all[*p] = (by * by, residual / by);
+        }
     }
     all
 }

@@ -61,10 +61,10 @@ pub struct Noise {
     pub samples: usize,
     /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// Noise of the accelerometer's axes x, y, z, in the recording's unit.
-    pub accelerometer: [AxisNoise; 3],
-    /// Noise of the gyroscope's axes x, y, z, in the recording's unit.
-    pub gyroscope: [AxisNoise; 3],
+    /// Noise of the accelerometer's axes x, y, z, in the recording's unit; `None` for a gyroscope alone.
+    pub accelerometer: Option<[AxisNoise; 3]>,
+    /// Noise of the gyroscope's axes x, y, z, in the recording's unit; `None` for an accelerometer alone.
+    pub gyroscope: Option<[AxisNoise; 3]>,
     /// Steps of the means in the samples used. They are part of the noise figures.
     pub steps: Vec<Step>,
     /// Steps that were cut; only samples without them were used.
@@ -84,7 +84,7 @@ pub struct Options {
     pub cut_steps: bool,
 }
 
-/// Identifies the noise in the longest rest of `recording`.
+/// Identifies the noise in the longest rest of `recording`, which has both sensors or one of them.
 ///
 /// If samples are lost or repeated, the longest stretch without is used. Steps and drifts of the mean are reported, but
 /// they are part of the noise unless `options` cuts the steps. The result does not depend on the number of `threads`.
@@ -93,7 +93,7 @@ pub struct Options {
 /// [`Error::Data`] for a recording with faults; [`Error::NotEnoughMotion`] if the unit is never at rest;
 /// [`Error::Input`] if the longest rest has fewer than 1000 samples.
 pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUsize) -> Result<Noise, Error> {
-    let mut findings = check::check_columns(recording);
+    let mut findings = check::check_one_or_both(recording);
     let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
     if !errors.is_empty() {
         return Err(Error::Data(errors));
@@ -137,7 +137,8 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
 struct Analysis {
     samples: Range<usize>,
     rate_hz: f64,
-    axes: Vec<AxisNoise>,
+    /// Noise of the six channels, accelerometer first; `None` for those of a sensor that is not there.
+    axes: [Option<AxisNoise>; 6],
     steps: Vec<Step>,
     cut: Vec<Step>,
     drifts: Vec<Drift>,
@@ -148,12 +149,17 @@ fn analyse(recording: &Recording<'_>, samples: Range<usize>, threads: NonZeroUsi
     let rate_hz = (samples.len() - 1) as f64 / duration_s;
     let layout = Layout::new(samples.len());
     let blocks = Blocks::try_new(samples.len());
-    let of_channel = |channel: usize| {
-        let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
-        AxisNoise::identify(rows.slice(samples.clone()), channel % 3, rate_hz, &layout, blocks.as_ref())
+    let rows_of = |channel: usize| if channel < 3 { recording.specific_force } else { recording.angular_rate };
+    let channels: Vec<usize> = (0..6).filter(|&channel| !rows_of(channel).is_absent()).collect();
+    let of_channel = |k: usize| {
+        let channel = channels[k];
+        AxisNoise::identify(rows_of(channel).slice(samples.clone()), channel % 3, rate_hz, &layout, blocks.as_ref())
     };
-    let found: Vec<_> = in_order(threads.get(), 6, of_channel).into_iter().collect::<Result<_, _>>()?;
-    let (axes, components): (Vec<AxisNoise>, Vec<_>) = found.into_iter().unzip();
+    let (mut axes, mut components) = ([const { None }; 6], vec![Vec::new(); 6]);
+    for (channel, found) in channels.iter().zip(in_order(threads.get(), channels.len(), of_channel)) {
+        let (axis, own) = found?;
+        (axes[*channel], components[*channel]) = (Some(axis), own);
+    }
     let block = blocks.map_or(1, |blocks| blocks.samples);
     let (steps, drifts) = steps::gather(recording, &samples, block, &components);
     Ok(Analysis { samples, rate_hz, axes, steps, cut: Vec::new(), drifts })
@@ -168,18 +174,19 @@ impl Analysis {
         let at_rest: [RestNoise; 6] = std::array::from_fn(|channel| {
             let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
             let sum: f64 = rows.slice(samples.clone()).axis(channel % 3).sum();
-            RestNoise { density: axes[channel].noise_density.value, mean: Some(sum / samples.len() as f64) }
+            let density = axes[channel].as_ref().and_then(|axis| axis.noise_density.value);
+            RestNoise { density, mean: Some(sum / samples.len() as f64) }
         });
         findings.extend(check::check_noise(recording, &at_rest));
-        let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not evaluated".into()))?;
-        let [ax, ay, az, gx, gy, gz] = triads;
+        let [ax, ay, az, gx, gy, gz] = axes;
+        let triad = |x: Option<AxisNoise>, y: Option<AxisNoise>, z: Option<AxisNoise>| Some([x?, y?, z?]);
         Ok(Noise {
             start_s,
             end_s,
             samples: samples.len(),
             rate_hz,
-            accelerometer: [ax, ay, az],
-            gyroscope: [gx, gy, gz],
+            accelerometer: triad(ax, ay, az),
+            gyroscope: triad(gx, gy, gz),
             steps,
             cut_steps: cut,
             drifts,
@@ -254,13 +261,14 @@ fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &
     const LIMIT: f64 = 6.0;
     let near = rest.end.saturating_sub(NEAR).max(rest.start)..rest.end;
     [(recording.angular_rate, 0), (recording.specific_force, 3)].iter().all(|(rows, first)| {
-        (0..3).all(|axis| {
-            let values = || rows.slice(near.clone()).axis(axis);
-            let mean = values().sum::<f64>() / near.len() as f64;
-            let variance = values().map(|value| (value - mean).powi(2)).sum::<f64>() / near.len() as f64;
-            let limit = LIMIT * variance.sqrt().max(floor[first + axis]);
-            rows.slice(rest.end..next).axis(axis).all(|value| (value - mean).abs() <= limit)
-        })
+        rows.is_absent()
+            || (0..3).all(|axis| {
+                let values = || rows.slice(near.clone()).axis(axis);
+                let mean = values().sum::<f64>() / near.len() as f64;
+                let variance = values().map(|value| (value - mean).powi(2)).sum::<f64>() / near.len() as f64;
+                let limit = LIMIT * variance.sqrt().max(floor[first + axis]);
+                rows.slice(rest.end..next).axis(axis).all(|value| (value - mean).abs() <= limit)
+            })
     })
 }
 
@@ -288,9 +296,10 @@ fn moving(recording: &Recording<'_>, rest: &Range<usize>) -> Finding {
 }
 
 /// Findings that follow from the results of the axes, accelerometer first.
-fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[AxisNoise]) -> Vec<Finding> {
+fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[Option<AxisNoise>]) -> Vec<Finding> {
     let columns = |of: &dyn Fn(&AxisNoise) -> bool| -> Vec<String> {
-        check::CHANNELS.iter().zip(axes).filter(|(_, axis)| of(axis)).map(|(name, _)| (*name).to_owned()).collect()
+        let found = check::CHANNELS.iter().zip(axes).filter(|(_, axis)| axis.as_ref().is_some_and(of));
+        found.map(|(name, _)| (*name).to_owned()).collect()
     };
     let kinds: [(&'static str, Vec<String>, &str, &str); 4] = [
         (
@@ -354,7 +363,7 @@ mod tests {
     }
 
     fn axes(noise: &Noise) -> impl Iterator<Item = &AxisNoise> {
-        noise.accelerometer.iter().chain(&noise.gyroscope)
+        noise.accelerometer.iter().flatten().chain(noise.gyroscope.iter().flatten())
     }
 
     fn all_kinds() -> Sensor {

@@ -33,6 +33,9 @@ pub enum Samples<'a> {
     F32(&'a [[f32; 3]]),
     /// 16-bit counts.
     I16(&'a [[i16; 3]]),
+    /// No sensor, for this number of samples. Every value is NaN, so that nothing takes the absent sensor for one that
+    /// reads zero.
+    Absent(usize),
 }
 
 impl<'a> Samples<'a> {
@@ -42,12 +45,18 @@ impl<'a> Samples<'a> {
             Self::F64(rows) => rows.len(),
             Self::F32(rows) => rows.len(),
             Self::I16(rows) => rows.len(),
+            Self::Absent(samples) => samples,
         }
     }
 
     /// Whether there are no samples.
     pub fn is_empty(self) -> bool {
         self.len() == 0
+    }
+
+    /// Whether there is no sensor.
+    pub fn is_absent(self) -> bool {
+        matches!(self, Self::Absent(_))
     }
 
     /// One sample as f64.
@@ -57,6 +66,7 @@ impl<'a> Samples<'a> {
             Self::F64(rows) => rows[sample],
             Self::F32(rows) => widened(rows[sample]),
             Self::I16(rows) => widened(rows[sample]),
+            Self::Absent(_) => [f64::NAN; 3],
         }
     }
 
@@ -67,6 +77,7 @@ impl<'a> Samples<'a> {
             Self::F64(rows) => Cow::Borrowed(&rows[samples]),
             Self::F32(rows) => Cow::Owned(rows[samples].iter().copied().map(widened).collect()),
             Self::I16(rows) => Cow::Owned(rows[samples].iter().copied().map(widened).collect()),
+            Self::Absent(_) => Cow::Owned(vec![[f64::NAN; 3]; samples.len()]),
         }
     }
 
@@ -77,6 +88,7 @@ impl<'a> Samples<'a> {
             Self::F64(rows) => Self::F64(&rows[samples]),
             Self::F32(rows) => Self::F32(&rows[samples]),
             Self::I16(rows) => Self::I16(&rows[samples]),
+            Self::Absent(_) => Self::Absent(samples.len()),
         }
     }
 
@@ -100,6 +112,7 @@ impl<'a> Samples<'a> {
             Self::F64(rows) => neighbours_of(rows, axis, each),
             Self::F32(rows) => neighbours_of(rows, axis, each),
             Self::I16(rows) => neighbours_of(rows, axis, each),
+            Self::Absent(_) => {}
         }
     }
 }
@@ -163,9 +176,9 @@ pub struct Recording<'a> {
     pub name: &'a str,
     /// Time of each sample, s.
     pub time_s: &'a [f64],
-    /// Samples of the accelerometer, in `accel_unit`.
+    /// Samples of the accelerometer, in `accel_unit`; [`Samples::Absent`] for a gyroscope alone.
     pub specific_force: Samples<'a>,
-    /// Samples of the gyroscope, in `gyro_unit`.
+    /// Samples of the gyroscope, in `gyro_unit`; [`Samples::Absent`] for an accelerometer alone.
     pub angular_rate: Samples<'a>,
     /// Temperature, degC; `None` if unknown.
     pub temperature_degc: Option<&'a [f64]>,
@@ -204,6 +217,12 @@ impl<'a> Recording<'a> {
         };
         recording.check_lengths()?;
         Ok(recording)
+    }
+
+    /// The same recording without its gyroscope.
+    #[must_use]
+    pub fn accelerometer_alone(&self) -> Self {
+        Self { angular_rate: Samples::Absent(self.len()), gyro_unit: RawUnit::Si, ..*self }
     }
 
     /// Number of samples.

@@ -8,6 +8,7 @@ mod group_misfit;
 use std::fmt;
 
 pub use group_misfit::{GroupMisfit, ResidualGroup};
+use imucal_core::STANDARD_GRAVITY_MPS2;
 
 use crate::finding::general;
 use crate::held::PriorCost;
@@ -64,6 +65,23 @@ pub enum Reason {
         set: RecordingSet,
         /// Number of usable rests.
         rests: usize,
+    },
+    /// There are too few usable rests to judge an accelerometer alone.
+    TooFewRests {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Number of usable rests.
+        rests: usize,
+    },
+    /// The residuals cannot be compared with noise, so nothing tests the result. The verdict is incomplete.
+    NotTested {
+        /// Number of rests that the fit uses.
+        rests: usize,
+        /// Number of parameters that the rests determine.
+        parameters: usize,
+        /// RMS of the norms of gravity at the rests, m/s^2, from which the noise was estimated; `None` if the rests
+        /// determine the parameters exactly.
+        noise_mps2: Option<f64>,
     },
     /// chi2 has no value because some samples could not be corrected.
     NotCorrected {
@@ -210,6 +228,8 @@ impl Reason {
         match self {
             Self::NotConverged { .. } => "not_converged",
             Self::NoUsableMove { .. } => "no_usable_move",
+            Self::TooFewRests { .. } => "too_few_rests",
+            Self::NotTested { .. } => "residuals_not_tested",
             Self::NotCorrected { .. } => "not_corrected",
             Self::LargeResiduals { .. } => "large_residuals",
             Self::UnknownDirection { .. } => "unknown_direction",
@@ -226,7 +246,7 @@ impl Reason {
 
     /// Whether this reason makes a verdict poor; otherwise it makes it incomplete.
     pub fn is_poor(&self) -> bool {
-        !matches!(self, Self::ResidualsAboveNoise { .. } | Self::ParametersHeld { .. })
+        !matches!(self, Self::ResidualsAboveNoise { .. } | Self::ParametersHeld { .. } | Self::NotTested { .. })
     }
 
     /// The reason for an incomplete verdict: the groups that exceed their noise; `None` if there are none.
@@ -246,6 +266,22 @@ impl fmt::Display for Reason {
                 "{}: {rests} usable rests and no usable move: the gyroscope is not judged, record rests in different poses \
                  with moves between them",
                 set.name()
+            ),
+            Self::TooFewRests { set, rests } => write!(
+                f,
+                "{}: {rests} usable rests: the accelerometer is not judged, record rests in different poses",
+                set.name()
+            ),
+            Self::NotTested { rests, parameters, noise_mps2: None } => write!(
+                f,
+                "{of_calibration}: {rests} rests determine {parameters} parameters exactly, so no residual tests the \
+                 result: add rests in other poses, or judge it on a control recording"
+            ),
+            Self::NotTested { rests, noise_mps2: Some(noise), .. } => write!(
+                f,
+                "{of_calibration}: the noise of the means is not known and was estimated from the residuals of the \
+                 {rests} rests, {} mg rms, so they do not test the result: give the standard deviation of the means",
+                general(noise / STANDARD_GRAVITY_MPS2 * 1e3, 3)
             ),
             Self::NotCorrected { set, samples } => {
                 write!(f, "{}: chi2 per degree of freedom has no value, nothing is judged: ", set.name())?;
@@ -316,13 +352,19 @@ impl fmt::Display for Reason {
                  deviations: hold it with a larger width, at another value, or not at all",
                 general(sigmas.abs(), 3)
             ),
-            Self::ParametersHeld { parameters, cost: PriorCost { gravity_direction_deg, rotation_deg } } => write!(
-                f,
-                "{of_calibration}: the recordings do not determine {parameters}, which have the default prior: this leaves \
-                 an error (1 sigma) of {} deg in the direction of gravity and of {} deg in a rotation by 90 deg",
-                general(*gravity_direction_deg, 2),
-                general(*rotation_deg, 2)
-            ),
+            Self::ParametersHeld { parameters, cost: PriorCost { gravity_direction_deg, rotation_deg } } => {
+                write!(
+                    f,
+                    "{of_calibration}: the recordings do not determine {parameters}, which have the default prior: this \
+                     leaves an error (1 sigma) of {} deg in the direction of gravity",
+                    general(*gravity_direction_deg, 2)
+                )?;
+                // An accelerometer alone measures no rotation.
+                if *rotation_deg > 0.0 {
+                    write!(f, " and of {} deg in a rotation by 90 deg", general(*rotation_deg, 2))?;
+                }
+                Ok(())
+            }
             Self::ResidualsAboveNoise { set, groups } => {
                 let groups: Vec<String> = groups.iter().map(GroupMisfit::to_string).collect();
                 write!(f, "{}: residuals exceed their noise: {}: ", set.name(), groups.join(", "))?;

@@ -104,6 +104,29 @@ def calibrate(
     serial_number: Annotated[
         str | None, option("--serial-number", help="Serial number of the unit, stored in the file.")
     ] = None,
+    calibration: Annotated[
+        Path | None,
+        option(
+            "--calibration",
+            metavar="PATH",
+            help="Calibration of the accelerometer: with its covariance the prior of its parameters, so that "
+            "the gyroscope's moves suffice.",
+        ),
+    ] = None,
+    means: Annotated[
+        bool,
+        option(
+            "--means", help="The file is a table of mean readings: one row for each pose, without a time."
+        ),
+    ] = False,
+    noise: Annotated[
+        float | None,
+        option(
+            "--noise",
+            metavar="MPS2",
+            help="Standard deviation of the means of --means, m/s^2; from the residuals if not given.",
+        ),
+    ] = None,
     limits: LimitsPath = None,
     require: Require = Required.incomplete,
     verbose: Verbose = False,
@@ -115,17 +138,17 @@ def calibrate(
     Example: imucal calibrate run.csv --control control.csv -o unit-0042.json --limits limits.json
     """
     import imucal
-    from imucal.estimation.rests import used_of
 
     require_apart(
-        [*recordings, *(control or ()), unit, limits],
+        [*recordings, *(control or ()), unit, limits, calibration],
         {"--output": output, "--report": report, "--json": json},
     )
     prepare_report(report)
     with working("reading"):
         wanted = imucal.Limits.load(limits) if limits else None
-        unit_data = reading.each(recordings)
+        unit_data = reading.means(recordings) if means else reading.each(recordings)
         judges = reading.each(control or [])
+        known = imucal.Calibration.load(calibration) if calibration else None
     with working("calibrating"):
         result = imucal.calibrate(
             unit_data,
@@ -145,6 +168,8 @@ def calibrate(
             hold=hold or [],
             unit=unit,
             folds=folds,
+            noise_mps2=noise,
+            calibration=known,
             serial_number=serial_number,
         )
     if wanted is not None:
@@ -161,10 +186,7 @@ def calibrate(
         show_fit(out, result.fit)
         show_rests_and_moves(out, result.rests, result.moves)
     out.parameters(result.parameters)
-    out.line(
-        f"{used_of(result.rests)} rests and {used_of(result.moves)} moves used"
-        + (f"; calibration written to {output}" if output else "")
-    )
+    out.line(result.used + (f"; calibration written to {output}" if output else ""))
     out.figures(
         {
             "calibration set": result.calibration_set,

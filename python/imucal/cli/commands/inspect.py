@@ -46,7 +46,7 @@ def inspect(
     for seen in inspections:
         out.line(
             f"{seen.name}: {seen.samples} samples, {seen.duration_s:.3f} s, {seen.rate_hz:.6g} Hz, "
-            f"accelerometer in {seen.accel_unit}, gyroscope in {seen.gyro_unit}, {len(seen.rests)} rests"
+            f"{seen.sensors_in_words}, {len(seen.rests)} rests"
         )
         if seen.rests:
             out.table(

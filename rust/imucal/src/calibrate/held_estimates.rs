@@ -14,7 +14,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use crate::held::{GROUPS, HeldParameter, PriorCost, PriorSource};
-use crate::joint::{JointFit, force_by_parameters};
+use crate::joint::force_by_parameters;
 use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 
 /// Share of the variance of a held parameter from its prior above which the recordings are said not to determine it:
@@ -58,25 +58,26 @@ impl HeldEstimate {
     }
 }
 
-/// The held parameters of a joint fit, and the prior part B of the covariance. `residuals` are those of the priors in
-/// standard deviations, with the share of their variance that the fit leaves in them.
+/// The held parameters of a fit with these parameters and their covariance, and the prior part B of the covariance.
+/// `residuals` are those of the priors in standard deviations, with the share of their variance that the fit leaves in
+/// them.
 pub(super) fn held_estimates(
-    joint: &JointFit,
+    (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
     residuals: &[Option<(f64, f64)>],
 ) -> (Vec<HeldEstimate>, Mat<f64>) {
-    let (parameters, n) = (joint.model.parameters(), joint.covariance.ncols());
+    let n = covariance.ncols();
     let mut rows = Mat::<f64>::zeros(held.len(), n);
     for (row, held) in held.iter().enumerate() {
-        held.row(&parameters).derivatives.into_iter().for_each(|(p, by)| rows[(row, p)] += by);
+        held.row(parameters).derivatives.into_iter().for_each(|(p, by)| rows[(row, p)] += by);
     }
-    let by_prior = &joint.covariance * rows.transpose();
+    let by_prior = covariance * rows.transpose();
     let between = &rows * &by_prior;
     let estimate = |k: usize| {
         let variance = between[(k, k)];
         let from_priors: f64 = (0..held.len()).map(|other| between[(k, other)].powi(2)).sum();
         HeldEstimate {
-            estimate: held[k].estimate(&parameters),
+            estimate: held[k].estimate(parameters),
             sigma: held[k].sigma * variance.sqrt(),
             prior_share: (from_priors / variance).min(1.0),
             contradiction: residuals.get(k).copied().flatten().and_then(|residual| contradiction(&held[k], residual)),

@@ -115,7 +115,7 @@ impl Outcome {
             covariance: rows(&covariance),
             rests,
             moves,
-            noise_density: noise_density(data.noise(), &calibration),
+            noise_density: noise_density(data.noise(), [&calibration.accelerometer, &calibration.gyroscope]),
             thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
             accelerometer_fit: accelerometer.report,
             gyroscope_fit: gyroscope.fit.report,
@@ -169,13 +169,18 @@ impl Outcome {
             .collect();
         let symmetric = Sensitivities { accelerometer: *force.sensitivity(), gyroscope: *rate.sensitivity() };
         let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();
-        let (held, of_priors) = held_estimates(joint, &data.held(options)?, &misfits.held);
+        let (held, of_priors) =
+            held_estimates((&joint.model.parameters(), &joint.covariance), &data.held(options)?, &misfits.held);
         // A prior that determines its parameter leaves no parameter to the residuals.
         let by_priors = held.iter().map(|held| (held.sigma / held.prior.sigma).powi(2)).sum::<f64>().round() as usize;
-        let prior_cost = (!held.is_empty()).then(|| prior_cost(&of_priors, force, rate));
+        let is_any_held = held.iter().any(|held| !held.prior.is_combination());
+        let prior_cost = is_any_held.then(|| prior_cost(&of_priors, force, rate));
         let of_unit = |matrix: &Mat<f64>| matrix.submatrix(0, 0, all, all).to_owned();
         let covariances = [of_unit(&joint.covariance), of_unit(&of_priors)];
         let (sensitivities, [covariance, of_priors]) = in_frame(options.frame, symmetric, covariances, &mut moves)?;
+        // A known accelerometer is no held parameter, unless the recordings contradict it.
+        let held: Vec<HeldEstimate> =
+            held.into_iter().filter(|held| !held.prior.is_combination() || held.is_contradicted()).collect();
         let share =
             |p: usize| if covariance[(p, p)] > 0.0 { (of_priors[(p, p)] / covariance[(p, p)]).min(1.0) } else { 0.0 };
         let prior_shares = if held.is_empty() { Vec::new() } else { (0..all).map(share).collect() };
@@ -204,7 +209,7 @@ impl Outcome {
             figures: figures(&rests, &moves, &residuals, (all - 3).saturating_sub(by_priors)),
             rests,
             moves,
-            noise_density: noise_density(data.noise(), &calibration),
+            noise_density: noise_density(data.noise(), [&calibration.accelerometer, &calibration.gyroscope]),
             bias_instability_radps: joint.wander.map(|unit| unit.gyroscope.bias_instability),
             tremor_rad: data.tremor_rad(),
             thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
@@ -243,7 +248,7 @@ fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures:
 
 /// Converts sensitivities, covariances and gravity directions of the moves from the symmetric to the requested body
 /// frame. Effects are defined in the symmetric frame only.
-fn in_frame<const N: usize>(
+pub(super) fn in_frame<const N: usize>(
     frame: Frame,
     symmetric: Sensitivities,
     covariances: [Mat<f64>; N],
@@ -263,12 +268,12 @@ fn in_frame<const N: usize>(
 }
 
 /// The rows of a matrix.
-fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
+pub(super) fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
     (0..matrix.nrows()).map(|i| (0..matrix.ncols()).map(|j| matrix[(i, j)]).collect()).collect()
 }
 
-/// Median of the noise densities over the recordings, converted to SI units with the calibration.
-fn noise_density(noise: &[NoiseDensity], calibration: &Calibration<f64>) -> NoiseDensity {
+/// Median of the noise densities over the recordings, converted to SI units with the triads.
+pub(super) fn noise_density(noise: &[NoiseDensity], [accelerometer, gyroscope]: [&Triad<f64>; 2]) -> NoiseDensity {
     let median_of = |pick: fn(&NoiseDensity) -> Vector3<f64>| {
         Vector3::from_fn(|axis, _| {
             let mut values: Vec<f64> = noise.iter().map(|noise| pick(noise)[axis]).collect();
@@ -277,8 +282,8 @@ fn noise_density(noise: &[NoiseDensity], calibration: &Calibration<f64>) -> Nois
     };
     let si = |raw: Vector3<f64>, triad: &Triad<f64>| variance_by_axis(triad.inverse(), &raw).map(f64::sqrt);
     NoiseDensity {
-        specific_force: si(median_of(|noise| noise.specific_force), &calibration.accelerometer),
-        angular_rate: si(median_of(|noise| noise.angular_rate), &calibration.gyroscope),
+        specific_force: si(median_of(|noise| noise.specific_force), accelerometer),
+        angular_rate: si(median_of(|noise| noise.angular_rate), gyroscope),
     }
 }
 

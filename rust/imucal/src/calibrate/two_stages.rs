@@ -38,8 +38,14 @@ pub(super) struct Gyroscope {
 }
 
 impl UnitData<'_> {
-    /// Fits the accelerometer to the rests without known faults.
+    /// Fits the accelerometer to the rests without known faults. A message about missing poses also names the moves that
+    /// the gyroscope needs.
     pub(super) fn fit_accelerometer(&self, options: &Options<'_>) -> Result<AccelerometerFit, Error> {
+        self.fit_rests(options).map_err(|error| self.with_all_that_is_missing(error, options))
+    }
+
+    /// Fits the accelerometer to the rests without known faults.
+    pub(super) fn fit_rests(&self, options: &Options<'_>) -> Result<AccelerometerFit, Error> {
         let clean: Vec<usize> = (0..self.rests.len()).filter(|&k| self.excluded[k].is_none()).collect();
         let rests: Vec<&Rest> = clean.iter().map(|&k| &self.rests[k].rest).collect();
         let nominal = options
@@ -47,9 +53,13 @@ impl UnitData<'_> {
             .map(|scale| Start { sensitivity: Matrix3::from_diagonal_element(scale), bias: Vector3::zeros() });
         let si = self.raw_is_si(|recording| recording.accel_unit);
         let held = self.held(options)?;
-        let alone = accelerometer::fit(&rests, options.gravity_mps2, nominal, si, &StageRows::new(&held, ACCEL));
+        let rows = StageRows::new(&held, ACCEL);
+        let alone = accelerometer::fit(&rests, options.gravity_mps2, nominal, si, &rows);
+        let has_gyroscope = self.recordings.iter().all(|recording| !recording.angular_rate.is_absent());
         let mut fit = match alone {
-            Err(Error::NotEnoughMotion(words)) => self.fit_accelerometer_with_moves(&rests, words, options)?,
+            Err(Error::NotEnoughMotion(words)) if has_gyroscope => {
+                self.fit_accelerometer_with_moves(&rests, words, options)?
+            }
             alone => alone?,
         };
         // From here on the arrays have one entry for each rest found, including the excluded rests.

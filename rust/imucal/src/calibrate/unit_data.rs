@@ -56,11 +56,21 @@ impl<'a> UnitData<'a> {
     /// * [`Error::Data`] for faults of the recordings.
     /// * [`Error::NotEnoughMotion`] if there are no usable rests.
     pub(super) fn try_new(recordings: &'a [Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
+        Self::checked(recordings, options, check::check_columns)
+    }
+
+    /// As [`Self::try_new`], for recordings of an accelerometer without a gyroscope.
+    pub(super) fn of_accelerometer(recordings: &'a [Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
+        Self::checked(recordings, options, check::check_one_or_both)
+    }
+
+    fn checked(
+        recordings: &'a [Recording<'a>],
+        options: &Options<'_>,
+        check_columns: impl Fn(&Recording<'_>) -> Vec<Finding>,
+    ) -> Result<Self, Error> {
         check_options(recordings, options)?;
-        let mut findings = Vec::new();
-        for recording in recordings {
-            findings.extend(check::check_columns(recording));
-        }
+        let mut findings: Vec<Finding> = recordings.iter().flat_map(check_columns).collect();
         findings.extend(check::check_shared(recordings));
         if options.exclude_saturated {
             for finding in findings.iter_mut().filter(|finding| finding.is_saturation()) {
@@ -82,7 +92,12 @@ impl<'a> UnitData<'a> {
         refuse_errors(&findings)?;
         let rests = rests_of(&segments);
         let saturated = saturated_stretches(recordings, &findings);
-        let bias = gyroscope::bias_from_rests(&rests.iter().map(|rest| &rest.rest).collect::<Vec<_>>());
+        let has_gyroscope = recordings.iter().any(|recording| !recording.angular_rate.is_absent());
+        let bias = if has_gyroscope {
+            gyroscope::bias_from_rests(&rests.iter().map(|rest| &rest.rest).collect::<Vec<_>>())
+        } else {
+            GyroscopeBias::absent(rests.len())
+        };
         let excluded: Vec<_> = rests
             .iter()
             .zip(&bias.weights)

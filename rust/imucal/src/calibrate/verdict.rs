@@ -5,13 +5,14 @@ use super::held_estimates::{HeldEstimate, listed};
 use super::unit_data::NOT_STILL;
 use crate::evaluate::unknown_direction;
 use crate::finding::{Finding, general};
+use crate::held::PriorCost;
 use crate::numerics::lsq::Termination;
 use crate::recording::Recording;
 use crate::verdict::{Reason, RecordingSet, Verdict};
 
 /// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few disturbed rests or
 /// moves are accidental; many indicate a wrong model.
-const MAX_CONTRADICTING_SHARE: f64 = 0.1;
+pub(super) const MAX_CONTRADICTING_SHARE: f64 = 0.1;
 /// Maximum share of rests whose mean rates are far from those of the others in a good calibration. A few slow rotations
 /// may appear to be rests.
 const MAX_MOVING_SHARE: f64 = 0.2;
@@ -41,7 +42,7 @@ impl Outcome {
             reasons.push(Reason::MovingRests { count, all });
         }
         reasons.extend(self.contradicted_priors());
-        reasons.extend(self.held_by_default());
+        reasons.extend(held_by_default(&self.held, self.prior_cost));
         reasons.extend(unknown_direction(RecordingSet::Calibration, &self.moves));
         reasons.extend(Reason::above_noise(RecordingSet::Calibration, &self.groups));
         Verdict::of(reasons)
@@ -55,13 +56,6 @@ impl Outcome {
             sigmas: held.contradiction.unwrap_or_default(),
         };
         self.held.iter().filter(|held| held.is_contradicted()).map(of).collect()
-    }
-
-    /// The held parameters that neither the recordings nor the user know.
-    fn held_by_default(&self) -> Option<Reason> {
-        let unknown: Vec<&HeldEstimate> = self.held.iter().filter(|held| held.is_unknown()).collect();
-        let cost = self.prior_cost.filter(|_| !unknown.is_empty())?;
-        Some(Reason::ParametersHeld { parameters: listed(&unknown, &self.held), cost })
     }
 
     /// The fits of the result that have not converged: the two-stage fits, or the joint fit.
@@ -94,7 +88,14 @@ impl Outcome {
     }
 }
 
-fn are_many(count: usize, all: usize, share: f64) -> bool {
+/// The held parameters that neither the recordings nor the user know.
+pub(super) fn held_by_default(held: &[HeldEstimate], cost: Option<PriorCost>) -> Option<Reason> {
+    let unknown: Vec<&HeldEstimate> = held.iter().filter(|held| held.is_unknown()).collect();
+    let cost = cost.filter(|_| !unknown.is_empty())?;
+    Some(Reason::ParametersHeld { parameters: listed(&unknown, held), cost })
+}
+
+pub(super) fn are_many(count: usize, all: usize, share: f64) -> bool {
     count as f64 > share * all as f64
 }
 

@@ -1,6 +1,6 @@
 //! Checks of the time column: length, order, gaps, regularity and unit.
 
-use super::part::{ALL_EQUAL, Part};
+use super::part::Part;
 use super::{Tally, bursts, gaps, names, stamps};
 use crate::finding::{Finding, Place};
 use crate::numerics::stats::{quantile_of, steps_s};
@@ -123,7 +123,7 @@ impl Steps {
                 self.positive += 1;
                 self.shortest_s = if step_s < self.shortest_s { step_s } else { self.shortest_s };
                 self.longest_s = if step_s > self.longest_s { step_s } else { self.longest_s };
-            } else if step_s == 0.0 && equal == ALL_EQUAL {
+            } else if step_s == 0.0 && equal == part.all_equal {
                 self.copied.add(i);
             } else if step_s == 0.0 {
                 self.equal.add(i);

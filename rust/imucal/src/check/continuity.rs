@@ -42,7 +42,7 @@ const ADDITIONAL: f64 = 1.5;
 
 /// Reports lost samples and additional rows in a recording whose time stamps were made from the sample number.
 pub(super) fn check(recording: &Recording<'_>, repeats: &Repeats) -> Option<Finding> {
-    if !is_even(recording.time_s) {
+    if recording.angular_rate.is_absent() || !is_even(recording.time_s) {
         return None;
     }
     let noise = noise_of_changes(recording.angular_rate)?;

@@ -29,20 +29,35 @@ const COMMON_SHARE: f64 = 1.0 / 3.0;
 /// `gains_differ` (a warning) for axes in counts with different gains, and `gyro_common_gain` (a warning) for axes of a
 /// gyroscope in SI units that share a gain. `recording` is the first recording of the unit.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
-    let accelerometer = (recording.accel_unit, &calibration.accelerometer, ACCEL, "accel_units");
-    let gyroscope = (recording.gyro_unit, &calibration.gyroscope, GYRO, "gyro_units");
-    let gains_of = |triad: &Triad<f64>| [0, 1, 2].map(|axis| triad.sensitivity().row(axis).norm());
-    let mut findings: Vec<Finding> = [accelerometer, gyroscope]
+    let mut findings: Vec<Finding> = check_accelerometer_gains(recording, &calibration.accelerometer)
         .into_iter()
-        .filter_map(|(unit, triad, columns, code)| match unit {
-            RawUnit::Si => odd_gains(recording, gains_of(triad), columns, code),
-            RawUnit::Lsb => different_gains(recording, gains_of(triad), columns),
-        })
+        .chain(gains_of_sensor(recording, recording.gyro_unit, &calibration.gyroscope, (GYRO, "gyro_units")))
         .collect();
     if recording.gyro_unit == RawUnit::Si && findings.is_empty() {
         findings.extend(common_gain(recording, gains_of(&calibration.gyroscope)));
     }
     findings
+}
+
+/// As [`check_gains`], for an accelerometer alone.
+pub fn check_accelerometer_gains(recording: &Recording, accelerometer: &Triad<f64>) -> Option<Finding> {
+    gains_of_sensor(recording, recording.accel_unit, accelerometer, (ACCEL, "accel_units"))
+}
+
+fn gains_of_sensor(
+    recording: &Recording,
+    unit: RawUnit,
+    triad: &Triad<f64>,
+    (columns, code): ([&str; 3], &'static str),
+) -> Option<Finding> {
+    match unit {
+        RawUnit::Si => odd_gains(recording, gains_of(triad), columns, code),
+        RawUnit::Lsb => different_gains(recording, gains_of(triad), columns),
+    }
+}
+
+fn gains_of(triad: &Triad<f64>) -> [f64; 3] {
+    [0, 1, 2].map(|axis| triad.sensitivity().row(axis).norm())
 }
 
 fn common_gain(recording: &Recording, gains: [f64; 3]) -> Option<Finding> {

@@ -63,6 +63,13 @@ pub(super) fn check(recording: &Recording, rests: &[Range<usize>]) -> Option<Fin
             format!("the motor angles show that the accelerometer reads -g on the axis that points up: {REVERSED}"),
         ),
         Some(Axes::Unclear) => (Finding::error, format!("{}, or mount the unit with z up at the stand's zero", ask())),
+        None if recording.angular_rate.is_absent() => (
+            Finding::warning,
+            format!(
+                "if the unit lies upside down there, nothing is wrong; if its z axis points down (FRD, NED), {Z_DOWN_ALONE}; \
+                 if it reads -g on the axis that points up, pass axes='accel=-x,-y,-z'"
+            ),
+        ),
         None => (Finding::warning, format!("if the unit lies upside down there, nothing is wrong; {}", ask())),
     };
     let place = Place::new(recording, rest.start, rest.end - 1);
@@ -79,6 +86,7 @@ pub(super) fn check(recording: &Recording, rests: &[Range<usize>]) -> Option<Fin
 }
 
 const Z_DOWN: &str = "pass axes='frd', which rotates accelerometer and gyroscope to x forward, y left, z up";
+const Z_DOWN_ALONE: &str = "pass axes='frd', which rotates the accelerometer to x forward, y left, z up";
 const REVERSED: &str = "pass axes='accel=-x,-y,-z', which leaves the gyroscope as it is";
 
 /// Recommendation if the data do not show the cause.

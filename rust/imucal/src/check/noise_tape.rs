@@ -188,7 +188,9 @@ fn inner(rest: &Range<usize>, recording: &Recording<'_>) -> Range<usize> {
 }
 
 fn row(recording: &Recording<'_>, sample: usize) -> [f64; 6] {
-    let ([fx, fy, fz], [wx, wy, wz]) = (recording.specific_force.at(sample), recording.angular_rate.at(sample));
+    // The channels of an absent sensor are constant, so that their scale is zero.
+    let [[fx, fy, fz], [wx, wy, wz]] = [recording.specific_force, recording.angular_rate]
+        .map(|rows| if rows.is_absent() { [0.0; 3] } else { rows.at(sample) });
     [fx, fy, fz, wx, wy, wz]
 }
 

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use crate::recording::Recording;
+use crate::recording::{Recording, Samples};
 
 /// Samples in a block; at 56 bytes each (time and six channels) a block has 14 kB and fits into the L1 cache.
 pub(super) const PART: usize = 256;
@@ -12,30 +12,35 @@ pub(super) const PART: usize = 256;
 pub(super) struct Part<'a> {
     pub(super) recording: &'a Recording<'a>,
     pub(super) samples: Range<usize>,
-    /// Whether the time and all channels of both triads are finite in all samples.
+    /// Whether the time and all channels of the sensors that are there are finite in all samples.
     pub(super) is_finite: bool,
+    /// Bits of [`Part::equal`] for a row whose channels all have the values of the previous row. Those of an absent
+    /// sensor are never set.
+    pub(super) all_equal: u8,
     equal: [u8; PART],
     /// Rows of the accelerometer and rows of the gyroscope.
     triads: [Cow<'a, [[f64; 3]]>; 2],
 }
 
-/// Bits of [`Part::equal`] for a row whose six channels all have the values of the previous row.
-pub(super) const ALL_EQUAL: u8 = 0b11_1111;
-
 impl<'a> Part<'a> {
     #[inline(always)]
     pub(super) fn new(recording: &'a Recording<'a>, samples: Range<usize>) -> Self {
         let first = samples.start.max(1);
-        let triads = [recording.specific_force, recording.angular_rate].map(|rows| rows.part(first - 1..samples.end));
+        let sensors = [recording.specific_force, recording.angular_rate];
+        let triads = sensors.map(|rows| rows.part(first - 1..samples.end));
+        let [no_force, no_rate] = sensors.map(Samples::is_absent);
         let [force, rate] = triads.each_ref().map(|rows| rows.as_flattened());
-        let is_finite = all_finite(&recording.time_s[samples.clone()]) && all_finite(force) && all_finite(rate);
+        let is_finite = all_finite(&recording.time_s[samples.clone()])
+            && (no_force || all_finite(force))
+            && (no_rate || all_finite(rate));
+        let all_equal = if no_force { 0 } else { 0b00_0111 } | if no_rate { 0 } else { 0b11_1000 };
         let (force, rate) = (same(force), same(rate));
         let mut equal = [0; PART];
         let bits = force.as_chunks::<3>().0.iter().zip(rate.as_chunks::<3>().0);
         for (equal, ([fx, fy, fz], [wx, wy, wz])) in equal[first - samples.start..].iter_mut().zip(bits) {
             *equal = fx | fy << 1 | fz << 2 | wx << 3 | wy << 4 | wz << 5;
         }
-        Self { recording, samples, is_finite, equal, triads }
+        Self { recording, samples, is_finite, all_equal, equal, triads }
     }
 
     /// Index of each sample, except the first of the recording, with one bit per channel. The bit is set if the channel

@@ -1,7 +1,7 @@
 //! Check for rows that were held by the sensor or written twice.
 
 use super::Tally;
-use super::part::{ALL_EQUAL, Part};
+use super::part::Part;
 use crate::finding::Finding;
 use crate::recording::Recording;
 
@@ -10,23 +10,26 @@ const LONGEST_REPEAT: usize = 8;
 /// Minimum number of repeated rows for a finding.
 const FEWEST: usize = 5;
 
-/// Reports rows whose six values equal those of the previous row although the time differs.
+/// Reports rows whose values all equal those of the previous row although the time differs.
 ///
 /// At rest, coarsely quantised data repeat without any fault. If each channel repeats with probability q, five of six
 /// values repeat with probability 6 q^5 (1 - q), and all six with the smaller probability q^6. Two rules therefore
 /// exclude natural repeats. First, a repeat counts only between rows that change (at most one value repeats). Second,
 /// repeated rows must outnumber rows with five repeated values by more than 2 to 1. A rest without noise is a long
-/// sequence of equal rows and is excluded by [`LONGEST_REPEAT`].
+/// sequence of equal rows and is excluded by [`LONGEST_REPEAT`]. For one sensor alone, three values take the place of
+/// six.
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
     let count = repeats.reported()?;
     let share = 100.0 * count as f64 / recording.len() as f64;
+    let has_both = !recording.specific_force.is_absent() && !recording.angular_rate.is_absent();
+    let values = if has_both { "six" } else { "three" };
     Some(Finding {
         place: repeats.doubled.place(recording),
         count,
         value: share,
         unit: "%",
         message: format!(
-            "{count} rows ({share:.2} %) repeat all six values of the row before, the first {}",
+            "{count} rows ({share:.2} %) repeat all {values} values of the row before, the first {}",
             repeats.doubled.first_place(recording)
         ),
         way_out: "record at the rate at which the sensor gives new samples, or drop the repeated rows".into(),
@@ -34,18 +37,18 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
     })
 }
 
-/// Numbers of rows that repeat the previous row completely or in five values, between rows that change.
+/// Numbers of rows that repeat the previous row completely or in all values but one, between rows that change.
 #[derive(Default)]
 pub(super) struct Repeats {
-    /// Rows in which all six values repeat.
+    /// Rows in which all values repeat.
     doubled: Tally,
-    /// Number of rows in which exactly five values repeat.
+    /// Number of rows in which all values but one repeat.
     near: usize,
-    /// Whether the last row with fewer than five repeated values changes (at most one value repeats).
+    /// Whether the last row with fewer repeated values changes (at most one value repeats).
     changes_before: bool,
-    /// Number of rows with six repeated values since the last row with fewer than five.
+    /// Number of rows with only repeated values since the last row with two or more new values.
     equal_rows: usize,
-    /// Number of rows with five repeated values since the last row with fewer than five.
+    /// Number of rows with one new value since the last row with two or more new values.
     near_rows: usize,
 }
 
@@ -59,9 +62,9 @@ impl Repeats {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let time_s = part.recording.time_s;
         for (i, equal) in part.equal() {
-            if equal == ALL_EQUAL && time_s[i] != time_s[i - 1] {
+            if equal == part.all_equal && time_s[i] != time_s[i - 1] {
                 self.equal_rows += 1;
-            } else if (equal ^ ALL_EQUAL).is_power_of_two() {
+            } else if (equal ^ part.all_equal).is_power_of_two() {
                 self.near_rows += 1;
             } else {
                 let changes = equal & equal.wrapping_sub(1) == 0;

@@ -37,8 +37,9 @@ impl NotFinite {
         let recording = part.recording;
         if !part.is_finite {
             for i in part.samples.clone() {
-                let [fx, fy, fz] = recording.specific_force.at(i);
-                let [wx, wy, wz] = recording.angular_rate.at(i);
+                // The values of an absent sensor are not missing.
+                let [[fx, fy, fz], [wx, wy, wz]] = [recording.specific_force, recording.angular_rate]
+                    .map(|rows| if rows.is_absent() { [0.0; 3] } else { rows.at(i) });
                 if mark([recording.time_s[i], fx, fy, fz, wx, wy, wz], &mut self.columns) {
                     self.bad.add(i);
                     let [no_force, no_rate] =

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::error::Error;
 use crate::frame::Frame;
-use crate::parameters::BASE;
+use crate::parameters::{ACCEL, BASE};
 
 /// Uncertainty of the 21 parameters of both triads.
 #[derive(Clone, Debug)]
@@ -53,6 +53,20 @@ impl Uncertainty {
             Change::of(&std::array::from_fn(|p| root * eigen.eigenvectors[(p, k)] * sigma[p]), frame)
         };
         Ok(Self { changes: (0..BASE).map(change).collect() })
+    }
+
+    /// The uncertainty of an accelerometer alone. `covariance` has its nine parameters, in this body frame.
+    ///
+    /// # Errors
+    /// As [`try_new`](Self::try_new), for nine rows and columns.
+    pub fn of_accelerometer(covariance: &[Vec<f64>], frame: Frame) -> Result<Self, Error> {
+        let nine = ACCEL.len();
+        if covariance.len() != nine || covariance.iter().any(|row| row.len() != nine) {
+            return Err(Error::Input(format!("the covariance of an accelerometer needs {nine} rows and columns")));
+        }
+        let of = |i: usize, j: usize| covariance.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0.0);
+        let all: Vec<Vec<f64>> = (0..BASE).map(|i| (0..BASE).map(|j| of(i, j)).collect()).collect();
+        Self::try_new(&all, frame)
     }
 
     /// Both triads, changed by one standard deviation along each direction. `corrected` states whether the samples are

@@ -15,6 +15,9 @@ const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
 const FASTEST_DEGPS: f64 = 20_000.0;
 /// Share of samples that may exceed [`FASTEST_DEGPS`]: single wrong samples say nothing about a calibration.
 const MAX_FAST_SHARE: f64 = 1e-3;
+/// Minimum number of usable rests for a judgement on an accelerometer alone: the two ends of a move, which judge both
+/// sensors together.
+const MIN_RESTS: usize = 2;
 /// Ratio of the residuals with a calibration to those without above which the calibration makes a unit worse. Below it
 /// both are equally far from the truth, as for a unit with a calibration of its own.
 const WORSE: f64 = 1.1;
@@ -31,6 +34,22 @@ impl Figures {
         if self.moves == 0 {
             return Some(Reason::NoUsableMove { set, rests: self.rests });
         }
+        self.reason_of_residuals(set, uncorrected)
+    }
+
+    /// Why these figures of an accelerometer alone, which has no moves, make a verdict poor.
+    pub fn reason_of_accelerometer(&self, set: RecordingSet) -> Option<Reason> {
+        if self.rests < MIN_RESTS {
+            return Some(Reason::TooFewRests { set, rests: self.rests });
+        }
+        self.reason_of_residuals(set, Vec::new)
+    }
+
+    fn reason_of_residuals(
+        &self,
+        set: RecordingSet,
+        uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>,
+    ) -> Option<Reason> {
         if !self.chi2_per_dof.is_finite() {
             return Some(Reason::NotCorrected { set, samples: uncorrected() });
         }

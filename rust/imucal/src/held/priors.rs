@@ -1,7 +1,7 @@
 //! The parameters to hold: models of fewer parameters, requests for single parameters, and the standard deviations of
 //! their priors.
 
-use super::{GROUPS, HeldParameter, PriorSource, Quantity};
+use super::{GROUPS, HeldParameter, KnownAccelerometer, PriorSource, Quantity};
 use crate::error::Error;
 use crate::parameters::{GYRO_BIAS, GYRO_SENSITIVITY};
 
@@ -89,6 +89,8 @@ pub struct Priors {
     /// Standard deviations of the unit's profile: name of the group, and the value of each parameter of the group (one
     /// for all, or three for x, y and z). Biases in SI units, scales relative, misalignments in rad.
     pub profile: Vec<(String, Vec<f64>)>,
+    /// An accelerometer that is already calibrated. It replaces all other priors of the accelerometer.
+    pub accelerometer: Option<KnownAccelerometer>,
 }
 
 /// Nominal sensitivity of each sensor in raw units per SI unit, accelerometer first: 1 in SI units, `None` if it is not
@@ -149,7 +151,7 @@ fn holdable() -> Vec<Holdable> {
 impl Priors {
     /// Whether no parameter is held.
     pub fn is_empty(&self) -> bool {
-        self.model == ParameterModel::Full && self.hold.is_empty()
+        self.model == ParameterModel::Full && self.hold.is_empty() && self.accelerometer.is_none()
     }
 
     /// The held parameters in the order of the parameters. `nominal` is the nominal sensitivity of each sensor.
@@ -185,7 +187,13 @@ impl Priors {
         let is_held =
             |p: &Holdable, request: &Option<&Hold>| request.is_some() || self.model.groups().contains(&p.group);
         let held = all.iter().zip(&requests).filter(|(p, request)| is_held(p, request));
-        held.map(|(p, request)| self.prior(p, *request, nominal)).collect()
+        let Some(known) = &self.accelerometer else {
+            return held.map(|(p, request)| self.prior(p, *request, nominal)).collect();
+        };
+        let of_gyroscope = held.filter(|(p, _)| p.group.starts_with("gyro"));
+        let priors =
+            of_gyroscope.map(|(p, request)| self.prior(p, *request, nominal)).collect::<Result<Vec<_>, _>>()?;
+        Ok(known.combinations()?.into_iter().chain(priors).collect())
     }
 
     /// The prior of one parameter.
@@ -259,6 +267,7 @@ mod tests {
                 hold("accel_misalignment", None, Some(0.005)),
             ],
             profile: vec![("gyro_misalignment".into(), vec![0.007])],
+            accelerometer: None,
         };
         let held = priors.held([None, None]).unwrap();
         assert_eq!(held.len(), 9);

@@ -298,13 +298,13 @@ mod tests {
             }
             let finding = noise.findings.iter().find(|finding| finding.code == "step").unwrap();
             assert_eq!(finding.columns, ["accel_x", "gyro_z"]);
-            assert!(noise.gyroscope[2].random_walk.value.is_some(), "the figures contain the step");
+            assert!(noise.gyroscope.as_ref().unwrap()[2].random_walk.value.is_some(), "the figures contain the step");
 
             let cut = noise_with(&run, |time_s| if time_s >= at_s { size } else { 0.0 }, true);
             assert!(cut.steps.is_empty() && cut.cut_steps.len() == 1);
             assert!(cut.end_s < at_s || cut.start_s > at_s, "{} to {}", cut.start_s, cut.end_s);
             if walk == 0.0 {
-                assert!(cut.gyroscope[2].random_walk.value.is_none());
+                assert!(cut.gyroscope.as_ref().unwrap()[2].random_walk.value.is_none());
             }
             assert!(cut.findings.iter().any(|finding| finding.code == "steps_cut"));
         }

@@ -81,8 +81,8 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
     let (sum, count) = regular.fold((0.0, 0), |(sum, count), step| (sum + step, count + 1));
     let interval_s = if count > 0 { sum / f64::from(count) } else { median_s };
     let equal = |k: usize| {
-        recording.specific_force.at(k) == recording.specific_force.at(k - 1)
-            && recording.angular_rate.at(k) == recording.angular_rate.at(k - 1)
+        let sensors = [recording.specific_force, recording.angular_rate];
+        sensors.iter().all(|rows| rows.is_absent() || rows.at(k) == rows.at(k - 1))
     };
     let is_repeated = |k: usize| (has_repeats || time_s[k] == time_s[k - 1]) && equal(k);
 

@@ -32,7 +32,9 @@ impl Segments {
             check_noise(recording, &columns)
         };
         let findings = of(&self.noise_density);
-        if findings.is_empty() {
+        let has_both = !recording.specific_force.is_absent() && !recording.angular_rate.is_absent();
+        // The tremor of a hand is separated from the noise with both sensors.
+        if findings.is_empty() || !has_both {
             return findings;
         }
         let nominal = Triad::identity();

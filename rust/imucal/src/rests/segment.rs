@@ -73,7 +73,7 @@ pub const MIN_REST_S: f64 = 1.0;
 const LONGEST_MIN_REST_S: f64 = 3600.0;
 
 impl Segments {
-    /// Finds all rests of at least `min_rest_s` seconds.
+    /// Finds all rests of at least `min_rest_s` seconds, with both sensors or with the one that the recording has.
     ///
     /// # Errors
     /// * [`Error::Input`] if `min_rest_s` is not between 0 and 3600 s.
@@ -82,6 +82,8 @@ impl Segments {
         if !(min_rest_s > 0.0 && min_rest_s <= LONGEST_MIN_REST_S) {
             return Err(Error::Input(format!("min_rest_s = {min_rest_s}: give a duration in s, such as 1")));
         }
+        let sensors = [recording.angular_rate, recording.specific_force].map(|rows| !rows.is_absent());
+        let recording = &doubled(recording);
         let dt_s = sample_interval_s(recording.time_s);
         let block_samples = ((BLOCK_S / dt_s).round() as usize).max(1);
         let sums = sum_blocks(recording, block_samples);
@@ -97,7 +99,8 @@ impl Segments {
         };
         let (statistic, floor, coarse) = window_statistic(variances, &(steps / averaged.sqrt()), step_of);
         let threshold = choose_threshold(&statistic, min_blocks);
-        let gravity = gravity_size(recording, blocks);
+        // Without an accelerometer there is no gravity that could wander.
+        let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))
             .filter(|range| !range.is_empty() && !gravity_wanders(&blocks[range.clone()], gravity))
@@ -142,7 +145,7 @@ impl Segments {
         }
         let density = variance.map(|variance| (variance * dt_s).sqrt());
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
-        Ok(Self {
+        let mut found = Self {
             noise_density: NoiseDensity {
                 angular_rate: density.fixed_rows::<3>(0).into(),
                 specific_force: density.fixed_rows::<3>(3).into(),
@@ -157,7 +160,38 @@ impl Segments {
             },
             rests,
             rounding,
-        })
+        };
+        found.blank(sensors);
+        Ok(found)
+    }
+
+    /// Sets everything about a sensor that is not there to NaN. `is_there` is in the order gyroscope, accelerometer.
+    fn blank(&mut self, is_there: [bool; 2]) {
+        let none = Vector3::repeat(f64::NAN);
+        let of_none = RestMean { mean: none, variance_of_mean: none, rounding: Default::default() };
+        for channel in (0..6).filter(|channel| !is_there[channel / 3]) {
+            self.threshold.noise_floor[channel] = f64::NAN;
+            self.rounding[channel] = Rounding::default();
+        }
+        if !is_there[0] {
+            self.noise_density.angular_rate = none;
+            self.rests.iter_mut().for_each(|rest| rest.angular_rate = of_none);
+        }
+        if !is_there[1] {
+            self.noise_density.specific_force = none;
+            self.rests.iter_mut().for_each(|rest| rest.specific_force = of_none);
+        }
+    }
+}
+
+/// The recording with the channels of a sensor that is not there replaced by those of the other one. The statistic is a
+/// mean over the channels, so it is that of the sensor alone.
+fn doubled<'a>(recording: &Recording<'a>) -> Recording<'a> {
+    let (force, rate) = (recording.specific_force, recording.angular_rate);
+    Recording {
+        specific_force: if force.is_absent() { rate } else { force },
+        angular_rate: if rate.is_absent() { force } else { rate },
+        ..*recording
     }
 }
 

@@ -31,6 +31,18 @@ pub(crate) struct PropagatedMean {
     pub(crate) bias: Vector3<f64>,
 }
 
+/// The rests of a table of means.
+pub(crate) fn rests_of_means(rests: &[Rest]) -> Vec<UnitRest> {
+    let of = |rest: &Rest| UnitRest {
+        recording: 0,
+        rest: *rest,
+        rate_covariance: Matrix3::from_diagonal(&rest.angular_rate.variance_of_mean),
+        bias: rest.angular_rate.mean,
+        propagated: None,
+    };
+    rests.iter().map(of).collect()
+}
+
 /// All rests of all recordings, in order of recording and time.
 pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     let of = |(recording, segments): (usize, &Segments)| {

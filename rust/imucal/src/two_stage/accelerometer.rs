@@ -37,6 +37,9 @@ pub(crate) struct AccelerometerFit {
     /// Derivative of the parameters with respect to the error of |f| at each rest in m/s^2, 9 x number of rests. The
     /// columns of unused rests are zero.
     pub(crate) gain: Mat<f64>,
+    /// Derivative of the parameters with respect to the error of each prior in its standard deviations, 9 x number of
+    /// priors.
+    pub(crate) prior_gain: Mat<f64>,
     pub(crate) report: FitReport,
     /// Whether the rests alone determine all parameters that are not held. Otherwise some of them come from the moves.
     pub(crate) is_determined: bool,
@@ -70,6 +73,10 @@ pub(crate) fn fit(
             .or_else(|| raw_is_si.then(|| Start { sensitivity: Matrix3::identity(), bias: Vector3::zeros() }))
             .ok_or_else(|| Error::NotEnoughMotion(observability::no_start(means.len())))?,
     };
+    if let Some(known) = held.known() {
+        let triad = triad_of(&known)?;
+        start = Start { sensitivity: *triad.sensitivity(), bias: *triad.bias() };
+    }
     for (p, scale) in held.scales() {
         (start.sensitivity[(p - 3, p - 3)], start.bias) = (scale, Vector3::zeros());
     }
@@ -165,13 +172,15 @@ fn finish(
             gain[(i, k)] = row_gain[(i, row)] / problem.sigma[row];
         }
     }
+    let first = problem.means.len();
+    let prior_gain = Mat::from_fn(9, row_gain.ncols() - first, |i, row| row_gain[(i, first + row)]);
     let mut report = FitReport::of(solution);
     if !is_determined {
         // The prior determines what the rests leave open, so the leverages of the rests count their own parameters.
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }
-    Ok(AccelerometerFit { triad, used, gain, report, is_determined })
+    Ok(AccelerometerFit { triad, used, gain, prior_gain, report, is_determined })
 }
 
 pub(crate) fn parameters_of(start: &Start) -> Vec<f64> {

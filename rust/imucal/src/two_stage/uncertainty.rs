@@ -66,6 +66,25 @@ pub(crate) fn covariance(
     covariance
 }
 
+/// Covariance of the nine parameters of an accelerometer alone, in the order of the fit, raw units.
+pub(crate) fn accelerometer_covariance(rests: &[&Rest], fit: &AccelerometerFit) -> Mat<f64> {
+    let mut map = Mat::<f64>::zeros(9, 3 * rests.len());
+    accelerometer_rows(&mut map, rests, fit);
+    let variance = |column: usize| rests[column / 3].specific_force.variance_of_mean[column % 3];
+    let scaled =
+        Mat::from_fn(9, map.ncols(), |i, column| map[(i, column)] * variance(column).sqrt() * fit.report.inflation);
+    let mut covariance = &scaled * scaled.transpose();
+    covariance += &fit.prior_gain * fit.prior_gain.transpose();
+    let forces: Vec<&RestMean> = rests.iter().map(|rest| &rest.specific_force).collect();
+    for axis in 0..3 {
+        if let Some(own) = rounding_covariance(&forces, axis) {
+            let by = Mat::from_fn(9, rests.len(), |i, rest| map[(i, 3 * rest + axis)]);
+            covariance += &by * own * by.transpose();
+        }
+    }
+    covariance
+}
+
 /// Fills the derivatives of the nine accelerometer parameters with respect to the errors of the mean forces.
 fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFit) {
     for (rest, r) in rests.iter().enumerate() {

@@ -20,6 +20,14 @@ pub(crate) struct GyroscopeBias {
     pub(crate) between: Vector3<f64>,
 }
 
+impl GyroscopeBias {
+    /// The bias of a gyroscope that is not there. It excludes no rest.
+    pub(crate) fn absent(rests: usize) -> Self {
+        let none = Vector3::repeat(f64::NAN);
+        Self { bias: none, weights: vec![Vector3::repeat(1.0 / rests as f64); rests], between: none }
+    }
+}
+
 /// Estimates the bias with weights from the noise of each rest and the scatter between rests. At least one rest is
 /// required.
 pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {

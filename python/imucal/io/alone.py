@@ -1,0 +1,76 @@
+"""One text file with the samples of one sensor alone, as a recording without the other sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from imucal.errors import FormatError
+from imucal.io.headed import layout_header, recording_of_text
+from imucal.io.names import SKIP, is_canonical
+from imucal.io.remarks import remark
+from imucal.io.sensor import Sensor, Units, require_gravity, sensor_of, time_of_sensor, unit_of_sensor
+from imucal.io.text import Text, read_rows
+from imucal.io.vocabulary import recording_from_table
+from imucal.recording.recording import Recording
+
+__all__ = ["alone", "recording_of_any_text"]
+
+# Columns besides those of the sensor and the time from which the file may hold a second sensor that its names
+# do not give away: the three axes of one.
+SECOND_SENSOR = 3
+NO_UNITS = Units(None, None, None)
+
+
+def recording_of_any_text(
+    text: Text, columns: str | Sequence[str] | None, rate_hz: float | None
+) -> Recording:
+    """The recording in a text table with a header: of both sensors, or of the one that it has.
+
+    Arguments as for `read_csv`.
+    """
+    layout = text.layout
+    is_named = columns is not None or layout.names is None or any(map(is_canonical, layout.names))
+    sensor = None if is_named else _only_sensor(text, needs_time=rate_hz is None)
+    return recording_of_text(text, columns, rate_hz) if sensor is None else alone(sensor, NO_UNITS, rate_hz)
+
+
+def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
+    """The sensor of a text with the columns of one and of nothing that may be another one."""
+    header = layout_header(text.layout)
+    try:
+        sensor = sensor_of(text)
+    except FormatError:
+        return None
+    used = {*sensor.triad.columns, *(name for name, _ in header.times)}
+    others = [name for name in text.layout.names or [] if name and name not in used]
+    is_other = (header.accel and header.gyro) or header.linear or len(others) >= SECOND_SENSOR
+    has_time = bool(header.times) == needs_time
+    return sensor if sensor.what in ("accel", "gyro") and has_time and not is_other else None
+
+
+def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recording:
+    """The recording of one sensor without the other one; `rate_hz` if there is no time column."""
+    what, text = sensor.what, sensor.text
+    unit = unit_of_sensor(sensor, what, units)
+    if what == "accel":
+        require_gravity(sensor, unit)
+    known = text.layout.names or []
+    names = [SKIP[0]] * max(text.layout.width, len(text.layout.first))
+    shown, ticks = [], None
+    if rate_hz is None:
+        time, ticks = time_of_sensor(sensor, units.time)
+        names[known.index(time[0])] = time[1]
+        shown.append(f"{time[1]}={time[0]}")
+    for axis, column in zip("xyz", sensor.triad.columns, strict=True):
+        names[known.index(column)] = f"{what}_{axis}_{unit}"
+        shown.append(f"{what}_{axis}_{unit}={column}")
+    table = read_rows(text, names)
+    as_read = remark(
+        text.name,
+        "read_by_header",
+        f"columns and units were read from the header: {', '.join(shown)}",
+        "if this is wrong, give the right ones with --columns",
+    )
+    table = replace(table, ticks_per_s=ticks, findings=(*table.findings, as_read))
+    return recording_from_table(table, text.sources, rate_hz)

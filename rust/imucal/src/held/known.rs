@@ -1,0 +1,64 @@
+//! An accelerometer that is already calibrated, as a prior of the calibration of its gyroscope.
+//!
+//! The covariance C = S V L V^T S of the nine parameters p, with the standard deviations in S and the correlations
+//! V L V^T, gives nine uncorrelated combinations with a standard deviation of 1,
+//!
+//! ```text
+//! h = L^-1/2 V^T S^-1 (p - value)
+//! ```
+
+use nalgebra::SMatrix;
+
+use super::{HeldParameter, PriorSource, Quantity};
+use crate::error::Error;
+
+/// The nine parameters of a calibrated accelerometer in the symmetric frame, in raw units, and their covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownAccelerometer {
+    /// Bias x, y, z and the six entries of the sensitivity.
+    pub parameters: [f64; 9],
+    /// Covariance of the parameters.
+    pub covariance: [[f64; 9]; 9],
+}
+
+/// Smallest eigenvalue of the correlations that is taken as it is. A smaller one is an effect of rounding.
+const LEAST_EIGENVALUE: f64 = 1e-9;
+/// Name of a combination in messages.
+const CALIBRATED: &str = "the accelerometer of the given calibration";
+
+impl KnownAccelerometer {
+    /// The nine combinations as held parameters.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a covariance without positive variances.
+    pub(super) fn combinations(&self) -> Result<Vec<HeldParameter>, Error> {
+        let covariance = SMatrix::<f64, 9, 9>::from_fn(|i, j| (self.covariance[i][j] + self.covariance[j][i]) / 2.0);
+        let sigma = covariance.diagonal().map(f64::sqrt);
+        let is_known = sigma.iter().all(|sigma| *sigma > 0.0 && sigma.is_finite());
+        if !(is_known && self.parameters.iter().all(|parameter| parameter.is_finite())) {
+            return Err(Error::Input(
+                "the calibration of the accelerometer has no covariance with positive variances: give one of imucal \
+                 calibrate"
+                    .into(),
+            ));
+        }
+        let correlation = SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(i, j)] / sigma[i] / sigma[j]);
+        let eigen = correlation.symmetric_eigen();
+        let combination = |k: usize| {
+            let root = eigen.eigenvalues[k].max(LEAST_EIGENVALUE).sqrt();
+            HeldParameter {
+                name: CALIBRATED.into(),
+                value: 0.0,
+                sigma: 1.0,
+                source: PriorSource::Given,
+                usual: None,
+                quantity: Quantity::Combination {
+                    number: k,
+                    by: std::array::from_fn(|p| eigen.eigenvectors[(p, k)] / sigma[p] / root),
+                    at: self.parameters,
+                },
+            }
+        };
+        Ok((0..9).map(combination).collect())
+    }
+}

@@ -1,0 +1,131 @@
+"""Tables of mean readings: one row for each pose, with noise of the table, given, of a profile or unknown."""
+
+import numpy as np
+import pyarrow.csv
+import pytest
+
+import imucal
+
+SIGMA = 0.003
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """Sensitivity and bias of the accelerometer of a poor unit, m/s^2."""
+    sensitivity = np.array([[1.02, 0.004, -0.006], [0.004, 0.98, 0.003], [-0.006, 0.003, 1.01]])
+    return sensitivity, np.array([0.3, -0.2, 0.1])
+
+
+@pytest.fixture(scope="module")
+def poses():
+    """Twenty directions up: the faces of a cube, and those to its corners and some edges."""
+    faces = [sign * np.eye(3)[axis] for axis in range(3) for sign in (1, -1)]
+    corners = [np.array([x, y, z]) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
+    edges = [np.array([1, 1, 0]), np.array([1, 0, -1]), np.array([0, -1, 1]), np.array([-1, 0, 1])]
+    edges += [np.array([-1, 1, 0]), np.array([0, 1, 1])]
+    return np.array([v / np.linalg.norm(v) for v in (*faces, *corners, *edges)])
+
+
+@pytest.fixture(scope="module")
+def means(truth, poses):
+    sensitivity, bias = truth
+    random = np.random.default_rng(5)
+    force = 9.80665 * poses @ sensitivity.T + bias + random.normal(scale=SIGMA, size=poses.shape)
+    rate = np.array([0.01, -0.02, 0.03]) + random.normal(scale=1e-4, size=poses.shape)
+    return imucal.Means(specific_force=force, angular_rate=rate, name="table")
+
+
+def errors(result, truth):
+    sensitivity, bias = truth
+    expected = np.array([*bias, *np.diag(sensitivity), *sensitivity[np.triu_indices(3, 1)]])
+    return np.array([(p.value - e) / p.std for p, e in zip(result.parameters, expected, strict=True)])
+
+
+@pytest.mark.parametrize("noise", ["columns", "given", "unit", "residuals"])
+def test_the_nine_parameters_are_within_their_sigma(noise, means, truth):
+    fields = {"specific_force": means.specific_force, "angular_rate": means.angular_rate}
+    given = {}
+    if noise == "columns":
+        fields["specific_force_std"] = np.full(means.specific_force.shape, SIGMA)
+    elif noise == "given":
+        given["noise_mps2"] = SIGMA
+    elif noise == "unit":
+        unit = imucal.Unit(imucal.Sensor(noise_density=SIGMA * 2.0), imucal.Sensor())
+        fields["duration_s"], given["unit"] = np.full(len(means), 4.0), unit
+    result = imucal.calibrate(imucal.Means(**fields), **given)
+    assert (np.abs(errors(result, truth)) < 4).all(), errors(result, truth)
+    assert result.from_means.noise_from == noise
+    assert result.verdict == ("incomplete" if noise == "residuals" else "good"), result.reasons
+    if noise == "residuals":
+        assert "estimated from the residuals of the 20 rests" in result.reasons[0]
+    assert result.calibration.noise == {} and result.calibration.gyroscope is None
+
+
+def test_the_mean_rates_give_the_bias_of_the_gyroscope_alone(means):
+    result = imucal.calibrate(means, noise_mps2=SIGMA)
+    bias = result.from_means.gyro_bias
+    assert [p.name for p in bias] == ["gyro_bias_x", "gyro_bias_y", "gyro_bias_z"]
+    for parameter, expected in zip(bias, (0.01, -0.02, 0.03), strict=True):
+        assert abs(parameter.value - expected) < 4 * parameter.std
+    assert "scale and misalignment of the gyroscope need moves" in result.summary()
+    document = result.to_dict()
+    assert document["gyroscope"] is None and len(document["from_means"]["gyro_bias"]) == 3
+
+
+def test_a_wrong_noise_is_noticed(means):
+    result = imucal.calibrate(means, noise_mps2=SIGMA / 10)
+    assert result.verdict == "incomplete" and "residuals exceed their noise" in result.reasons[0]
+
+
+def test_six_positions_need_a_smaller_model(means, truth):
+    six = imucal.Means(specific_force=means.specific_force[:6], name="six")
+    with pytest.raises(imucal.NotEnoughMotionError, match="misalignment"):
+        imucal.calibrate(six, noise_mps2=SIGMA)
+    result = imucal.calibrate(six, noise_mps2=SIGMA, model="orthogonal")
+    assert (np.abs(errors(result, truth)) < 4).all(), errors(result, truth)
+    assert result.verdict == "incomplete"
+    assert any("accel_misalignment" in reason for reason in result.reasons), result.reasons
+    assert "rotation by 90 deg" not in " ".join(result.reasons)
+
+
+def test_without_noise_and_without_residuals_nothing_is_known(means):
+    six = imucal.Means(specific_force=means.specific_force[:6], name="six")
+    with pytest.raises(imucal.NotEnoughMotionError, match="give their standard deviation"):
+        imucal.calibrate(six, model="orthogonal")
+
+
+def test_a_file_is_read_with_its_deviations(means, tmp_path):
+    path = tmp_path / "table.csv"
+    header = ",".join([f"accel_{a}_g" for a in "xyz"] + [f"accel_{a}_std_mg" for a in "xyz"] + ["duration_s"])
+    rows = np.column_stack(
+        [means.specific_force / 9.80665, np.full((len(means), 3), 0.5), np.full(len(means), 3)]
+    )
+    path.write_text("\n".join([header, *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n")
+    table = imucal.read_means(path)
+    assert np.allclose(table.specific_force, means.specific_force, rtol=1e-12)
+    assert np.allclose(table.specific_force_std, 0.5e-3 * 9.80665) and (table.duration_s == 3).all()
+    assert table.angular_rate is None
+    with pytest.raises(imucal.FormatError, match="--means"):
+        imucal.read(path)
+    frame = pyarrow.csv.read_csv(path)
+    assert np.array_equal(imucal.read_means(frame).specific_force, table.specific_force)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"specific_force": np.full((12, 3), np.nan)}, "every mean is a number"),
+        ({"specific_force_std": np.zeros((20, 3))}, "a positive one"),
+        ({"specific_force_std": np.ones((3, 3))}, "20"),
+    ],
+)
+def test_wrong_tables_are_refused(change, words, means):
+    with pytest.raises(imucal.InputError, match=words):
+        imucal.calibrate(imucal.Means(**{"specific_force": means.specific_force, **change}))
+
+
+def test_a_table_is_no_recording(means):
+    with pytest.raises(imucal.InputError, match="a Means is given where a Recording is needed"):
+        imucal.inspect(means)
+    with pytest.raises(imucal.InputError, match="leave it out"):
+        imucal.calibrate(imucal.Recording([0.0], [[0, 0, 9.8]], [[0, 0, 0]]), noise_mps2=0.1)
