@@ -1,6 +1,6 @@
 """What has to be reached, and whether it was."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from gap.rates import Rate
 from gap.sizes import SIZES, typical
 from gap.worth import is_held, is_near, judged
 from gate import Gate
+
+CANCELLING = {"gyro_scale_quadratic", "gyro_scale_asymmetry"}
 
 
 def gates(marks: Sequence[Mark]) -> list[Gate]:
@@ -36,7 +38,7 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
         _least("aliases: as the data allow", 0.95, verdicts(marks, "alias")),
         _least("solved by the advised motion", 0.95, [m.solved_by_advice for m in marks]),
     ]
-    return [*found, *_closed(marks), _coverage(marks), *_worth(marks)]
+    return [*found, *_known(marks), *_closed(marks), _coverage(marks), *_worth(marks)]
 
 
 def usual(marks: Sequence[Mark]) -> list[bool | None]:
@@ -67,12 +69,61 @@ def closed(marks: Sequence[Mark]) -> np.ndarray:
     return np.array([m.closed for m in marks if m.closed is not None])
 
 
-def _least(what: str, aim: float, flags: Sequence[bool | None]) -> Gate:
+def _known(marks: Sequence[Mark]) -> list[Gate]:
+    """Of known effects beside unknown and random ones, of two sessions, and of effects that cancel."""
+    beside = {
+        group: [m for m in marks if m.group == group] for group in ("known + unknown", "known + random")
+    }
+    sessions = [m for m in marks if m.group == "two sessions"]
+    return [
+        *(
+            _least(f"{group}: named, and nothing else", 0.95, [m.exact for m in of])
+            for group, of in beside.items()
+        ),
+        *(
+            _least(
+                f"{group}: control chi2 within 10 % of the refit with the truth", 0.95, map(is_taken_away, of)
+            )
+            for group, of in beside.items()
+        ),
+        _least(
+            "known + unknown: the rest said to be unknown or random, in the right part of the model",
+            0.95,
+            [m.block_ok is True for m in beside["known + unknown"]],
+        ),
+        _least(
+            "known + random: the rest said to be random",
+            0.95,
+            ["random walk" in m.said["generic"].replace("_", " ") for m in beside["known + random"]],
+        ),
+        _most(
+            "two sessions: nothing missing", 0.0, [m.said["verdict"] == "nothing_missing" for m in sessions]
+        ),
+        _least(
+            "two sessions: said to be that",
+            0.95,
+            [m.verdict_ok and "between" in m.said["generic"] for m in sessions],
+        ),
+        _most(
+            "two effects that cancel: a false name",
+            0.05,
+            [bool(set(m.said["names"]) - CANCELLING) for m in marks if m.group == "cancelling"],
+        ),
+    ]
+
+
+def is_taken_away(mark: Mark) -> bool:
+    """Whether chi2 of the control recording is within 10 % of that of the refit with the true effects."""
+    after, floor = mark.figures.get("after"), mark.figures.get("floor")
+    return after is not None and floor is not None and after <= 1.1 * floor
+
+
+def _least(what: str, aim: float, flags: Iterable[bool | None]) -> Gate:
     rate = Rate.count(flags)
     return Gate(what, f"at least {100 * aim:.0f} %", str(rate), bool(rate.of) and rate.value >= aim, rate.of)
 
 
-def _most(what: str, aim: float, flags: Sequence[bool | None]) -> Gate:
+def _most(what: str, aim: float, flags: Iterable[bool | None]) -> Gate:
     rate = Rate.count(flags)
     return Gate(what, f"at most {100 * aim:.0f} %", str(rate), bool(rate.of) and rate.value <= aim, rate.of)
 

@@ -108,8 +108,8 @@ def _verdict_ok(said: Said, answer: Answer) -> bool:
 
 
 def _block_ok(said: Said, answer: Answer) -> bool | None:
-    """Whether the words for an unknown effect name its sensor and its part; None if it was not unknown."""
-    if not answer.block or said.verdict not in ("unknown", "stochastic"):
+    """Whether the words for what is unknown name its sensor and its part; None if nothing was unknown."""
+    if not answer.block or not said.generic:
         return None
     words = (
         said.generic.lower()

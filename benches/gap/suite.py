@@ -7,6 +7,7 @@ from gap import baselines
 from gap.case import Case, spread
 from gap.faults import faults
 from gap.judge import Mark, control_figures, judge
+from gap.known import cancelling, known_and_random, known_and_unknown, two_sessions
 from gap.loop import ask_again
 from gap.named import aliases, confounded, left_out, ones_own, other_data, several, single
 from gap.noise import clean
@@ -17,6 +18,8 @@ from gap.worth import LEVELS, Worth, worth
 TOOL = "imucal"
 # The textbook ways are asked, too.
 WITH_BASELINES = ("single", "data", "pair", "triple", "clean", "outside", "off form")
+# The control error is compared with that of a refit with the true effects.
+WITH_FIGURES = ("single", "data", "pair", "triple", "known + unknown", "known + random", "cancelling")
 # Groups in which the motion that is advised must decide.
 WITH_LOOP = ("confounded", "alias")
 
@@ -34,6 +37,10 @@ def every_case() -> Iterator[Case]:
     yield from off_form(20)
     yield from clean(white=500, others=50)
     yield from faults(10)
+    yield from known_and_unknown(6)
+    yield from known_and_random(14)
+    yield from two_sessions(50)
+    yield from cancelling(40)
 
 
 @cache
@@ -54,12 +61,7 @@ def run(case: Case, with_baselines: bool = True) -> list[Mark]:
         again = ask_again(case, measured, control, said, gap, sealed)
     figures = {}
     truth = sealed.open(said).effects
-    if (
-        gap is not None
-        and truth
-        and not case.scene.user_effects
-        and case.group in ("single", "data", "pair", "triple")
-    ):
+    if gap is not None and truth and not case.scene.user_effects and case.group in WITH_FIGURES:
         names = tuple(effect.name for effect in truth)
         figures = control_figures(measured, control, part(gap, "calibration"), names)
     claims: Worth = {}

@@ -96,7 +96,7 @@ def _hidden(seed: int) -> EffectValues:
 def _revealed(hidden: EffectValues, found: Gap) -> str:
     """The hidden effect, and whether it was found with the right parameters."""
     from imucal.effects.table import find
-    from imucal.gap.text import for_people
+    from imucal.gap.sizes import for_people
 
     names = [effect["name"] for effect in found.effects]
     words = "found" if names == [hidden.name] else f"not found: {', '.join(names) or 'nothing'} was named"

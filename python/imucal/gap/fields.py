@@ -10,6 +10,7 @@ from imucal.calibration.calibration import Calibration
 from imucal.effects.definition import UserEffect
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
+from imucal.gap.remainder import Remainder
 
 __all__ = ["GapFields"]
 
@@ -23,6 +24,7 @@ class GapFields:
     ambiguous_with: tuple[str, ...] = ()
     resembles: tuple[str, ...] = ()
     generic: Mapping[str, Any] | None = None
+    remainder: Remainder | None = None
     not_observable: tuple[Mapping[str, str], ...] = ()
     smallest_visible: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     next_motion: Mapping[str, Any] | None = None

@@ -10,19 +10,31 @@ from imucal.calibration.figures import poor_figures
 from imucal.effects.table import find
 from imucal.estimation.result import CalibrationResult
 from imucal.gap.question import Question
+from imucal.gap.remainder import SessionStep
+from imucal.gap.sizes import for_people
 
 __all__ = [
+    "above_noise_of",
     "contradiction_of",
     "generic_of",
     "misfits",
     "not_confirmed_of",
     "of_analysis",
     "scatter_of",
+    "session_in_words",
+    "session_of",
 ]
 
 # Ratio of chi2 per degree of freedom of a given calibration to that of a fit without effects above which the
 # given calibration is reported as outdated: the parameters of the unit have changed since.
 FAR_WORSE: Final = 2.0
+
+# Change of the mean temperature between sessions, K, below which temperature explains no change of a bias.
+LEAST_CHANGE_K: Final = 1.0
+# chi2 per degree of freedom above which noise does not explain residuals: twice the noise.
+ABOVE_NOISE: Final = 4.0
+# Ratio of a temperature coefficient to its typical size above which it is implausible.
+MOST_TIMES_TYPICAL: Final = 5.0
 
 # Description of the variation of a bias or a scale, by kernel of the generic hypothesis.
 PATTERNS: Final = {
@@ -33,6 +45,7 @@ PATTERNS: Final = {
     "last_motion": "with the sign of the last motion",
     "rate": "with the angular rate",
     "force": "with the specific force",
+    "between_sessions": "from one recording to the next",
 }
 
 
@@ -52,8 +65,9 @@ def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str
     if analysis.contradiction is not None:
         names, before, after = analysis.contradiction
         yield (
-            f"{' and '.join(names)} was selected but rejected: chi2 per degree of freedom of the control "
-            f"recordings changes from {before:.4g} to {after:.4g}"
+            f"{' and '.join(names)} was selected but rejected: chi2 per degree of freedom of "
+            f"{'the control recordings' if question.control else 'held-out rests and moves'} changes from "
+            f"{before:.4g} to {after:.4g}"
         )
     if search.is_hand_moved:
         is_coarse = any(
@@ -82,8 +96,13 @@ def misfits(result: CalibrationResult) -> list[str]:
 
 
 def _refused(analysis: _core.GapAnalysis) -> Iterator[str]:
-    for name, error, chi2 in analysis.refused:
-        if chi2 is None:
+    for name, error, chi2, chance in analysis.refused:
+        if chance is not None:
+            yield (
+                f"{name} was selected but rejected: its parameters do not differ significantly from zero "
+                f"beside the other effects (p {chance:.2g})"
+            )
+        elif chi2 is None:
             yield f"{name} was selected but cannot be fitted: {error}"
         else:
             yield (
@@ -132,6 +151,67 @@ def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
     }
 
 
+def session_of(found: _core.SessionStep | None) -> SessionStep | None:
+    """The change of the biases between sessions."""
+    if found is None:
+        return None
+    x = found.accelerometer_mps2, found.gyroscope_radps
+    force, rate = (None if change is None else (change[0], change[1], change[2]) for change in x)
+    return SessionStep(force, rate, found.p_value, found.temperature_change_k, *found.chi2)
+
+
+def session_in_words(step: SessionStep) -> str:
+    """A sentence on biases that moved between sessions."""
+    moved = []
+    if step.gyroscope_radps is not None:
+        moved.append(f"gyroscope {_three(step.gyroscope_radps, 'rad/s')}")
+    if step.accelerometer_mps2 is not None:
+        moved.append(f"accelerometer {_three(step.accelerometer_mps2, 'm/s^2')}")
+    words = f"biases moved between sessions by {' and '.join(moved)}"
+    change_k = step.temperature_change_k
+    if change_k is None:
+        words += (
+            "; temperature, time or a switch-on may explain it: record temp_degc in both sessions to tell"
+        )
+    elif abs(change_k) < LEAST_CHANGE_K:
+        words += f"; the temperature changed by {change_k:.1f} K, so time or a switch-on explains it"
+    else:
+        words += (
+            f"; the temperature changed by {change_k:.1f} K, which would be {_per_kelvin(step, change_k)}"
+        )
+    words += (
+        f"; control chi2 per degree of freedom {step.chi2_per_dof:.4g}, with its own biases "
+        f"{step.chi2_per_dof_own:.4g}"
+    )
+    if step.chi2_per_dof_own > ABOVE_NOISE:
+        words += ", so the biases alone do not explain the control recordings"
+    return words
+
+
+def _three(values: Sequence[float], unit: str) -> str:
+    shown = [for_people(value, unit) for value in values]
+    return f"{', '.join(f'{value:.3g}' for value, _ in shown)} {shown[0][1]}"
+
+
+def _per_kelvin(step: SessionStep, change_k: float) -> str:
+    """Temperature coefficients that would explain the step, beside typical ones."""
+    rows = (
+        ("gyro_bias_temperature", step.gyroscope_radps, "rad/s"),
+        ("accel_bias_temperature", step.accelerometer_mps2, "m/s^2"),
+    )
+    words = []
+    for name, change, unit in rows:
+        if change is not None:
+            value, shown = for_people(max(map(abs, change)) / abs(change_k), unit)
+            typical, _ = for_people(find(name).parameters[0].typical, unit)
+            is_usual = value < MOST_TIMES_TYPICAL * typical
+            words.append(
+                f"{value:.2g} {shown} per K of {name} (typical {typical:.2g}: "
+                f"{'temperature explains it' if is_usual else 'time or a switch-on is more likely'})"
+            )
+    return " and ".join(words)
+
+
 def scatter_of(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
     """Residuals at rests that exceed noise significantly, with their description; None if there are none."""
     if found is None:
@@ -164,6 +244,20 @@ def not_confirmed_of(scores: Sequence[_core.EffectScore]) -> dict[str, Any] | No
         "description": f"{names} fits these recordings (log Bayes factor "
         f"{scores[0].log_bayes_factor:.0f} nats) but does not improve the prediction of unseen data: "
         "record more rests and moves",
+    }
+
+
+def above_noise_of(found: _core.Remainder, result: CalibrationResult) -> dict[str, Any]:
+    """Description of residuals that exceed their noise in no known pattern."""
+    control = () if result.control is None else result.control.residuals
+    groups = control or result.residuals
+    own = next((own for own in groups if own.kind == found.block), None)
+    of = "control" if control else "calibration"
+    words = "residuals exceed their noise" if own is None else own.text
+    return {
+        "block": found.block,
+        "kernel": "above_noise",
+        "description": f"{of} recordings: {words}, in no pattern that is known",
     }
 
 

@@ -19,14 +19,18 @@ SCHEMA: Final = "imucal.gap/1"
 class Gap(GapFields):
     """The result of a search for the missing effect.
 
-    verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault
+    verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault. Effects may be
+                       named beside something unknown or random, which is `remainder`
     effects            accepted effects, or faults of the data: name, sensor, parameters (name, value, std,
-                       unit), log_bayes_factor (nats), statistic, dof, p_value
+                       unit), log_bayes_factor (nats), statistic, dof, p_value, and closed, the share of the
+                       gap that the effect closes on control or held-out data, by kind of residual
     ambiguous_with     names of effects that explain the residuals as well as the accepted effects
     resembles          for the verdict unknown: up to three effects with the largest log Bayes factors
     generic            block, kernel and description of a variation that no effect describes, or None
+    remainder          what the effects leave unexplained; None if faults of the data prevented a fit
     not_observable     name of each effect that is not observable, and the data that it needs
-    smallest_visible   detection limit by effect: rms size per parameter, and its unit
+    smallest_visible   detection limit by effect: rms size per parameter, its unit, and the chance that an
+                       effect of this size is named
     next_motion        motion that distinguishes between rivals, or None: description, program, `simulate`
                        (options for `imucal simulate`), `on_its_own` (whether effects must be searched in its
                        recording alone), and expected chi2 between the rivals without and with it
@@ -54,7 +58,9 @@ class Gap(GapFields):
     """
 
     def __repr__(self) -> str:
-        names = ", ".join([self.verdict, *(effect["name"] for effect in self.effects)])
+        remains = self.effects and self.remainder is not None and self.remainder.kind != "nothing"
+        beside = [f"remainder {self.remainder.kind}"] if remains and self.remainder is not None else []
+        names = ", ".join([self.verdict, *(effect["name"] for effect in self.effects), *beside])
         if self.gap is None:
             return f"Gap({names})"
         figures = f"{self.gap['metric']} {self.gap['before']:.4g} -> {self.gap['after']:.4g}"
@@ -72,6 +78,7 @@ class Gap(GapFields):
             "ambiguous_with",
             "resembles",
             "generic",
+            "remainder",
             "not_observable",
             "smallest_visible",
             "next_motion",
@@ -85,7 +92,11 @@ class Gap(GapFields):
             "ranking",
             "notes",
         )
-        document = {"schema": SCHEMA, **{name: without_nan(getattr(self, name)) for name in names}}
+        document = {
+            "schema": SCHEMA,
+            **{name: without_nan(getattr(self, name)) for name in names if name != "remainder"},
+        }
+        document["remainder"] = None if self.remainder is None else without_nan(self.remainder.to_dict())
         document["findings"] = [finding.to_dict() for finding in self.findings]
         document["calibration_verdict"] = None
         if self.calibration is not None:

@@ -7,14 +7,12 @@ from typing import Any, Final
 
 from imucal.estimation.result import CalibrationResult
 from imucal.gap.fields import GapFields
-from imucal.units import SHOWN
+from imucal.gap.sizes import for_people
 
-__all__ = ["explanation", "for_people", "sentences"]
+__all__ = ["explanation", "sentences"]
 
 # Finding that is printed before the effects.
 BEFORE_EFFECTS: Final = "noise_below_lsb"
-# Upper limit, s, of times that are shown in ms; longer times are shown in s.
-DELAY_S: Final = 0.1
 # Names of the kinds of residuals for users.
 KINDS: Final = {
     "rest_norm": "|f| - g at rest",
@@ -42,14 +40,6 @@ LEAST_IMPROVEMENT: Final = 1.05
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
-def for_people(value: float, unit: str) -> tuple[float, str]:
-    """A value converted from SI to the unit of datasheets, and the name of that unit."""
-    if unit == "s":
-        return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
-    factor, name = SHOWN.get(unit, (1.0, unit))
-    return factor * value, name
-
-
 def sentences(gap: GapFields) -> Iterator[str]:
     """The lines of a summary: verdict, effects, residuals, next motion, and figures before and after."""
     yield f"verdict: {gap.verdict}"
@@ -61,8 +51,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
         yield "the data have faults that prevent conclusions about effects: fix them and record again"
     if gap.verdict == "nothing_missing":
         yield _none_of(list(gap.smallest_visible))
-    if gap.generic is not None:
-        yield gap.generic["description"]
+    yield from _remainder(gap)
     yield from where_in_words(gap)
     if gap.resembles:
         yield f"weakly resembles {', '.join(gap.resembles)}"
@@ -117,6 +106,20 @@ def sentences(gap: GapFields) -> Iterator[str]:
     yield from (note for note in gap.notes if note not in first)
 
 
+def _remainder(gap: GapFields) -> Iterator[str]:
+    """What the effects leave unexplained."""
+    remainder = gap.remainder
+    if remainder is None:
+        return
+    has_effects = any(effect["parameters"] for effect in gap.effects)
+    if remainder.kind == "nothing" and has_effects:
+        where = "control recordings" if gap.control_set is not None else "held-out rests and moves"
+        yield f"remainder: nothing; residuals of {where}: p {remainder.p_value:.2g}"
+    elif remainder.description is not None:
+        prefix = f"remainder: {remainder.kind}: " if has_effects else ""
+        yield f"{prefix}{remainder.description}"
+
+
 def _remaining(fit: CalibrationResult) -> str:
     """The verdict on the calibration, with the residuals that still exceed their noise."""
     of = "with the effects" if fit.calibration.effects else "without effects"
@@ -165,10 +168,13 @@ def _finding(gap: GapFields) -> str:
             f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words}: {before[name]:.2g} -> "
             f"{after[name]:.2g} {unit}"
         )
+    # Without a figure of control or held-out data, the sentence claims only what the residuals show.
     if row is None or row["times_noise_after"] is None:
-        return f"{names} {explain} the gap"
+        return f"{names} {'is' if len(gap.effects) == 1 else 'are'} part of the model"
+    excess, left = (max(0.0, row[name] ** 2 - 1.0) for name in ("times_noise", "times_noise_after"))
+    share = f"{100 * (1.0 - left / excess):.0f} % of" if excess > left else "hardly any of"
     return (
-        f"{names} {explain} the gap; {_channel(row)}: {row['times_noise']:.3g} -> "
+        f"{names} {explain} {share} the excess of {_channel(row)}: {row['times_noise']:.3g} -> "
         f"{row['times_noise_after']:.2g} x noise"
     )
 
@@ -298,8 +304,8 @@ def explanation(gap: GapFields, name: str) -> Iterator[str]:
         size = gap.smallest_visible[name]
         value, unit = for_people(size["value"], size["unit"])
         yield (
-            f"detection limit in these recordings: {value:.2g} {unit} rms per parameter; a smaller effect "
-            "would not be detected"
+            f"detection limit in these recordings: {value:.2g} {unit} rms per parameter; an effect of this "
+            f"size is named with a chance of about {100 * size['chance']:.0f} %"
         )
     added = next((e for e in gap.effects if e["name"] == name and e["parameters"]), None)
     score = next((score for score in gap.ranking if score["name"] == name), None)

@@ -18,10 +18,16 @@ from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.gap.next_motion import next_motion
 from imucal.gap.question import Question
+from imucal.gap.remaining import described
 from imucal.gap.result import Gap
 
 __all__ = ["gap_of"]
 
+# Chance that an effect of the size of its detection limit is named first: 194 of 280 cases of the benchmark
+# (docs/results/gap.md). It is below the 90 % of the chi2 test, because a name must also win over its rivals.
+NAMED_AT_LIMIT: Final = 0.7
+# Kinds of residuals on control or held-out data, in the order of the library.
+UNSEEN_KINDS: Final = ("rest_norm", "move_direction", "rest_rate")
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 
 
@@ -44,24 +50,29 @@ def gap_of(question: Question, found: _core.GapResult) -> Gap:
     if analysis.after is None:
         effects = _faults(found.faults)
     else:
-        effects = tuple(_named(after, score, question.definitions) for score in analysis.effects)
+        shares = dict(analysis.shares)
+        effects = tuple(
+            {**_named(after, score, question.definitions), "closed": _shares(shares.get(score.name))}
+            for score in analysis.effects
+        )
     said = [fault for fault in found.faults if fault not in after.findings]
     of_control = () if after.control is None else after.control.findings
     findings = (*after.findings, *said, *of_control)
-    generic, reasons = notes.generic_of(search.generic), notes.misfits(after)
-    if is_unknown and generic is None:
-        generic = notes.scatter_of(search.scattering_rests) or notes.not_confirmed_of(analysis.not_confirmed)
-        if generic is None and reasons:
-            generic, reasons = notes.contradiction_of(reasons), []
+    remainder, generic, reasons = described(analysis, after)
     return Gap(
         found.verdict,
         effects=effects,
         ambiguous_with=tuple(dict.fromkeys(rival for _, rival, _ in analysis.rivals)),
         resembles=tuple(s.name for s in search.ranking[:3] if s.log_bayes_factor > 0) if is_unknown else (),
         generic=generic,
+        remainder=remainder,
         not_observable=tuple({"name": name, "needs": needs} for name, needs in search.not_observable),
         smallest_visible={
-            name: {"value": size, "unit": unit or _unit(name, question.definitions)}
+            name: {
+                "value": size,
+                "unit": unit or _unit(name, question.definitions),
+                "chance": NAMED_AT_LIMIT,
+            }
             for name, size, unit in search.smallest_visible
         },
         next_motion=next_motion(question, analysis, after) if is_ambiguous else None,
@@ -152,6 +163,11 @@ def _named(
         if p.name.startswith(f"{score.name}_")
     ]
     return {"sensor": effect.sensor, "parameters": parameters, **_score(score)}
+
+
+def _shares(closed: Sequence[float | None] | None) -> dict[str, float | None]:
+    """Share of the gap that an effect closes, by kind of residual."""
+    return dict(zip(UNSEEN_KINDS, closed or (None,) * len(UNSEEN_KINDS), strict=True))
 
 
 def _score(score: _core.EffectScore) -> dict[str, Any]:

@@ -80,6 +80,10 @@ def _summary(gap: Gap) -> Iterator[str]:
     if parameters:
         yield heading("Effects added to the model")
         yield parameters
+    if gap.effects and gap.remainder is not None:
+        yield heading("Remainder")
+        words = gap.remainder.description or "noise explains what the effects leave"
+        yield paragraph(f"{gap.remainder.kind}: {words} (p {gap.remainder.p_value:.2g}).")
     if gap.resembles:
         yield paragraph(f"The residuals weakly resemble {', '.join(gap.resembles)}.")
     if gap.ambiguous_with:

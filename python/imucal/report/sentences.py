@@ -59,6 +59,11 @@ def of_gap(gap: Gap) -> Verdict:
     """The effects missing from the model, and the share of the gap that they close."""
     names = " and ".join(effect["name"] for effect in gap.effects)
     beside = _closed(gap)
+    if gap.remainder is not None and gap.effects and gap.remainder.matters:
+        beside = f"{gap.remainder.description}. {beside}"
+    if gap.verdict == "named" and gap.remainder is not None and gap.remainder.matters:
+        rest = "varies randomly" if gap.remainder.kind == "stochastic" else "is unknown"
+        return Verdict("open", f"Missing from the model: {names}. What remains {rest}.", beside.strip())
     if gap.verdict == "named":
         return Verdict("good", f"Missing from the model: {names}.", beside)
     if gap.verdict == "ambiguous":
@@ -69,6 +74,8 @@ def of_gap(gap: Gap) -> Verdict:
             beside,
         )
     mood, sentence = NO_NAME[gap.verdict]
+    if gap.remainder is not None and gap.remainder.pattern == "between_sessions":
+        sentence = "The biases moved between the calibration recordings and the control recordings."
     if gap.generic is not None:
         beside = f"{gap.generic['description']}. {beside}"
     elif gap.verdict == "data_fault":

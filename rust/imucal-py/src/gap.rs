@@ -42,6 +42,28 @@ pub(crate) struct GenericFinding {
     rests: Vec<usize>,
     /// Rms variation of the parameter on `axis`, SI units.
     rms: f64,
+    p_value: f64,
+}
+
+/// What the accepted effects leave unexplained; see `imucal::gap::Remainder`.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Remainder {
+    kind: &'static str,
+    block: Option<&'static str>,
+    pattern: Option<&'static str>,
+    p_value: f64,
+    matters: bool,
+}
+
+/// Change of the biases from the calibration recordings to the control recordings; see `imucal::gap::SessionStep`.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct SessionStep {
+    accelerometer_mps2: Option<[f64; 3]>,
+    gyroscope_radps: Option<[f64; 3]>,
+    p_value: f64,
+    temperature_change_k: Option<f64>,
+    /// chi2 per degree of freedom of the control recordings without effects: as recorded, and with their own biases.
+    chi2: (f64, f64),
 }
 
 /// Name of an effect, ratio to noise of the residuals that it causes for each kind of residual, and share of its chi2
@@ -67,9 +89,9 @@ pub(crate) struct Search {
     is_hand_moved: bool,
 }
 
-/// Name of a rejected effect, the message of its failed fit or None, and otherwise chi2 per degree of freedom of unseen
-/// data without and with the effect.
-type RefusalTuple = (String, Option<String>, Option<[f64; 2]>);
+/// Name of a rejected effect, and the reason: the message of its failed fit, chi2 per degree of freedom of unseen data
+/// without and with the effect, or the p-value of its parameters; the other two are None.
+type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.
 #[pyclass(frozen, get_all, module = "imucal._core")]
@@ -86,6 +108,9 @@ pub(crate) struct GapAnalysis {
     /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
+    /// Name of an accepted effect, and the share of the gap that it closes in the norms at rest, the gravity directions
+    /// after moves and the mean rates at rest; None for residuals that hardly exceed noise.
+    shares: Vec<(String, [Option<f64>; 3])>,
     /// Name of an accepted effect, name of a rival, and parameters of the rival if it replaces that effect; None if the
     /// fit with the rival fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
@@ -96,6 +121,9 @@ pub(crate) struct GapAnalysis {
     /// Names of contradicted effects, and chi2 per degree of freedom of the control recordings without and with these
     /// effects.
     contradiction: Option<(Vec<String>, f64, f64)>,
+    remainder: Py<Remainder>,
+    /// Change of the biases since the calibration recordings; None if it is not significant.
+    session: Option<Py<SessionStep>>,
     /// Name of the figure of merit on unseen data, its value without and with effects, and its expected value from
     /// noise.
     unseen: (&'static str, f64, f64, f64),
@@ -133,8 +161,8 @@ impl Search {
     fn new(py: Python<'_>, found: library::Search) -> PyResult<Py<Self>> {
         let generic = found.generic.map(|g| {
             let (block, kernel) = (g.block.name(), g.kernel.name());
-            let library::GenericFinding { log_bayes_factor, axis, rests, rms, .. } = g;
-            Py::new(py, GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms })
+            let library::GenericFinding { log_bayes_factor, p_value, axis, rests, rms, .. } = g;
+            Py::new(py, GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms, p_value })
         });
         let not_predictive = found.not_predictive.into_iter();
         let search = Self {
@@ -173,19 +201,26 @@ impl Sets<'_> {
             Ok((fit.name, fit.rival, estimate))
         };
         let refused = found.refused.into_iter().map(|refusal| match refusal {
-            library::Refusal::NotFitted { name, error } => (name, Some(error), None),
-            library::Refusal::PredictsWorse { name, before, after } => (name, None, Some([before, after])),
+            library::Refusal::NotFitted { name, error } => (name, Some(error), None, None),
+            library::Refusal::PredictsWorse { name, before, after } => (name, None, Some([before, after]), None),
+            library::Refusal::NotSignificant { name, p_value } => (name, None, None, Some(p_value)),
         });
         let unseen = found.unseen;
+        let session = session_of(&found.before).map(|step| Py::new(py, step)).transpose()?;
+        let library::Remainder { kind, block, pattern, p_value, matters } = found.remainder;
+        let remainder = Py::new(py, Remainder { kind: kind.name(), block, pattern, p_value, matters })?;
         let analysis = GapAnalysis {
             before: self.fit(py, found.before)?,
             after: found.after.map(|fit| self.fit(py, fit)).transpose()?,
             effects: EffectScore::all(py, found.effects)?,
+            shares: found.shares.into_iter().map(|share| (share.name, share.closed)).collect(),
             rivals: found.rivals.into_iter().map(rival).collect::<PyResult<_>>()?,
             refused: refused.collect(),
             not_the_earth: found.not_the_earth.map(|rate| (rate.size_radps, rate.sigma_radps)),
             not_confirmed: EffectScore::all(py, found.not_confirmed)?,
             contradiction: found.contradiction.map(|c| (c.effects, c.before, c.after)),
+            remainder,
+            session,
             unseen: (unseen.metric.name(), unseen.before, unseen.after, unseen.floor),
             chi2_of_given: found.chi2_of_given,
             residuals: residuals::residuals(py, &found.residuals, self.recordings)?,
@@ -194,6 +229,14 @@ impl Sets<'_> {
         };
         Py::new(py, analysis)
     }
+}
+
+/// Change of the biases between sessions that the model without effects shows.
+fn session_of(before: &library::Fit) -> Option<SessionStep> {
+    let control = before.control.as_ref()?;
+    let library::SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k } = control.step?;
+    let chi2 = (control.evaluation.figures.chi2_per_dof, control.judged().figures.chi2_per_dof);
+    Some(SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k, chi2 })
 }
 
 /// A calibration to compare with, the local gravity that it used, m/s^2, and the evaluation recordings corrected by it

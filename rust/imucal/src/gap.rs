@@ -8,16 +8,19 @@
 //!   with the selected effects.
 //! * `predict`: cross-validation of a candidate on held-out rests and moves.
 //! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
+//! * `beside_patterns`: effects judged with generic hypotheses in the model, for known effects beside unknown ones.
 //! * `detect`: detection limit of each effect.
 //! * `fits`, `acceptance`: an effect is accepted if it does not make the prediction of control recordings, or of
 //!   held-out rests and moves, worse.
 //! * `mount`, `clock`: faults of the data that prevent conclusions about effects.
-//! * `verdict`: conclusion of a search.
+//! * `verdict`, `remainder`: conclusion of a search, and what the accepted effects leave unexplained.
+//! * `session`: biases that moved between the calibration recordings and the control recordings.
 //! * `residuals_by_place`, `predicted_error`: residuals by kind, rest and move, and errors of corrected signals.
 //!
 //! [`find_gap()`] performs the complete search. [`search()`] selects effects without validation on unseen data.
 
 mod acceptance;
+mod beside_patterns;
 mod clock;
 mod common;
 mod design;
@@ -41,11 +44,13 @@ mod pattern;
 mod predict;
 mod predicted_error;
 mod products;
+mod remainder;
 mod residual_channels;
 mod residual_kinds;
 mod residuals_by_place;
 mod revise;
 mod score;
+mod session;
 mod shares;
 mod smooth;
 mod stage;
@@ -53,7 +58,7 @@ mod start;
 mod verdict;
 mod weighing;
 
-pub use acceptance::{Metric, Refusal, UnseenFigure};
+pub use acceptance::{EffectShare, Metric, Refusal, UnseenFigure};
 pub use find::{Analysis, Gap, NotTheEarth, RivalFit, find_gap};
 pub use fits::{Control, FOLDS, Fit};
 pub use forward_search::{Visible, linearise, search, smallest_visible};
@@ -62,8 +67,10 @@ pub use kernel::Kernel;
 pub use mount::{StandRest, loose_mounts, mount_slips, stand_mismatch_deg};
 pub use options::{GapOptions, GivenCalibration, Progress, ReportProgress};
 pub use predicted_error::{BriefMeans, PredictedError, PredictedErrors, UserCorrection, predicted_errors};
+pub use remainder::{Remainder, RemainderKind};
 pub use residual_kinds::{CorrectedFit, Regressor, ResidualKind};
 pub use residuals_by_place::{ChannelResidual, Dependence, ItemResidual, ResidualsByPlace, residuals_by_place};
+pub use session::SessionStep;
 pub use verdict::{Contradiction, Rivals, Verdict};
 
 use crate::calibrate::WarmStart;
@@ -153,8 +160,10 @@ pub struct GenericFinding {
     pub block: Block,
     /// Covariance kernel of the variation: the quantity that it depends on, and the form of the dependence.
     pub kernel: Kernel,
-    /// Log Bayes factor relative to the model without effects, nats.
+    /// Log Bayes factor relative to the model without the variation, nats.
     pub log_bayes_factor: f64,
+    /// Upper bound of its p-value: the probability of a Bayes factor as large under noise alone.
+    pub p_value: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
     /// Indices of the rests with the largest deviations, in descending order.

@@ -134,7 +134,8 @@ def gap(
         out.line(_write_next(found, next_program))
     if found.verdict == "data_fault":
         raise Exit(NO_RESULT)
-    if found.verdict in ("unknown", "stochastic"):
+    remains = found.remainder is not None and found.remainder.matters
+    if found.verdict in ("unknown", "stochastic") or remains:
         raise Exit(POOR_VERDICT)
 
 

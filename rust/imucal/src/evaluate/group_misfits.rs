@@ -25,13 +25,14 @@ pub(super) struct Judged<'a> {
 
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals. `changed` returns the triads after one standard deviation along each
-    /// direction of the uncertainty of the calibration; it is asked only if noise alone does not explain the residuals.
+    /// direction of the uncertainty of the calibration; it is asked only if noise alone hardly
+    /// explains the residuals.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
         let mut groups =
             [self.group(ResidualGroup::RestNorms, &norms, &[]), self.group(ResidualGroup::MoveDirections, &moves, &[])];
-        if groups.iter().any(GroupMisfit::is_significant) {
+        if groups.iter().any(|group| group.p_value() < UNLIKELY) {
             let changed = changed();
             let change = |after: Vec<f64>, before: &[f64]| after.iter().zip(before).map(|(a, b)| a - b).collect();
             let of_norms: Vec<Vec<f64>> = changed.iter().map(|[triad, _]| self.norm_changes(triad)).collect();
@@ -115,6 +116,8 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
 }
 
+/// p-value under noise alone below which the uncertainty of the calibration is computed.
+const UNLIKELY: f64 = 0.1;
 /// Maximum share of rests, or of moves, that are outliers; as in a calibration.
 const MAX_OUTLIER_SHARE: f64 = 0.1;
 /// p-value below which a rest or move contradicts all others; as in a calibration.

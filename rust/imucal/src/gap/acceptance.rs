@@ -2,14 +2,23 @@
 
 use std::rc::Rc;
 
-use super::fits::{Fit, Fits};
+use nalgebra::{DMatrix, DVector};
+
+use super::fits::{Control, Fit, Fits};
 use crate::error::Error;
+use crate::numerics::stats::p_value;
+use crate::verdict::{GroupMisfit, ResidualGroup};
 
 /// Relative increase of chi2 per degree of freedom on unseen data below which two predictions count as equally good.
 const SAME: f64 = 0.005;
 /// Relative increase of chi2 per degree of freedom on unseen data above which a prediction is worse. The threshold is
 /// higher if there are so few unseen rests and moves that this increase is not significant.
 const MAY_BE_CHANCE: f64 = 0.1;
+/// Minimum ratio of chi2 of unseen residuals to its expected value for shares of their excess to be given.
+const LEAST_EXCESS: f64 = 1.5;
+/// p-value of an effect's parameters in the final fit above which the effect is removed: 1 % is 2.6 standard deviations
+/// of one parameter.
+const LEAST_SIGNIFICANT: f64 = 0.01;
 /// Threshold for a significant change of chi2, in standard deviations.
 const SIGNIFICANT: f64 = 3.0;
 
@@ -67,6 +76,32 @@ pub enum Refusal {
         /// chi2 per degree of freedom of unseen data with the effect.
         after: f64,
     },
+    /// The parameters of the effect do not differ significantly from zero beside the other accepted effects.
+    NotSignificant {
+        /// Name of the effect.
+        name: String,
+        /// p-value of its parameters.
+        p_value: f64,
+    },
+}
+
+/// Share of the gap that one accepted effect closes, by kind of unseen residuals.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EffectShare {
+    /// Name of the effect.
+    pub name: String,
+    /// Decrease of chi2 by the effect, added after those before it, divided by the excess of chi2 over noise without
+    /// effects: of the norms at rest, the gravity directions after moves, and the mean rates at rest. `None` if these
+    /// residuals hardly exceed their noise without effects, or are not judged.
+    pub closed: [Option<f64>; 3],
+}
+
+/// Decrease of chi2 of unseen data by effects.
+pub(super) struct Removed {
+    /// Share of chi2, at most 1.
+    pub(super) share: f64,
+    /// Decrease divided by its standard deviation.
+    pub(super) significance: f64,
 }
 
 /// The accepted effects.
@@ -88,7 +123,9 @@ impl Fits<'_> {
                 Ok(fit) => fit,
                 Err(error) => {
                     accepted.refused.push(Refusal::NotFitted { name: name.clone(), error });
-                    continue;
+                    // Effects that were selected after this one describe what it leaves, so without it they would be
+                    // given a part of its residuals.
+                    break;
                 }
             };
             if fit.is_worse_than(&accepted.fit, before) {
@@ -104,9 +141,42 @@ impl Fits<'_> {
             && let Ok(fit) = unless_it_fails(self.with(path))?
             && fit.unseen_chi2(before) < accepted.fit.unseen_chi2(before)
         {
-            return Ok(Accepted { path: path.to_vec(), fit, refused: Vec::new() });
+            accepted = Accepted { path: path.to_vec(), fit, refused: Vec::new() };
         }
-        Ok(accepted)
+        self.significant(accepted)
+    }
+
+    /// Share of the gap that each accepted effect closes. The fits were made when the effects were accepted.
+    pub(super) fn shares(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Vec<EffectShare>, Error> {
+        let sums = |fit: &Fit| fit.unseen_items().map(|items| items.into_iter().flatten().sum::<f64>());
+        let counts = before.unseen_items().map(|items| items.into_iter().flatten().count());
+        let (whole, mut last) = (sums(before), sums(before));
+        let mut shares = Vec::new();
+        for end in 1..=path.len() {
+            let Ok(fit) = unless_it_fails(self.with(&path[..end]))? else { continue };
+            let own = sums(&fit);
+            let closed = std::array::from_fn(|kind| {
+                let noise = ([1, 2, 3][kind] * counts[kind]) as f64;
+                (whole[kind] > LEAST_EXCESS * noise && noise > 0.0)
+                    .then(|| (last[kind] - own[kind]) / (whole[kind] - noise))
+            });
+            shares.push(EffectShare { name: path[end - 1].clone(), closed });
+            last = own;
+        }
+        Ok(shares)
+    }
+
+    /// Removes accepted effects whose parameters do not differ from zero, one after the other.
+    fn significant(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
+        loop {
+            let chances = accepted.path.iter().filter_map(|name| Some((name.clone(), accepted.fit.chance_of(name)?)));
+            let least = chances.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, chance)| *chance > LEAST_SIGNIFICANT);
+            let Some((name, p_value)) = least else { return Ok(accepted) };
+            accepted.path.retain(|own| *own != name);
+            let Ok(fit) = unless_it_fails(self.with(&accepted.path))? else { return Ok(accepted) };
+            accepted.fit = fit;
+            accepted.refused.push(Refusal::NotSignificant { name, p_value });
+        }
     }
 }
 
@@ -129,7 +199,7 @@ impl Fit {
     /// chi2 per degree of freedom of unseen data. The noise densities are those of `before`, the fit without effects.
     pub(super) fn unseen_chi2(&self, before: &Self) -> f64 {
         if let Some(control) = &self.control {
-            return control.evaluation.figures.chi2_per_dof;
+            return control.judged().figures.chi2_per_dof;
         }
         let term = |(metric, floor): (Metric, Floor)| {
             let figure = self.held_out_figure(metric).filter(|_| floor.value > 0.0)?;
@@ -143,7 +213,13 @@ impl Fit {
     /// The figure of merit on unseen data that improves most from this fit to the fit `after`.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
-            let [before, after] = [own, other].map(|control| control.evaluation.figures.chi2_per_dof);
+            // Without accepted effects the figure is that of the recordings as they are.
+            let is_same = std::ptr::eq(own, other);
+            let chi2 = |control: &Control| match is_same {
+                true => control.evaluation.figures.chi2_per_dof,
+                false => control.judged().figures.chi2_per_dof,
+            };
+            let [before, after] = [own, other].map(chi2);
             return Some(UnseenFigure { metric: Metric::Chi2PerDof, before, after, floor: 1.0 });
         }
         let figure = |(metric, floor): (Metric, Floor)| {
@@ -197,6 +273,67 @@ impl Fit {
         value > least + (MAY_BE_CHANCE * least).max(together / count.max(1.0)) || sum > all
     }
 
+    /// p-value of the parameters of an effect under the hypothesis that they are zero; `None` if the effect is not in
+    /// the model, or its covariance is singular. A time constant is not tested.
+    fn chance_of(&self, name: &str) -> Option<f64> {
+        let effect = self.outcome.effects.iter().find(|effect| effect.name == name)?;
+        let prefix = format!("{name}_");
+        let first = self.outcome.names.iter().position(|own| own.starts_with(&prefix))?;
+        let count = effect.values.len();
+        let covariance = DMatrix::from_fn(count, count, |i, j| self.outcome.covariance[first + i][first + j]);
+        let values = DVector::from_column_slice(&effect.values);
+        let chi2 = values.dot(&covariance.cholesky()?.solve(&values));
+        chi2.is_finite().then(|| p_value(chi2, count))
+    }
+
+    /// Largest share of chi2 that the accepted effects remove from one kind of unseen residuals, and the largest
+    /// significance of the decrease, in standard deviations of the changes of single rests and moves.
+    pub(super) fn removed(&self, before: &Self) -> Removed {
+        let mut removed = Removed { share: 0.0, significance: 0.0 };
+        for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {
+            let pairs: Vec<(f64, f64)> = own.iter().zip(other).filter_map(|(own, other)| own.zip(*other)).collect();
+            let total: f64 = pairs.iter().map(|(_, other)| other).sum();
+            let count = pairs.len() as f64;
+            let mean = pairs.iter().map(|(own, other)| other - own).sum::<f64>() / count.max(1.0);
+            let variance = pairs.iter().map(|(own, other)| (other - own - mean).powi(2)).sum::<f64>() / count.max(1.0);
+            if total > 0.0 && count > 2.0 {
+                removed.share = removed.share.max(count * mean / total);
+                removed.significance = removed.significance.max(mean * (count / variance.max(1e-300)).sqrt());
+            }
+        }
+        removed
+    }
+
+    /// p-value of the residuals of unseen data under noise and the uncertainty of the calibration: of the kind of
+    /// residuals that exceeds noise most, corrected for the number of kinds.
+    pub(super) fn unseen_chance(&self, is_as_recorded: bool) -> f64 {
+        if let Some(control) = &self.control {
+            let evaluation = if is_as_recorded { &control.evaluation } else { control.judged() };
+            let groups = evaluation.groups.iter();
+            let least = groups.clone().map(GroupMisfit::p_value).fold(1.0, f64::min);
+            return (least * groups.count() as f64).min(1.0);
+        }
+        let kinds = self.unseen_items().map(|items| items.into_iter().flatten().collect::<Vec<f64>>());
+        // Errors of the parameters of each fold add to the noise of what it predicts.
+        let residuals = self.outcome.rests.len() + 2 * self.outcome.moves.len();
+        let floor = 1.0 + self.outcome.names.len() as f64 / residuals.max(1) as f64;
+        let chance = |(items, size): (&Vec<f64>, usize)| p_value(items.iter().sum::<f64>() / floor, size * items.len());
+        let least = kinds.iter().zip([1, 2, 3]).map(chance).fold(1.0, f64::min);
+        (3.0 * least).min(1.0)
+    }
+
+    /// Kinds of residuals that exceed twice their noise: of the control recordings, or of the calibration recordings if
+    /// there are none.
+    pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
+        const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];
+        let groups = match &self.control {
+            Some(control) if is_as_recorded => &control.evaluation.groups,
+            Some(control) => &control.judged().groups,
+            None => &self.outcome.groups,
+        };
+        groups.iter().filter(|own| JUDGED.contains(&own.group) && own.exceeds_noise()).collect()
+    }
+
     /// chi2 of each unseen rest, of each unseen move, and of the mean angular rate at each unseen rest.
     fn unseen_items(&self) -> [Vec<Option<f64>>; 3] {
         let of = |errors: &mut dyn Iterator<Item = f64>, sigmas: &mut dyn Iterator<Item = f64>| {
@@ -206,7 +343,7 @@ impl Fit {
             errors.zip(sigmas).map(chi2).collect::<Vec<_>>()
         };
         if let Some(control) = &self.control {
-            let (rests, moves) = (&control.evaluation.rests, &control.evaluation.moves);
+            let (rests, moves) = (&control.judged().rests, &control.judged().moves);
             let norms = of(
                 &mut rests.iter().map(|rest| rest.norm_error_mps2),
                 &mut rests.iter().map(|rest| rest.norm_sigma_mps2),

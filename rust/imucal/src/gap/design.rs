@@ -43,7 +43,8 @@ pub(crate) struct Design {
 
 /// The Jacobian of one linearisation, and the group of residuals to which each row belongs.
 pub(crate) struct Rows {
-    made: Made,
+    /// `None` if `columns` is already computed.
+    made: Option<Made>,
     /// All columns in one matrix, computed on first use.
     columns: OnceLock<Mat<f64>>,
     /// Gram matrices of all columns by group, computed on first use.
@@ -85,7 +86,8 @@ impl Made {
 impl Rows {
     /// All columns as one matrix, without the residual.
     pub(crate) fn columns(&self) -> &Mat<f64> {
-        self.columns.get_or_init(|| self.made.together(self.groups.len()))
+        let rows = self.groups.len();
+        self.columns.get_or_init(|| self.made.as_ref().map_or_else(|| Mat::zeros(rows, 0), |made| made.together(rows)))
     }
 }
 
@@ -121,7 +123,7 @@ pub(crate) fn design(
     let of_head = (&head, &groups[..head.rows()]);
     let (gram, of_insides) = Gram::beside(of_head, inside.as_ref(), &order, (own.total(), &blocks));
     let residual = head.column(all.total()).chain(of_insides).collect();
-    let made = Made { head, inside, order };
+    let made = Some(Made { head, inside, order });
     let rows = Rows { made, columns: OnceLock::new(), products: OnceLock::new(), groups, items, axes: axes_of(linear) };
     Ok(Design {
         gram,
@@ -237,6 +239,29 @@ impl Design {
     /// Columns and Gram matrices of this design, to which columns of generic hypotheses can be added.
     pub(crate) fn known(&self) -> Known<'_> {
         Known::new(self.rows.columns(), &self.residual, &self.rows.groups, &self.gram)
+    }
+
+    /// This design with additional columns in the model, each with the precision of its prior.
+    pub(crate) fn with_columns(&self, more: &Mat<f64>, precisions: &[f64]) -> Self {
+        let Rows { groups, items, axes, .. } = &*self.rows;
+        let known = self.known();
+        let gram = known.with(&known.others(more));
+        let (columns, first) = (self.rows.columns(), self.gram.residual);
+        let mut all = Mat::zeros(columns.nrows(), first + more.ncols());
+        all.subcols_mut(0, first).copy_from(columns);
+        all.subcols_mut(first, more.ncols()).copy_from(more);
+        let added =
+            precisions.iter().enumerate().map(|(k, &precision)| Column { place: first + k, precision, value: 0.0 });
+        let model = self.model.iter().copied().chain(added).collect();
+        let rows = Rows {
+            made: None,
+            columns: OnceLock::from(all),
+            products: OnceLock::new(),
+            groups: groups.clone(),
+            items: items.clone(),
+            axes: axes.clone(),
+        };
+        Self { gram, model, candidates: self.candidates.clone(), residual: self.residual.clone(), rows: Arc::new(rows) }
     }
 
     /// Body axes that define the two rows perpendicular to gravity at each rest and at each end of a move.

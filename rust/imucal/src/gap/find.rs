@@ -4,12 +4,13 @@ use std::rc::Rc;
 
 use imucal_core::calibration::Calibration;
 
-use super::acceptance::{Accepted, Refusal, UnseenFigure, unless_it_fails};
+use super::acceptance::{Accepted, EffectShare, Refusal, UnseenFigure, unless_it_fails};
 use super::earth::{self, is_earth_rate};
 use super::fits::{Fit, Fits, corrected_by, judged, with_samples};
 use super::forward_search::search;
 use super::options::{GapOptions, Progress};
 use super::predicted_error::{BriefMeans, PredictedErrors, UserCorrection, predicted_errors};
+use super::remainder::Remainder;
 use super::residual_kinds::CorrectedFit;
 use super::residuals_by_place::{ResidualsByPlace, residuals_by_place};
 use super::verdict::{Basis, Contradiction, Rivals, Verdict};
@@ -43,6 +44,8 @@ pub struct Analysis {
     pub after: Option<Fit>,
     /// Scores of the accepted effects, with their rivals.
     pub effects: Vec<Score>,
+    /// Share of the gap that each accepted effect closes.
+    pub shares: Vec<EffectShare>,
     /// Fits in which a rival replaces an accepted effect.
     pub rivals: Vec<RivalFit>,
     /// Effects that the search selected and that were then rejected.
@@ -51,8 +54,10 @@ pub struct Analysis {
     pub not_the_earth: Option<NotTheEarth>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub not_confirmed: Vec<Score>,
-    /// Evidence of the control recordings against effects that had been accepted.
+    /// Evidence of unseen data against effects that had been accepted.
     pub contradiction: Option<Contradiction>,
+    /// What the accepted effects leave unexplained, or the model without effects if none was accepted.
+    pub remainder: Remainder,
     /// A figure of merit on unseen data, without and with the accepted effects.
     pub unseen: UnseenFigure,
     /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
@@ -143,15 +148,18 @@ pub fn find_gap(
     let corrected_errors = after.as_ref().map(|after| fits.corrected_errors(&before, after)).transpose()?;
     let joined = |name: &String| search.path.iter().find(|score| score.name == *name).cloned();
     let effects = if after.is_some() { path.iter().filter_map(joined).collect() } else { Vec::new() };
+    let shares = if after.is_some() { fits.shares(&before, &path)? } else { Vec::new() };
     let analysis = Analysis {
         before: Fit::clone(&before),
         after: after.map(|fit| Fit::clone(&fit)),
         effects,
+        shares,
         rivals,
         refused,
         not_the_earth,
         not_confirmed: judgement.not_confirmed,
         contradiction: judgement.contradiction,
+        remainder: judgement.remainder,
         unseen,
         chi2_of_given,
         residuals,

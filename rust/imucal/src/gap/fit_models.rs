@@ -18,7 +18,19 @@ const SHAPE_WIDTH: f64 = 3.0;
 /// Maximum number of cached linearisations; each needs as much memory as the Jacobian of all moves.
 const MOST_RECENT: usize = 3;
 
-impl ForwardSearch<'_> {
+impl<'a> ForwardSearch<'a> {
+    /// The effects of a model from the catalogue, and user-defined.
+    pub(super) fn of_members(
+        &self,
+        open: &[EffectChoice],
+        members: &[Member],
+    ) -> (Vec<EffectChoice>, Vec<UserField<'a>>) {
+        let is_member = |name: &str| members.iter().any(|member| member.name == name);
+        let find = |member: &Member| open.iter().find(|choice| choice.effect.name == member.name).copied();
+        let fields = self.user_fields.iter().filter(|field| is_member(field.name)).cloned().collect();
+        (members.iter().filter_map(find).collect(), fields)
+    }
+
     /// Fits a model with the effects `members`, starting from the triads `near`, and linearises it together with the
     /// columns selected by `beside`.
     pub(super) fn stage(
@@ -29,10 +41,7 @@ impl ForwardSearch<'_> {
         members: &[Member],
         beside: Beside,
     ) -> Result<Stage, Error> {
-        let is_member = |name: &str| members.iter().any(|member| member.name == name);
-        let own: Vec<EffectChoice> =
-            members.iter().filter_map(|m| open.iter().find(|choice| choice.effect.name == m.name)).copied().collect();
-        let fields: Vec<UserField<'_>> = self.user_fields.iter().filter(|f| is_member(f.name)).cloned().collect();
+        let (own, fields) = self.of_members(open, members);
         let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
         let mut start = joint::start_model(prepared, &terms, near[0], near[1]);
         let mut precisions = vec![0.0; terms.count];

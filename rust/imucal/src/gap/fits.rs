@@ -8,6 +8,7 @@ use imucal_core::effects::Effect;
 use nalgebra::Vector3;
 
 use super::options::{GapOptions, Progress};
+use super::session::SessionStep;
 use crate::calibrate::{
     Checked, CorrectedSamples, EffectChoice, ModelOptions, Outcome, WarmStart, require_independent, rest_ranges,
 };
@@ -40,6 +41,19 @@ pub struct Control {
     /// chi2 of the mean angular rate of each rest relative to the mean over all rests of its recording, with three
     /// degrees of freedom; `None` for rests that are excluded from the evaluation.
     pub rate_chi2: Vec<Option<f64>>,
+    /// Significant change of the biases since the calibration recordings; `None` if the model without effects shows
+    /// none.
+    pub step: Option<SessionStep>,
+    /// Evaluation with the biases of the control recordings, if these have moved.
+    pub with_own_biases: Option<Evaluation>,
+}
+
+impl Control {
+    /// The evaluation by which effects are judged: biases that moved since the calibration are no reason to reject an
+    /// effect, or to accept it.
+    pub fn judged(&self) -> &Evaluation {
+        self.with_own_biases.as_ref().unwrap_or(&self.evaluation)
+    }
 }
 
 /// The fits that have been made during a search, and the recordings that they use.
@@ -145,7 +159,33 @@ impl<'a> Fits<'a> {
             min_rest_s,
         )?;
         let rate_chi2 = rate_chi2(&outcome.calibration, &evaluation, self.control, corrected.as_deref());
-        Ok(Control { evaluation, rate_chi2 })
+        let is_corrected = corrected.is_some();
+        let sets = [self.checked.recordings(), self.control];
+        // Biases have moved between sessions only if the model without effects shows it.
+        let first = self.made.first().and_then(|fit| fit.control.as_ref());
+        let step = match first.is_none_or(|control| control.step.is_some()) {
+            true => SessionStep::find(outcome, &evaluation, is_corrected, sets),
+            false => None,
+        };
+        let with_own_biases =
+            step.map(|step| self.with_own_biases(outcome, &uncertainty, &step)).transpose()?.flatten();
+        Ok(Control { evaluation, rate_chi2, step, with_own_biases })
+    }
+
+    /// Evaluation on the control recordings with their own biases; `None` if samples cannot be corrected.
+    fn with_own_biases(
+        &self,
+        outcome: &Outcome,
+        uncertainty: &Uncertainty,
+        step: &SessionStep,
+    ) -> Result<Option<Evaluation>, Error> {
+        let Some(calibration) = step.calibration(&outcome.calibration) else { return Ok(None) };
+        let own: Option<Vec<CorrectedSamples>> =
+            self.corrected_set(outcome, RecordingSet::Control)?.map(|samples| step.corrected(&samples));
+        let corrected = own.as_ref().map(|samples| with_samples(self.control, samples));
+        let options = self.checked.options();
+        let (gravity_mps2, min_rest_s) = (options.gravity_mps2, options.min_rest_s);
+        judged(&calibration, Some(uncertainty), self.control, corrected.as_deref(), gravity_mps2, min_rest_s).map(Some)
     }
 }
 

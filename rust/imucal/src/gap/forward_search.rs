@@ -2,18 +2,20 @@
 //! the end, effects that the other effects have made superfluous are removed.
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
+use super::beside_patterns::varying;
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::earth;
-use super::pattern::Pattern;
+use super::pattern::{BestGeneric, Pattern};
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, FitKey, Member, Stage};
-use super::{Linearised, NotPredictive, Score, Search};
+use super::{Linearised, NotPredictive, Scattering, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{Kinds, Linear, Model, Prepared};
@@ -21,7 +23,9 @@ use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
-const MOST_EFFECTS: usize = 6;
+pub(super) const MOST_EFFECTS: usize = 6;
+/// Maximum number of alternations between effects beside the generic hypotheses, and the hypotheses beside the effects.
+const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
 /// Minimum temperature range, K, of means over [`MEAN_S`] for temperature effects to be candidates.
@@ -224,12 +228,40 @@ impl<'a> ForwardSearch<'a> {
         }
         let traces = traces(&start);
         let plain_scales = start.evidence.scales;
+        let (mut patterns, mut contradiction) = self.patterns(prepared, triads, &open, &selected.stage)?;
+        let of_stand = |scattering: &Scattering| scattering.0.starts_with("stand");
+        let scattering = contradiction.or_else(|| scattering_rests(&selected.stage, &plain_scales)).filter(of_stand);
+        if scattering.is_some() {
+            // The stand is no reference, so effects of the sensors are searched without its angles.
+            (selected, patterns) = self.without_stand(prepared, triads, &open)?;
+            contradiction = scattering;
+            open.retain(|choice| choice.effect.sensor != Sensor::Encoder);
+        }
+        for _ in 0..MOST_ROUNDS {
+            let varying = varying(&patterns);
+            if varying.is_empty() {
+                break;
+            }
+            let (members, path) = self.beside_patterns(prepared, triads, &open, &selected, &varying)?;
+            let names = |members: &[Member]| members.iter().map(|own| own.name.clone()).collect::<BTreeSet<_>>();
+            let is_settled = names(&members) == names(&selected.stage.members);
+            selected.path = path;
+            if is_settled {
+                break;
+            }
+            let near = [&selected.stage.model.accelerometer, &selected.stage.model.gyroscope];
+            let stage = self.stage(prepared, near, &open, &members, Beside::Candidates)?;
+            selected.last = (!members.is_empty()).then(|| judge(&stage));
+            selected.stage = stage;
+            patterns = self.patterns(prepared, triads, &open, &selected.stage)?.0;
+        }
         let Selected { stage, path, not_predictive, last } = selected;
-        let (patterns, contradiction) = self.patterns(prepared, triads, &open, &stage)?;
-        let generic = patterns
-            .into_iter()
-            .filter_map(Pattern::winner)
-            .max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
+        let winner = |pattern: &'_ Pattern| match path.is_empty() {
+            true => pattern.instead().or(pattern.besides()).map(BestGeneric::finding),
+            false => pattern.besides().map(BestGeneric::finding),
+        };
+        let generic =
+            patterns.iter().filter_map(winner).max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
@@ -245,7 +277,7 @@ impl<'a> ForwardSearch<'a> {
         Ok(Search {
             path,
             ranking,
-            generic: generic.map(|g| g.finding()),
+            generic,
             not_predictive,
             not_the_earth,
             not_observable: self.left_out.clone(),
@@ -255,6 +287,25 @@ impl<'a> ForwardSearch<'a> {
             is_hand_moved: !self.kinds.in_motion,
             warm_start: stage.warm_start(),
         })
+    }
+
+    /// Forward selection and generic hypotheses without the angles of the stand.
+    fn without_stand(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+    ) -> Result<(Selected, Vec<Pattern>), Error> {
+        self.kinds.encoders = false;
+        *self.ground.borrow_mut() = None;
+        let inertial: Vec<EffectChoice> =
+            open.iter().filter(|choice| choice.effect.sensor != Sensor::Encoder).copied().collect();
+        let start = self.stage(prepared, triads, &inertial, &[], Beside::Candidates)?;
+        *self.ground.borrow_mut() = Some(Arc::clone(&start.design));
+        let first = judge(&start);
+        let selected = self.select(prepared, &inertial, start, &first)?;
+        let (patterns, _) = self.patterns(prepared, triads, &inertial, &selected.stage)?;
+        Ok((selected, patterns))
     }
 
     /// Forward selection: adds the best candidate repeatedly, starting from the model without effects. Superfluous
@@ -311,9 +362,9 @@ impl<'a> ForwardSearch<'a> {
 }
 
 /// The effects that were selected.
-struct Selected {
-    stage: Stage,
-    path: Vec<Score>,
+pub(super) struct Selected {
+    pub(super) stage: Stage,
+    pub(super) path: Vec<Score>,
     not_predictive: Vec<NotPredictive>,
     /// Scores of the candidates relative to the final model; `None` if that is the model without effects.
     last: Option<Judgement>,

@@ -59,9 +59,9 @@ impl Block {
 }
 
 /// Combinations of block and kernel that are tested on rests and moves.
-const ALL: [(Block, Kernel); 18] = {
+const ALL: [(Block, Kernel); 22] = {
     use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
-    use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Temperature};
+    use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Session, Temperature};
     [
         (GyroscopeBias, RandomWalk),
         (GyroscopeBias, GravityDirection),
@@ -81,6 +81,10 @@ const ALL: [(Block, Kernel); 18] = {
         (AccelerometerScale, RandomWalk),
         (AccelerometerScale, Temperature),
         (AccelerometerScale, Force),
+        (GyroscopeBias, Session),
+        (AccelerometerBias, Session),
+        (GyroscopeScale, Session),
+        (AccelerometerScale, Session),
     ]
 };
 /// Combinations that are tested if samples inside moves are used: motion also affects the specific force there.
@@ -119,15 +123,15 @@ const CURVE_POINTS: usize = 9;
 /// Time lag, s, whose error is as large as that of a typical scale deviation; it scales the columns of derivatives.
 const LAG_S: f64 = 0.1;
 
-/// All hypotheses about the selected blocks that are observable in the recordings.
+/// All selected hypotheses that are observable in the recordings.
 pub(crate) fn hypotheses(
     moments: &Moments,
     inside: bool,
     gravity_mps2: f64,
-    asked: impl Fn(Block) -> bool,
+    asked: impl Fn(Block, Kernel) -> bool,
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
-    let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, _)| asked(*block)).collect();
+    let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, kernel)| asked(*block, *kernel)).collect();
     // Hypotheses with a kernel, evaluated in the middle of the moves or at the rests.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))

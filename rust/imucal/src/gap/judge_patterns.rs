@@ -67,8 +67,10 @@ impl ForwardSearch<'_> {
             if members.is_empty() {
                 return None;
             }
-            self.stage(prepared, triads, &choices, &members, Beside::Nothing).ok()
+            let stage = self.stage(prepared, triads, &choices, &members, Beside::Nothing).ok()?;
+            Some((choices, stage))
         });
+        let (choices, with) = with.unzip();
         let (path, path_chi2) = with.as_ref().map_or((0.0, 0.0), |with| {
             (with.evidence.log - without.evidence.log, without.evidence.chi2 - with.evidence.chi2)
         });
@@ -82,7 +84,9 @@ impl ForwardSearch<'_> {
             with => {
                 let [alone] = best_generics(&setting, [&without], &is_selected);
                 let beside = |with: &Stage| -> Result<Option<BestGeneric>, Error> {
-                    let setting = Setting::new(prepared, &none, &with.model)?;
+                    let (own, fields) = self.of_members(choices.as_deref().unwrap_or_default(), &with.members);
+                    let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+                    let setting = Setting::new(prepared, &terms, &with.model)?;
                     let [on_top] = best_generics(&setting, [with], &is_selected);
                     Ok(on_top)
                 };

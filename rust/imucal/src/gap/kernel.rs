@@ -19,6 +19,8 @@ pub enum Kernel {
     Rate,
     /// Deviations are a smooth function of the specific force.
     Force,
+    /// Deviations are constant within a recording and differ from one recording to the next.
+    Session,
 }
 
 impl Kernel {
@@ -32,6 +34,7 @@ impl Kernel {
             Self::LastMotion => "last_motion",
             Self::Rate => "rate",
             Self::Force => "force",
+            Self::Session => "between_sessions",
         }
     }
 }

@@ -8,6 +8,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::design::axes_of;
 use super::generic::{Block, Hypothesis, hypotheses};
+use super::kernel::Kernel;
 use super::shares::{Moment, Moments, Place};
 use crate::error::Error;
 use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, move_segments};
@@ -27,19 +28,20 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `none` are terms without effects: effects change the Jacobian by less than the resolution of a generic
-    /// hypothesis.
-    pub(crate) fn new(prepared: &'a Prepared<'a>, none: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
-        let plain = Model { values: Vec::new(), stand: Vec::new(), ..model.clone() };
-        let linear = Arc::new(prepared.linearise(none, &plain.parameters())?);
-        let problem = Joint::of_noise(prepared, none, Arc::clone(&linear))?;
+    /// `terms` are the effects of the model, or none: effects change the Jacobian by less than the resolution of a
+    /// generic hypothesis, but large ones change the directions perpendicular to gravity at which rows are evaluated.
+    pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
+        let values = if terms.count == 0 { Vec::new() } else { model.values.clone() };
+        let plain = Model { values, stand: Vec::new(), ..model.clone() };
+        let linear = Arc::new(prepared.linearise(terms, &plain.parameters())?);
+        let problem = Joint::of_noise(prepared, terms, Arc::clone(&linear))?;
         let segments = move_segments(prepared, &linear, if linear.sees_inside() { 1 } else { EVERY });
         let moments = moments(prepared, &linear, &segments);
         Ok(Self { prepared, problem, linear, segments, moments })
     }
 
-    /// All hypotheses about the selected blocks.
-    pub(crate) fn hypotheses(&self, asked: impl Fn(Block) -> bool) -> Vec<Hypothesis> {
+    /// All selected hypotheses.
+    pub(crate) fn hypotheses(&self, asked: impl Fn(Block, Kernel) -> bool) -> Vec<Hypothesis> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }
 

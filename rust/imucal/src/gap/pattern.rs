@@ -36,6 +36,8 @@ pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
     pub(super) log_bayes_factor: f64,
+    /// Standard deviation of the prior of its coefficients, in multiples of the typical size of the block.
+    pub(super) width: f64,
     /// Decrease of chi2 if the hypothesis is added to the model.
     chi2: f64,
     /// Index of each rest, or of the rest before each move, and the deviation of the parameter there on each axis, SI
@@ -55,8 +57,8 @@ impl<'a> Judge<'a> {
         Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// Evidence of the model with a hypothesis of `width` columns; `None` if the increase is at most [`LEAST_GAIN`].
-    fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<Evidence> {
+    /// Evidence of the model with a hypothesis of `width` columns, and the width of its prior; `None` if the increase is at most [`LEAST_GAIN`].
+    fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(Evidence, f64)> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
@@ -64,16 +66,16 @@ impl<'a> Judge<'a> {
         let swept = weighing.sweep(&before.scales)?;
         // A hypothesis that hardly raises the evidence at the noise scales s_g^2 of the model does not raise it at
         // smaller noise scales either.
-        let (first, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
-        let (mut evidence, swept) = weighing.evidence(first, swept)?;
+        let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
+        let (mut evidence, swept) = weighing.evidence(best, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the scales, so a larger prior width may be
         // best.
-        if let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != first)
+        if let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != best)
             && let Some((other, _)) = weighing.evidence(again, swept).filter(|(other, _)| other.log > evidence.log)
         {
-            evidence = other;
+            (evidence, best) = (other, again);
         }
-        Some(evidence)
+        Some((evidence, best))
     }
 }
 
@@ -84,7 +86,7 @@ pub(super) fn best_generics<const N: usize>(
     is_selected: impl Fn(Block) -> bool,
 ) -> [Option<BestGeneric>; N] {
     let judges = stages.map(Judge::new);
-    let hypotheses = setting.hypotheses(is_selected);
+    let hypotheses = setting.hypotheses(|block, _| is_selected(block));
     let found = in_order(processors(), hypotheses.len(), |place| {
         let hypothesis = &hypotheses[place];
         let columns = setting.columns(hypothesis);
@@ -93,17 +95,19 @@ pub(super) fn best_generics<const N: usize>(
         judges.each_ref().map(|judge| judge.evaluate(hypothesis, others.as_ref()?, columns.ncols()))
     });
     std::array::from_fn(|judge| {
-        let mut best: Option<(&Hypothesis, &Evidence)> = None;
+        let mut best: Option<(&Hypothesis, &(Evidence, f64))> = None;
         for (hypothesis, found) in hypotheses.iter().zip(&found) {
-            if let Some(found) = found[judge].as_ref().filter(|own| best.is_none_or(|(_, best)| own.log > best.log)) {
+            if let Some(found) = found[judge].as_ref().filter(|own| best.is_none_or(|(_, best)| own.0.log > best.0.log))
+            {
                 best = Some((hypothesis, found));
             }
         }
         let Judge { model, before, .. } = &judges[judge];
-        best.map(|(hypothesis, with)| BestGeneric {
+        best.map(|(hypothesis, (with, width))| BestGeneric {
             block: hypothesis.block,
             kernel: hypothesis.kernel,
             log_bayes_factor: with.log - before.log,
+            width: *width,
             chi2: before.chi2 - with.chi2,
             wrong: setting.wrong(hypothesis, &with.theta[model.len()..]),
         })
@@ -123,21 +127,32 @@ pub(super) struct Pattern {
 }
 
 impl Pattern {
-    /// The generic hypothesis to report: the one without effects, if it explains more than the selected effects; or the
-    /// one in addition to the effects, if it explains a large part of the remaining residuals.
-    pub(super) fn winner(self) -> Option<BestGeneric> {
-        let Self { alone, path, path_chi2, on_top } = self;
-        let is_no_remainder = |chi2: f64| path_chi2 <= 0.0 || chi2 > REMAINDER_OF_CHI2 * path_chi2;
-        let instead =
-            |g: &BestGeneric| g.log_bayes_factor > LEAST.max(path + LEAD) && is_no_remainder(g.chi2 - path_chi2);
-        let besides = |g: &BestGeneric| g.log_bayes_factor > NOT_ALL.max(REMAINDER * path) && is_no_remainder(g.chi2);
-        alone.filter(instead).or(on_top.filter(besides))
+    /// The hypothesis without effects, if it explains more than the selected effects.
+    pub(super) fn instead(&self) -> Option<&BestGeneric> {
+        let is_better = |g: &&BestGeneric| {
+            g.log_bayes_factor > LEAST.max(self.path + LEAD) && self.is_no_remainder(g.chi2 - self.path_chi2)
+        };
+        self.alone.as_ref().filter(is_better)
+    }
+
+    /// The hypothesis in addition to the effects, if it explains a large part of the remaining residuals.
+    pub(super) fn besides(&self) -> Option<&BestGeneric> {
+        let is_large =
+            |g: &&BestGeneric| g.log_bayes_factor > NOT_ALL.max(REMAINDER * self.path) && self.is_no_remainder(g.chi2);
+        self.on_top.as_ref().filter(is_large)
+    }
+
+    /// Whether a decrease of chi2 exceeds the linearisation error of the selected effects.
+    fn is_no_remainder(&self, chi2: f64) -> bool {
+        self.path_chi2 <= 0.0 || chi2 > REMAINDER_OF_CHI2 * self.path_chi2
     }
 }
 
 impl BestGeneric {
-    pub(super) fn finding(self) -> GenericFinding {
-        let Self { block, kernel, log_bayes_factor, wrong, .. } = self;
+    pub(super) fn finding(&self) -> GenericFinding {
+        let Self { block, kernel, log_bayes_factor, ref wrong, .. } = *self;
+        // Under noise alone a Bayes factor of at least B has a probability of at most 1/B.
+        let p_value = (-log_bayes_factor).exp().min(1.0);
         // At rest the specific force is parallel to gravity, so an accelerometer bias proportional to the direction of
         // gravity is reported as a scale proportional to force.
         let (block, kernel, unit) = match (block, kernel) {
@@ -153,6 +168,6 @@ impl BestGeneric {
         let mut order: Vec<&(usize, Vector3<f64>)> = wrong.iter().collect();
         order.sort_by(|a, b| b.1[axis].abs().total_cmp(&a.1[axis].abs()));
         let rests = order.into_iter().take(3).map(|(place, _)| *place).collect();
-        GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms: rms(axis) / unit }
+        GenericFinding { block, kernel, log_bayes_factor, p_value, axis, rests, rms: rms(axis) / unit }
     }
 }

@@ -13,6 +13,8 @@ use crate::numerics::stats::p_value;
 
 /// Maximum difference of log evidence, nats, between a selected effect and its rivals; 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
+/// p-value of the likelihood ratio of an effect beside the others above which the effect is superfluous.
+const SUPERFLUOUS: f64 = 1e-3;
 /// Log Bayes factor, nats, above which linearisation errors of large effects exceed the differences between candidates,
 /// so that candidates must be fitted to compare them.
 const VERY_MUCH: f64 = 2000.0;
@@ -134,7 +136,8 @@ impl ForwardSearch<'_> {
         Ok(swapped)
     }
 
-    /// Removes effects whose removal does not reduce the evidence. Returns whether an effect was removed.
+    /// Removes effects whose removal does not reduce the evidence, or not significantly the likelihood: an effect that
+    /// was selected first because it resembles the sum of two others. Returns whether an effect was removed.
     pub(super) fn eliminate(
         &self,
         prepared: &Prepared<'_>,
@@ -150,7 +153,9 @@ impl ForwardSearch<'_> {
                 members.remove(k);
                 let near = [&stage.model.accelerometer, &stage.model.gyroscope];
                 let Ok(without) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
-                if without.evidence.log >= stage.evidence.log
+                let dof = stage.place(&stage.members[k].name).map_or(1, |place| place.len());
+                let chance = p_value(without.evidence.deviance - stage.evidence.deviance, dof);
+                if (without.evidence.log >= stage.evidence.log || chance > SUPERFLUOUS)
                     && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
                 {
                     worst = Some((k, without));

@@ -117,6 +117,7 @@ fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment
         Kernel::RandomWalk => {
             each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });
         }
+        Kernel::Session => each(to, others, |b| if a.recording == b.recording { 1.0 } else { 0.0 }),
         Kernel::LastMotion => {
             each(to, others, |b| (0..3).map(|axis| direction(a.turn[axis]) * direction(b.turn[axis])).sum());
         }

@@ -9,20 +9,28 @@
 //! nothing_missing   noise explains the residuals
 //! ```
 
+use imucal_core::effects::{Effect, Sensor};
+
 use super::clock::clock_and_noise_faults;
-use super::fits::Fit;
-use super::kernel::Kernel;
+use super::fits::{Control, Fit};
 use super::mount::{StandRest, mount_slips};
+use super::remainder::{Remainder, RemainderKind};
 use super::{Score, Search};
 use crate::finding::{Finding, Severity};
+use crate::joint::is_unobservable_hand_held;
 use crate::recording::Recording;
 
 /// Log Bayes factor, nats, above which an effect is significant although it does not predict unseen data; 8 nats are
 /// odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
-/// Minimum relative decrease of chi2 of the control recordings that accepted effects must achieve. It applies only if
-/// the calibration with effects is still a poor fit to these recordings.
+/// Minimum share of chi2 of one kind of unseen residuals that accepted effects must remove if the calibration with
+/// effects still does not describe these residuals.
 const LEAST_REMOVED: f64 = 0.1;
+/// Minimum share that effects must remove if residuals at rest still scatter more than noise explains.
+const MOST_REMOVED: f64 = 0.5;
+/// Significance of the decrease, in standard deviations, that is sufficient although its share is small. It does not
+/// count for a poor fit.
+const SIGNIFICANT: f64 = 4.0;
 /// Codes of data faults that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
     "noise_grows_in_motion",
@@ -104,8 +112,10 @@ pub(super) struct Judgement {
     pub(super) rivals: Vec<Rivals>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub(super) not_confirmed: Vec<Score>,
-    /// Evidence of the control recordings that led to the removal of accepted effects.
+    /// Evidence of unseen data that led to the removal of accepted effects.
     pub(super) contradiction: Option<Contradiction>,
+    /// What the accepted effects leave unexplained.
+    pub(super) remainder: Remainder,
 }
 
 /// The basis of a verdict: a search, the effects that were accepted, and the fits without and with them.
@@ -126,31 +136,62 @@ impl Basis<'_> {
         let (faults, are_disturbing) = self.faults(&slips);
         let is_certain = |score: &&Score| score.log_bayes_factor > CERTAIN_NATS && path.is_empty();
         let not_confirmed: Vec<Score> = search.path.iter().filter(is_certain).cloned().collect();
-        let disagrees = search.scattering_rests.is_some() || !not_confirmed.is_empty() || before.is_poor();
         let rivals = self.rivals();
-        let mut contradiction = None;
+        let contradiction = if path.is_empty() { None } else { self.contradiction() };
+        let are_accepted = !path.is_empty() && contradiction.is_none();
+        let remainder = self.remainder(are_accepted, &not_confirmed);
+        let disagrees = remainder.kind != RemainderKind::Nothing || contradiction.is_some();
         let verdict = match &search.generic {
             // Faulty samples may cause the residuals that no effect explains.
             generic if !slips.is_empty() || (generic.is_some() && are_disturbing) => Verdict::DataFault,
-            Some(generic) if generic.kernel == Kernel::RandomWalk => Verdict::Stochastic,
-            Some(_) => Verdict::Unknown,
-            None if !path.is_empty() && search.scattering_rests.is_none() => {
-                contradiction = self.contradiction();
-                match contradiction {
-                    Some(_) => Verdict::Unknown,
-                    None if rivals.iter().any(|own| !own.rivals.is_empty()) => Verdict::Ambiguous,
-                    None => Verdict::Named,
-                }
-            }
+            _ if are_accepted && rivals.iter().any(|own| !own.rivals.is_empty()) => Verdict::Ambiguous,
+            _ if are_accepted => Verdict::Named,
             None if path.is_empty() && !faults.is_empty() && (disagrees || !faults.iter().all(are_few)) => {
                 Verdict::DataFault
             }
-            None if disagrees => Verdict::Unknown,
-            None => Verdict::NothingMissing,
+            _ if remainder.kind == RemainderKind::Stochastic => Verdict::Stochastic,
+            _ if disagrees => Verdict::Unknown,
+            _ => Verdict::NothingMissing,
         };
         let is_fault = verdict == Verdict::DataFault;
         let faults = if is_fault { slips.into_iter().chain(faults).collect() } else { Vec::new() };
-        Judgement { verdict, faults, rivals, not_confirmed, contradiction }
+        Judgement { verdict, faults, rivals, not_confirmed, contradiction, remainder }
+    }
+
+    /// What the accepted effects leave unexplained, or the model without effects if none are accepted.
+    fn remainder(&self, are_accepted: bool, not_confirmed: &[Score]) -> Remainder {
+        let Self { search, before, after, .. } = self;
+        let last = if are_accepted { after } else { before };
+        let chance = last.unseen_chance(!are_accepted);
+        if let Some(generic) = &search.generic {
+            return Remainder::of_generic(generic);
+        }
+        if let Some(scattering) = &search.scattering_rests {
+            return Remainder::of_scattering(scattering);
+        }
+        let explains = |control: &&Control| {
+            let [own, all] = [control.judged(), &control.evaluation].map(|of| of.figures.chi2_per_dof);
+            own < (1.0 - MOST_REMOVED) * all || !last.is_poor()
+        };
+        let moved = before.control.as_ref().filter(explains).and_then(|control| control.step.as_ref());
+        if let Some(step) = moved {
+            return Remainder::of_sessions(step);
+        }
+        if !not_confirmed.is_empty() {
+            let block = if not_confirmed[0].name.starts_with("accel") { "accel" } else { "gyro" };
+            return Remainder::unknown(block, "not_confirmed", chance);
+        }
+        if last.is_poor() {
+            return Remainder::unknown("recordings", "contradiction", chance);
+        }
+        if let Some(worst) = last.unexplained(!are_accepted).into_iter().max_by(|a, b| a.ratio().total_cmp(&b.ratio()))
+        {
+            // A real unit has several small deviations from the model, so the remainder of a fit that removes most of
+            // the gap does not limit its use.
+            let matters = !are_accepted || after.removed(before).share < MOST_REMOVED;
+            return Remainder { matters, ..Remainder::unknown(worst.group.name(), "above_noise", chance) };
+        }
+        Remainder::nothing(chance)
     }
 
     /// Faults of the data, and whether they disturb the noise estimates and the residuals of moves.
@@ -180,22 +221,32 @@ impl Basis<'_> {
         self.path.iter().map(rivals_of).collect()
     }
 
-    /// Whether the control recordings contradict the effects: the calibration with effects is a poor fit to them, and
-    /// chi2 decreases by less than [`LEAST_REMOVED`] relative to the fit without effects.
+    /// Whether unseen data contradict the effects: the calibration with effects does not describe these data, and chi2
+    /// hardly decreases relative to the fit without effects.
     fn contradiction(&self) -> Option<Contradiction> {
-        let control = self.after.control.as_ref()?;
-        if !control.evaluation.figures.is_poor() {
-            return None;
-        }
-        let [before, after] = [self.before, self.after].map(|fit| fit.unseen_chi2(self.before));
-        (after > (1.0 - LEAST_REMOVED) * before).then(|| Contradiction { effects: self.path.to_vec(), before, after })
+        let Self { search, path, before, after, .. } = self;
+        let removed = after.removed(before);
+        // Effects inside moves and effects of the stand change the residuals of rests and of whole moves little.
+        let is_of_stand = |name: &String| Effect::<f64>::find(name).is_some_and(|own| own.sensor == Sensor::Encoder);
+        let is_of_rests = !path.iter().any(|name| is_unobservable_hand_held(name) || is_of_stand(name));
+        let is_confirmed = if after.is_poor() {
+            removed.share >= LEAST_REMOVED
+        } else if search.scattering_rests.is_some() && is_of_rests {
+            removed.share >= MOST_REMOVED
+        } else if !after.unexplained(false).is_empty() && is_of_rests {
+            removed.share >= LEAST_REMOVED || removed.significance > SIGNIFICANT
+        } else {
+            true
+        };
+        let [before, after] = [before, after].map(|fit| fit.unseen_chi2(self.before));
+        (!is_confirmed).then(|| Contradiction { effects: path.to_vec(), before, after })
     }
 }
 
 impl Fit {
     /// Whether the calibration is a poor fit to the calibration recordings or to the control recordings.
     fn is_poor(&self) -> bool {
-        let control = self.control.as_ref().map(|control| &control.evaluation.figures);
+        let control = self.control.as_ref().map(|control| &control.judged().figures);
         [Some(&self.outcome.figures), control].into_iter().flatten().any(|figures| figures.is_poor())
     }
 }

@@ -1,0 +1,58 @@
+"""What the accepted effects leave unexplained, and biases that moved between sessions."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+__all__ = ["Remainder", "SessionStep"]
+
+
+@dataclass(frozen=True)
+class SessionStep:
+    """Change of the biases from the calibration recordings to the control recordings.
+
+    accelerometer_mps2      change of the accelerometer's bias on x, y and z, m/s^2; None if not significant
+    gyroscope_radps         change of the gyroscope's bias, rad/s; None if not significant
+    p_value                 the smaller p-value of the two changes
+    temperature_change_k    mean temperature of the control recordings minus that of the calibration
+                            recordings, K; None without temperatures
+    chi2_per_dof            chi2 per degree of freedom of the control recordings without effects
+    chi2_per_dof_own        the same with the biases of the control recordings
+    """
+
+    accelerometer_mps2: tuple[float, float, float] | None
+    gyroscope_radps: tuple[float, float, float] | None
+    p_value: float
+    temperature_change_k: float | None
+    chi2_per_dof: float
+    chi2_per_dof_own: float
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What the accepted effects leave unexplained, or the model without effects if none was accepted.
+
+    kind           "nothing", "unknown" or "stochastic"
+    block          the part of the model or of the data that varies, for example gyro_bias; None if nothing
+                   remains
+    pattern        how it varies, for example attitude, random_walk, white or between_sessions; None if
+                   nothing remains
+    description    a sentence with sizes and places; None if nothing remains
+    p_value        of the pattern under noise alone; if there is no pattern, of the residuals on control or
+                   held-out data under noise and the uncertainty of the calibration
+    matters        whether the remainder limits the use of the calibration; `imucal gap` then exits with 2
+    session        change of the biases between sessions; None if it is not significant
+    """
+
+    kind: str
+    block: str | None
+    pattern: str | None
+    description: str | None
+    p_value: float
+    matters: bool
+    session: SessionStep | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The field `remainder` of the JSON document."""
+        return asdict(self)

@@ -1,0 +1,20 @@
+"""Sizes in the units of datasheets."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from imucal.units import SHOWN
+
+__all__ = ["for_people"]
+
+# Upper limit, s, of times that are shown in ms; longer times are shown in s.
+DELAY_S: Final = 0.1
+
+
+def for_people(value: float, unit: str) -> tuple[float, str]:
+    """A value converted from SI to the unit of datasheets, and the name of that unit."""
+    if unit == "s":
+        return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
+    factor, name = SHOWN.get(unit, (1.0, unit))
+    return factor * value, name

@@ -1,0 +1,245 @@
+//! Effects judged with generic hypotheses in the model: known effects beside an unknown or random variation.
+//!
+//! A forward search without the variation may select effects that only resemble it, and may miss effects that its
+//! residuals hide. With the columns of the generic hypotheses in the model, and their prior, the variation belongs to
+//! the covariance of the residuals. Selected effects remain if they are significant there, and candidates join if they
+//! are.
+
+use faer::Mat;
+use imucal_core::effects::{Effect, Sensor};
+use imucal_core::sensor::Triad;
+
+use super::Score;
+use super::detect::FALSE_ALARM;
+use super::evidence::Column;
+use super::forward_search::{ForwardSearch, MOST_EFFECTS, Selected};
+use super::generic::{Block, Hypothesis};
+use super::kernel::Kernel;
+use super::moments::Setting;
+use super::pattern::Pattern;
+use super::score::{Judged, gain, judge};
+use super::stage::{Beside, Member, Stage};
+use crate::calibrate::EffectChoice;
+use crate::error::Error;
+use crate::joint::{Prepared, Terms};
+use crate::numerics::stats::p_value;
+
+/// Minimum log Bayes factor, nats, of an effect beside a generic hypothesis; 8 nats are odds of 3000 to 1.
+const LEAST: f64 = 8.0;
+/// Minimum likelihood ratio statistic of an effect, as a share of that of the generic hypotheses: their columns
+/// describe the variation only approximately, and an effect may fit the approximation error.
+const SHARE: f64 = 0.02;
+/// Difference of log evidence, nats, within which another candidate is a rival; 3 nats are odds of 20 to 1.
+const RIVAL_NATS: f64 = 3.0;
+/// Effects that a gyroscope bias depending on the heading excludes: a field of the room, such as the magnetic one, has a
+/// vertical part that looks like them.
+const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
+/// Precision of the prior that removes a parameter, relative to the information of the data about it.
+const REMOVED: f64 = 1e6;
+
+/// A generic hypothesis whose columns are part of a model.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Varying {
+    block: Block,
+    kernel: Kernel,
+    /// Standard deviation of the prior of its coefficients, in multiples of the typical size of the block.
+    width: f64,
+}
+
+/// The significant hypotheses of all patterns, each once.
+pub(super) fn varying(patterns: &[Pattern]) -> Vec<Varying> {
+    let mut all: Vec<Varying> = Vec::new();
+    let mut add = |block: Block, kernel: Kernel, width: f64| {
+        if !all.iter().any(|own| (own.block, own.kernel) == (block, kernel)) {
+            all.push(Varying { block, kernel, width });
+        }
+    };
+    for found in patterns.iter().flat_map(|pattern| [pattern.instead(), pattern.besides()]).flatten() {
+        add(found.block, found.kernel, found.width);
+        if found.kernel == Kernel::Heading {
+            add(found.block, Kernel::Attitude, found.width);
+        }
+    }
+    all
+}
+
+/// A model with the columns of generic hypotheses, and the statistic of these hypotheses.
+struct Extended {
+    stage: Stage,
+    /// Likelihood ratio statistic of the hypotheses.
+    statistic: f64,
+}
+
+impl ForwardSearch<'_> {
+    /// The effects that are significant with the generic hypotheses in the model, with their scores there. Effects of
+    /// the stand are not judged, because the hypotheses have no columns for the stand's residuals.
+    pub(super) fn beside_patterns(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        selected: &Selected,
+        varying: &[Varying],
+    ) -> Result<(Vec<Member>, Vec<Score>), Error> {
+        let kinds = self.kinds;
+        let has_stand = kinds.encoders;
+        let ground = if has_stand { self.ground.borrow_mut().take() } else { None };
+        self.kinds.encoders = false;
+        let found = self.judged_beside(prepared, triads, open, selected, varying);
+        self.kinds = kinds;
+        if has_stand {
+            *self.ground.borrow_mut() = ground;
+        }
+        found
+    }
+
+    fn judged_beside(
+        &self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        selected: &Selected,
+        varying: &[Varying],
+    ) -> Result<(Vec<Member>, Vec<Score>), Error> {
+        let turns_with_heading = varying
+            .iter()
+            .any(|own| own.block == Block::GyroscopeBias && matches!(own.kernel, Kernel::Heading | Kernel::Attitude));
+        let is_judged = |choice: &&EffectChoice| {
+            choice.effect.sensor != Sensor::Encoder && !(turns_with_heading && OF_FIELDS.contains(&choice.effect.name))
+        };
+        let open: Vec<EffectChoice> = open.iter().filter(is_judged).copied().collect();
+        let is_left = |name: &str| {
+            open.iter().any(|choice| choice.effect.name == name) || self.user_fields.iter().any(|f| f.name == name)
+        };
+        let mut members: Vec<Member> =
+            selected.stage.members.iter().filter(|member| is_left(&member.name)).cloned().collect();
+        let mut path: Vec<Score> = selected.path.iter().filter(|score| is_left(&score.name)).cloned().collect();
+        let extended = |members: &[Member]| -> Result<Option<Extended>, Error> {
+            let stage = self.stage(prepared, triads, &open, members, Beside::Candidates)?;
+            self.extended(prepared, &open, stage, varying)
+        };
+        let Some(mut beside) = extended(&members)? else { return Ok((Vec::new(), Vec::new())) };
+        let tests = beside.stage.design.candidates.len() + members.len();
+        let limit = FALSE_ALARM / tests.max(1) as f64;
+        let is_sound = |score: &Score, beside: &Extended| {
+            score.log_bayes_factor > LEAST && score.p_value < limit && score.statistic > SHARE * beside.statistic
+        };
+        if retain(&beside, &mut members, &mut path, is_sound) {
+            let Some(again) = extended(&members)? else { return Ok((Vec::new(), Vec::new())) };
+            beside = again;
+        }
+        let mut skipped: Vec<String> = Vec::new();
+        while members.len() < MOST_EFFECTS {
+            let judged = judge(&beside.stage);
+            let pick = judged.scores.iter().filter(|judged| is_sound(&judged.score, &beside));
+            let pick = pick
+                .filter(|judged| !skipped.contains(&judged.score.name))
+                .max_by(|a, b| a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor));
+            let Some(pick) = pick else { break };
+            let joined = pick.beside(&members);
+            let next = match gain(&beside.stage, pick).is_none_or(|gain| gain.is_sure()) {
+                true => extended(&joined).ok().flatten(),
+                false => None,
+            };
+            match next.filter(|next| next.stage.evidence.log > beside.stage.evidence.log) {
+                Some(next) => {
+                    path.push(Score { rivals: rivals(&judged.scores, pick), ..pick.score.clone() });
+                    (members, beside) = (joined, next);
+                }
+                None => skipped.push(pick.score.name.clone()),
+            }
+        }
+        retain(&beside, &mut members, &mut path, is_sound);
+        Ok((members, path))
+    }
+
+    /// The model of a stage with the columns of the hypotheses; `None` if no hypothesis is observable.
+    fn extended(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: Stage,
+        varying: &[Varying],
+    ) -> Result<Option<Extended>, Error> {
+        let (own, fields) = self.of_members(open, &stage.members);
+        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let setting = Setting::new(prepared, &terms, &stage.model)?;
+        if !setting.has_axes(stage.design.axes()) {
+            return Ok(None);
+        }
+        let of = |hypothesis: &Hypothesis| {
+            varying.iter().find(|own| (own.block, own.kernel) == (hypothesis.block, hypothesis.kernel))
+        };
+        let wanted = |block, kernel| varying.iter().any(|own| (own.block, own.kernel) == (block, kernel));
+        let (mut all, mut precisions): (Vec<Mat<f64>>, Vec<f64>) = (Vec::new(), Vec::new());
+        for hypothesis in setting.hypotheses(wanted) {
+            let Some(own) = of(&hypothesis) else { continue };
+            let columns = setting.columns(&hypothesis);
+            precisions.extend(vec![(own.width * hypothesis.typical()).powi(-2); columns.ncols()]);
+            all.push(columns);
+        }
+        let Some(rows) = all.first().map(Mat::nrows) else { return Ok(None) };
+        let mut together = Mat::zeros(rows, precisions.len());
+        let mut first = 0;
+        for columns in &all {
+            together.subcols_mut(first, columns.ncols()).copy_from(columns);
+            first += columns.ncols();
+        }
+        let design = stage.design.with_columns(&together, &precisions);
+        let Some(evidence) = design.gram.evidence_near(&design.model, &stage.evidence.scales) else { return Ok(None) };
+        let statistic = stage.evidence.deviance - evidence.deviance;
+        Ok(Some(Extended { stage: Stage { design: design.into(), evidence, ..stage }, statistic }))
+    }
+}
+
+/// Removes effects that are not significant with the hypotheses in the model, and updates the scores of the others.
+/// Returns whether an effect was removed.
+fn retain(
+    beside: &Extended,
+    members: &mut Vec<Member>,
+    path: &mut Vec<Score>,
+    is_sound: impl Fn(&Score, &Extended) -> bool,
+) -> bool {
+    let before = members.len();
+    for score in &mut *path {
+        let member = members.iter().find(|member| member.name == score.name);
+        let again = member.and_then(|member| score_of(&beside.stage, member, score));
+        match again.filter(|again| is_sound(again, beside)) {
+            Some(again) => *score = again,
+            None => members.retain(|member| member.name != score.name),
+        }
+    }
+    path.retain(|score| members.iter().any(|member| member.name == score.name));
+    members.len() < before
+}
+
+/// The score of an effect of the model, relative to the same model without it; `None` if that cannot be evaluated, or
+/// if the effect does not improve the prediction of held-out rests and moves.
+fn score_of(stage: &Stage, member: &Member, score: &Score) -> Option<Score> {
+    let place = stage.place(&member.name)?;
+    let linear = Effect::<f64>::find(&member.name).map_or(place.len(), |effect| effect.plain.min(place.len()));
+    let design = &*stage.design;
+    let mut without: Vec<Column> = design.model.clone();
+    for (k, column) in without[place].iter_mut().enumerate() {
+        let seen: f64 = design.gram.sums.iter().map(|sum| sum[(column.place, column.place)]).sum();
+        column.precision = REMOVED * seen.max(column.precision);
+        // A time constant has no meaning without its effect, so it keeps its value.
+        column.value = if k < linear { column.value } else { 0.0 };
+    }
+    let alone = design.gram.evidence_near(&without, &stage.evidence.scales)?;
+    let held = design.held().gain((&without, &alone.scales), (&design.model, &stage.evidence.scales))?;
+    let statistic = (alone.deviance - stage.evidence.deviance).max(0.0);
+    let again = Score {
+        log_bayes_factor: stage.evidence.log - alone.log,
+        statistic,
+        p_value: p_value(statistic, score.dof),
+        ..score.clone()
+    };
+    held.is_sure().then_some(again)
+}
+
+fn rivals(scores: &[Judged], pick: &Judged) -> Vec<String> {
+    let least = pick.score.log_bayes_factor - RIVAL_NATS;
+    let is_rival = |own: &&Judged| own.score.name != pick.score.name && own.score.log_bayes_factor > least;
+    scores.iter().filter(is_rival).map(|own| own.score.name.clone()).collect()
+}

@@ -1,0 +1,82 @@
+//! What the accepted effects, or the model without effects, leave unexplained.
+
+use super::kernel::Kernel;
+use super::session::SessionStep;
+use super::{GenericFinding, Scattering};
+
+/// The residuals that remain after the accepted effects.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Remainder {
+    /// Whether noise explains the residuals, and otherwise their nature.
+    pub kind: RemainderKind,
+    /// The part of the model or of the data that varies: that of [`super::Block::name`], `encoder`, `biases` (of both
+    /// sensors, between sessions), or a kind of residuals; `None` if nothing remains.
+    pub block: Option<&'static str>,
+    /// How it varies: that of [`Kernel::name`], or `white`, `contradiction`, `between_sessions`, `above_noise` or
+    /// `not_confirmed`; `None` if nothing remains.
+    pub pattern: Option<&'static str>,
+    /// p-value of the remainder under noise alone: of its pattern, or of the residuals on unseen data if there is none.
+    pub p_value: f64,
+    /// Whether the remainder limits the use of the calibration.
+    pub matters: bool,
+}
+
+/// Nature of a remainder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RemainderKind {
+    /// Noise explains the residuals.
+    Nothing,
+    /// A systematic deviation that no effect describes.
+    Unknown,
+    /// A bias that varies as a random walk.
+    Stochastic,
+}
+
+impl RemainderKind {
+    /// Name in JSON documents.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nothing => "nothing",
+            Self::Unknown => "unknown",
+            Self::Stochastic => "stochastic",
+        }
+    }
+}
+
+impl Remainder {
+    /// Noise explains the residuals, whose p-value this is.
+    pub(super) fn nothing(p_value: f64) -> Self {
+        Self { kind: RemainderKind::Nothing, block: None, pattern: None, p_value, matters: false }
+    }
+
+    pub(super) fn unknown(block: &'static str, pattern: &'static str, p_value: f64) -> Self {
+        let kind = RemainderKind::Unknown;
+        Self { kind, block: Some(block), pattern: Some(pattern), p_value, matters: true }
+    }
+
+    pub(super) fn of_generic(found: &GenericFinding) -> Self {
+        let kind = match found.kernel {
+            Kernel::RandomWalk => RemainderKind::Stochastic,
+            _ => RemainderKind::Unknown,
+        };
+        Self { kind, ..Self::unknown(found.block.name(), found.kernel.name(), found.p_value) }
+    }
+
+    pub(super) fn of_scattering(&(name, _, p_value): &Scattering) -> Self {
+        let block = match name {
+            _ if name.starts_with("accel") => "accel_bias",
+            _ if name.starts_with("gyro") => "gyro_bias",
+            _ => "encoder",
+        };
+        Self::unknown(block, if name == "stand_and_sensors" { "contradiction" } else { "white" }, p_value)
+    }
+
+    pub(super) fn of_sessions(step: &SessionStep) -> Self {
+        let block = match (step.accelerometer_mps2, step.gyroscope_radps) {
+            (Some(_), Some(_)) => "biases",
+            (Some(_), None) => "accel_bias",
+            _ => "gyro_bias",
+        };
+        Self::unknown(block, "between_sessions", step.p_value)
+    }
+}

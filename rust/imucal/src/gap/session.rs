@@ -1,0 +1,168 @@
+//! Biases that moved between the calibration recordings and the control recordings.
+//!
+//! ```text
+//! |f_k| - g = u_k . d_a + noise,     mean rate at rest k = d_g + noise,     k over the rests of the control recordings
+//! ```
+//!
+//! f_k, u_k and the rates are corrected by the calibration; d_a and d_g are the changes of the biases since. An effect
+//! that the model lacks disturbs both sessions alike, so it hardly changes the biases from one to the other.
+
+use imucal_core::calibration::Calibration;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::calibrate::{CorrectedSamples, Outcome};
+use crate::evaluate::{Evaluation, RestReport};
+use crate::numerics::stats::p_value;
+use crate::recording::Recording;
+
+/// Minimum number of rests from which the changes are estimated; each sensor has three unknowns.
+const LEAST_RESTS: usize = 6;
+/// p-value of a change of one sensor's biases below which it is significant.
+const SIGNIFICANCE: f64 = 1e-6;
+/// Minimum size of a change, in multiples of the scatter from rest to rest within a session. A smaller change hardly
+/// matters: biases vary as much within a recording.
+const LEAST_SIZE: f64 = 3.0;
+/// Minimum smallest eigenvalue of the mean of `u u^T`, over the rests, for all components of a change to be
+/// observable; it is a third for directions all over the sphere.
+const LEAST_SPREAD: f64 = 0.02;
+/// Index of the first bias of each sensor among the parameters of a calibration.
+const BIASES: [usize; 2] = [0, 9];
+
+/// Change of the biases from the calibration recordings to the control recordings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SessionStep {
+    /// Change of the accelerometer's bias, m/s^2; `None` if it is not significant.
+    pub accelerometer_mps2: Option<[f64; 3]>,
+    /// Change of the gyroscope's bias, rad/s; `None` if it is not significant.
+    pub gyroscope_radps: Option<[f64; 3]>,
+    /// The smaller p-value of the two changes.
+    pub p_value: f64,
+    /// Mean temperature of the control recordings minus that of the calibration recordings, K; `None` if a recording
+    /// has no temperature.
+    pub temperature_change_k: Option<f64>,
+}
+
+/// A change of the biases of one sensor: its value, its covariance, and the scatter from rest to rest.
+struct Change {
+    value: Vector3<f64>,
+    covariance: Matrix3<f64>,
+    scatter: Vector3<f64>,
+}
+
+impl Change {
+    /// The change and its p-value, if it is significant and large.
+    fn significant(self) -> Option<(Vector3<f64>, f64)> {
+        let solved = self.covariance.cholesky()?.solve(&self.value);
+        let chance = p_value(self.value.dot(&solved), 3);
+        let is_large = self.value.iter().zip(&self.scatter).any(|(value, scatter)| value.abs() > LEAST_SIZE * scatter);
+        (chance < SIGNIFICANCE && is_large).then_some((self.value, chance))
+    }
+}
+
+impl SessionStep {
+    /// The significant change; `None` if there is none. `is_corrected` states whether the means of the rests are
+    /// already corrected, as for a calibration with effects.
+    pub(super) fn find(
+        outcome: &Outcome,
+        evaluation: &Evaluation,
+        is_corrected: bool,
+        [recordings, control]: [&[Recording<'_>]; 2],
+    ) -> Option<Self> {
+        let rests: Vec<&RestReport> = evaluation.rests.iter().filter(|rest| rest.excluded.is_none()).collect();
+        if rests.len() < LEAST_RESTS {
+            return None;
+        }
+        let Calibration { accelerometer, gyroscope, .. } = &outcome.calibration;
+        let corrected = |triad: &Triad<f64>, mean: Vector3<f64>| if is_corrected { mean } else { triad.correct(mean) };
+        let of_calibration = |triad: &Triad<f64>, first: usize| {
+            let raw = Matrix3::from_fn(|i, j| outcome.covariance[first + i][first + j]);
+            triad.inverse() * raw * triad.inverse().transpose()
+        };
+        let force = change_of_norms(&rests, |rest| corrected(accelerometer, rest.mean_specific_force));
+        let rate = change_of_means(&rests, |rest| corrected(gyroscope, rest.mean_angular_rate));
+        let with = |change: Change, triad: &Triad<f64>, first: usize| {
+            Change { covariance: change.covariance + of_calibration(triad, first), ..change }.significant()
+        };
+        let force = force.and_then(|change| with(change, accelerometer, BIASES[0]));
+        let rate = with(rate, gyroscope, BIASES[1]);
+        let p_value = [force, rate].into_iter().flatten().map(|(_, chance)| chance).reduce(f64::min)?;
+        let change = mean_degc(control).zip(mean_degc(recordings)).map(|(after, before)| after - before);
+        Some(Self {
+            accelerometer_mps2: force.map(|(value, _)| value.into()),
+            gyroscope_radps: rate.map(|(value, _)| value.into()),
+            p_value,
+            temperature_change_k: change,
+        })
+    }
+
+    fn changes(&self) -> [Vector3<f64>; 2] {
+        [self.accelerometer_mps2, self.gyroscope_radps].map(|change| change.unwrap_or_default().into())
+    }
+
+    /// The calibration with the biases of the control recordings.
+    pub(super) fn calibration(&self, calibration: &Calibration<f64>) -> Option<Calibration<f64>> {
+        let [force, rate] = self.changes();
+        let moved = |triad: &Triad<f64>, change: Vector3<f64>| {
+            Triad::try_new(*triad.sensitivity(), triad.bias() + triad.sensitivity() * change).ok()
+        };
+        let mut own = calibration.clone();
+        own.accelerometer = moved(&calibration.accelerometer, force)?;
+        own.gyroscope = moved(&calibration.gyroscope, rate)?;
+        Some(own)
+    }
+
+    /// Samples that were corrected with the old biases, corrected with those of the control recordings.
+    pub(super) fn corrected(&self, samples: &[CorrectedSamples]) -> Vec<CorrectedSamples> {
+        let [force, rate] = self.changes();
+        let less =
+            |values: &[[f64; 3]], by: Vector3<f64>| values.iter().map(|v| (Vector3::from(*v) - by).into()).collect();
+        samples.iter().map(|(of_rate, of_force)| (less(of_rate, rate), less(of_force, force))).collect()
+    }
+}
+
+/// Change of the accelerometer's bias by least squares on the norms at the rests.
+fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3<f64>) -> Option<Change> {
+    let (mut normal, mut right, mut spread) = (Matrix3::zeros(), Vector3::zeros(), Matrix3::zeros());
+    for rest in rests {
+        let up = force(rest).normalize();
+        let weight = rest.norm_sigma_mps2.powi(-2);
+        normal += weight * up * up.transpose();
+        right += weight * rest.norm_error_mps2 * up;
+        spread += up * up.transpose() / rests.len() as f64;
+    }
+    if spread.symmetric_eigenvalues().min() < LEAST_SPREAD {
+        return None;
+    }
+    let inverse = normal.try_inverse()?;
+    let value = inverse * right;
+    let squares = |rest: &&RestReport| {
+        let left = rest.norm_error_mps2 - force(rest).normalize().dot(&value);
+        [left * left, (left / rest.norm_sigma_mps2).powi(2)]
+    };
+    let sums = rests.iter().map(squares).fold([0.0; 2], |sum, of| [sum[0] + of[0], sum[1] + of[1]]);
+    let free = (rests.len() - 3) as f64;
+    let covariance = inverse * (sums[1] / free).max(1.0);
+    Some(Change { value, covariance, scatter: Vector3::repeat((sums[0] / free).sqrt()) })
+}
+
+/// Change of the gyroscope's bias: the mean of the corrected rates at the rests. The calibration recordings have the
+/// same scatter from rest to rest, so the variance of the mean counts twice.
+fn change_of_means(rests: &[&RestReport], rate: impl Fn(&RestReport) -> Vector3<f64>) -> Change {
+    let count = rests.len() as f64;
+    let value = rests.iter().map(|rest| rate(rest)).sum::<Vector3<f64>>() / count;
+    let squares: Vector3<f64> = rests.iter().map(|rest| (rate(rest) - value).map(|v| v * v)).sum();
+    let variance = squares / (count - 1.0);
+    Change { value, covariance: Matrix3::from_diagonal(&(2.0 * variance / count)), scatter: variance.map(f64::sqrt) }
+}
+
+/// Mean temperature of recordings; `None` if one has no temperature.
+fn mean_degc(recordings: &[Recording<'_>]) -> Option<f64> {
+    let mean = |recording: &Recording<'_>| {
+        let finite = recording.temperature_degc?.iter().filter(|degc| degc.is_finite());
+        let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), degc| (sum + degc, count + 1.0));
+        (count > 0.0).then_some(sum / count)
+    };
+    let means: Vec<f64> = recordings.iter().map(mean).collect::<Option<_>>()?;
+    Some(means.iter().sum::<f64>() / means.len().max(1) as f64)
+}
