@@ -4,11 +4,15 @@ find             public function, checks of its arguments
 question         input of the compiled library, and the call
 translation      conversion of the library's result to a `Gap`
 result           the `Gap`
+remainder        what the effects leave unexplained
+remaining        the remainder of a search, with its description
+sizes            sizes in the units of datasheets
 notes, text      sentences about a result
 motion_library, next_motion     the motion that distinguishes between rivals
 """
 
 from imucal.gap.find import find_gap
+from imucal.gap.remainder import Remainder, SessionStep
 from imucal.gap.result import Gap
 
-__all__ = ["Gap", "find_gap"]
+__all__ = ["Gap", "Remainder", "SessionStep", "find_gap"]

@@ -2,10 +2,13 @@
 
 use std::rc::Rc;
 
+use imucal_core::effects::{Effect, Sensor};
 use nalgebra::{DMatrix, DVector};
 
+use super::Score;
 use super::fits::{Control, Fit, Fits};
 use crate::error::Error;
+use crate::joint::is_unobservable_hand_held;
 use crate::numerics::stats::p_value;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
@@ -14,6 +17,11 @@ const SAME: f64 = 0.005;
 /// Relative increase of chi2 per degree of freedom on unseen data above which a prediction is worse. The threshold is
 /// higher if there are so few unseen rests and moves that this increase is not significant.
 const MAY_BE_CHANCE: f64 = 0.1;
+/// Log Bayes factor, nats, below which an effect must improve the prediction of unseen data; 8 nats are odds of 3000
+/// to 1.
+const CERTAIN_NATS: f64 = 8.0;
+/// Minimum improvement of the prediction in that case, in standard deviations.
+const LEAST_IMPROVEMENT: f64 = 0.5;
 /// Minimum ratio of chi2 of unseen residuals to its expected value for shares of their excess to be given.
 const LEAST_EXCESS: f64 = 1.5;
 /// p-value of an effect's parameters in the final fit above which the effect is removed: 1 % is 2.6 standard deviations
@@ -113,9 +121,19 @@ pub(super) struct Accepted {
 }
 
 impl Fits<'_> {
-    /// Accepts, one after the other, the selected effects (`path`) that do not make the prediction of unseen data
-    /// worse. All selected effects are accepted if the model with all of them predicts unseen data even better.
-    pub(super) fn accept(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Accepted, Error> {
+    /// Accepts, one after the other, the selected effects that do not make the prediction of unseen data worse. An
+    /// effect with little evidence must improve the prediction. All selected effects are accepted if the model with all
+    /// of them predicts unseen data even better.
+    pub(super) fn accept(&mut self, before: &Rc<Fit>, selected: &[Score]) -> Result<Accepted, Error> {
+        let path: Vec<String> = selected.iter().map(|score| score.name.clone()).collect();
+        let path = path.as_slice();
+        let must_improve = |name: &String| {
+            let effect = Effect::<f64>::find(name);
+            // Effects inside moves and effects of the stand hardly change unseen rests and whole moves.
+            let is_of_rests =
+                effect.is_none_or(|own| own.sensor != Sensor::Encoder) && !is_unobservable_hand_held(name);
+            is_of_rests && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)
+        };
         let mut accepted = Accepted { path: Vec::new(), fit: Rc::clone(before), refused: Vec::new() };
         for name in path {
             let names = [accepted.path.as_slice(), std::slice::from_ref(name)].concat();
@@ -128,7 +146,8 @@ impl Fits<'_> {
                     break;
                 }
             };
-            if fit.is_worse_than(&accepted.fit, before) {
+            let improves = || fit.removed(&accepted.fit).significance > LEAST_IMPROVEMENT;
+            if fit.is_worse_than(&accepted.fit, before) || (must_improve(name) && !improves()) {
                 let [after, before] = [&fit, &accepted.fit].map(|fit| fit.unseen_chi2(before));
                 accepted.refused.push(Refusal::PredictsWorse { name: name.clone(), before, after });
                 continue;

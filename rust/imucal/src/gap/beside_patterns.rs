@@ -12,11 +12,11 @@ use imucal_core::sensor::Triad;
 use super::Score;
 use super::detect::FALSE_ALARM;
 use super::evidence::Column;
-use super::forward_search::{ForwardSearch, MOST_EFFECTS, Selected};
+use super::forward_search::{ForwardSearch, LEAST_WIDTH, MOST_EFFECTS, Selected};
 use super::generic::{Block, Hypothesis};
 use super::kernel::Kernel;
 use super::moments::Setting;
-use super::pattern::Pattern;
+use super::pattern::{BestGeneric, Pattern};
 use super::score::{Judged, gain, judge};
 use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
@@ -34,6 +34,10 @@ const RIVAL_NATS: f64 = 3.0;
 /// Effects that a gyroscope bias depending on the heading excludes: a field of the room, such as the magnetic one, has a
 /// vertical part that looks like them.
 const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
+/// Effects that are functions of time.
+const OF_TIME: [&str; 4] = ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
+/// Trial widths of the prior of a random walk, in multiples of the typical size of the bias.
+const WALK_WIDTHS: [f64; 3] = [0.1, 0.5, 2.5];
 /// Precision of the prior that removes a parameter, relative to the information of the data about it.
 const REMOVED: f64 = 1e6;
 
@@ -46,21 +50,33 @@ pub(super) struct Varying {
     width: f64,
 }
 
-/// The significant hypotheses of all patterns, each once.
-pub(super) fn varying(patterns: &[Pattern]) -> Vec<Varying> {
+/// The significant hypotheses of all patterns, each once. Those in addition to the selected effects come first: a
+/// hypothesis that explains more than the effects may contain one of them, as a curve over the rate contains a cubic
+/// scale.
+fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
     let mut add = |block: Block, kernel: Kernel, width: f64| {
         if !all.iter().any(|own| (own.block, own.kernel) == (block, kernel)) {
             all.push(Varying { block, kernel, width });
         }
     };
-    for found in patterns.iter().flat_map(|pattern| [pattern.instead(), pattern.besides()]).flatten() {
+    let besides: Vec<&BestGeneric> = patterns.iter().filter_map(Pattern::besides).collect();
+    let instead = patterns.iter().filter_map(Pattern::instead).filter(|_| besides.is_empty());
+    for found in besides.iter().copied().chain(instead) {
         add(found.block, found.kernel, found.width);
         if found.kernel == Kernel::Heading {
             add(found.block, Kernel::Attitude, found.width);
         }
     }
     all
+}
+
+/// Effects that are significant beside generic hypotheses.
+pub(super) struct KnownEffects {
+    pub(super) members: Vec<Member>,
+    pub(super) path: Vec<Score>,
+    /// Log evidence of the model with the effects and the hypotheses.
+    log: f64,
 }
 
 /// A model with the columns of generic hypotheses, and the statistic of these hypotheses.
@@ -71,21 +87,64 @@ struct Extended {
 }
 
 impl ForwardSearch<'_> {
-    /// The effects that are significant with the generic hypotheses in the model, with their scores there. Effects of
-    /// the stand are not judged, because the hypotheses have no columns for the stand's residuals.
-    pub(super) fn beside_patterns(
+    /// The effects that are significant beside the generic hypotheses of the patterns; `None` if no hypothesis is
+    /// significant.
+    ///
+    /// A random walk is tried instead if the hypotheses have displaced all effects, because they may contain one of
+    /// them, and if effects that are functions of time were selected, because a random walk resembles them.
+    pub(super) fn known_effects(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        selected: &Selected,
+        patterns: &[Pattern],
+    ) -> Result<Option<KnownEffects>, Error> {
+        let first = varying(patterns);
+        let are_displaced = !patterns.iter().any(|pattern| pattern.besides().is_some());
+        let mut best = match first.is_empty() {
+            true => None,
+            false => Some(self.beside_patterns(prepared, triads, open, selected, &first, &[1.0])?),
+        };
+        for block in [Block::GyroscopeBias, Block::AccelerometerBias] {
+            let is_of_time = |score: &Score| {
+                let sensor = Effect::<f64>::find(&score.name).map(|effect| effect.sensor);
+                OF_TIME.contains(&score.name.as_str()) && sensor == Some(block.sensor())
+            };
+            let is_walk = |own: &Varying| (own.block, own.kernel) == (block, Kernel::RandomWalk);
+            let is_possible = selected.path.iter().any(is_of_time)
+                || (are_displaced && first.iter().any(|own| own.block.sensor() == block.sensor()));
+            // Without the stand the evidence is that of other residuals.
+            let is_comparable = best.is_some() || !self.kinds.encoders;
+            if !is_possible || !is_comparable || first.iter().any(is_walk) {
+                continue;
+            }
+            let walk = Varying { block, kernel: Kernel::RandomWalk, width: 1.0 };
+            let found = self.beside_patterns(prepared, triads, open, selected, &[walk], &WALK_WIDTHS)?;
+            let reference = best.as_ref().map_or(selected.stage.evidence.log, |best| best.log);
+            if found.log > reference + RIVAL_NATS {
+                best = Some(found);
+            }
+        }
+        Ok(best)
+    }
+
+    /// The effects that are significant with the generic hypotheses in the model, with their scores there. `widths` are
+    /// trial factors of the widths of the hypotheses' priors. Effects of the stand are not judged, because the hypotheses have no columns for the stand's residuals.
+    fn beside_patterns(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
         selected: &Selected,
         varying: &[Varying],
-    ) -> Result<(Vec<Member>, Vec<Score>), Error> {
+        widths: &[f64],
+    ) -> Result<KnownEffects, Error> {
         let kinds = self.kinds;
         let has_stand = kinds.encoders;
         let ground = if has_stand { self.ground.borrow_mut().take() } else { None };
         self.kinds.encoders = false;
-        let found = self.judged_beside(prepared, triads, open, selected, varying);
+        let found = self.judged_beside(prepared, triads, open, selected, (varying, widths));
         self.kinds = kinds;
         if has_stand {
             *self.ground.borrow_mut() = ground;
@@ -99,8 +158,8 @@ impl ForwardSearch<'_> {
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
         selected: &Selected,
-        varying: &[Varying],
-    ) -> Result<(Vec<Member>, Vec<Score>), Error> {
+        (varying, widths): (&[Varying], &[f64]),
+    ) -> Result<KnownEffects, Error> {
         let turns_with_heading = varying
             .iter()
             .any(|own| own.block == Block::GyroscopeBias && matches!(own.kernel, Kernel::Heading | Kernel::Attitude));
@@ -114,20 +173,32 @@ impl ForwardSearch<'_> {
         let mut members: Vec<Member> =
             selected.stage.members.iter().filter(|member| is_left(&member.name)).cloned().collect();
         let mut path: Vec<Score> = selected.path.iter().filter(|score| is_left(&score.name)).cloned().collect();
-        let extended = |members: &[Member]| -> Result<Option<Extended>, Error> {
+        let with = |members: &[Member], width: f64| -> Result<Option<Extended>, Error> {
             let stage = self.stage(prepared, triads, &open, members, Beside::Candidates)?;
-            self.extended(prepared, &open, stage, varying)
+            let varying: Vec<Varying> =
+                varying.iter().map(|own| Varying { width: width * own.width, ..*own }).collect();
+            self.extended(prepared, &open, stage, &varying)
         };
-        let Some(mut beside) = extended(&members)? else { return Ok((Vec::new(), Vec::new())) };
+        let nothing = KnownEffects { members: Vec::new(), path: Vec::new(), log: f64::NEG_INFINITY };
+        let mut best: Option<(f64, Extended)> = None;
+        for &width in widths {
+            let Some(found) = with(&members, width)? else { return Ok(nothing) };
+            if best.as_ref().is_none_or(|(_, best)| found.stage.evidence.log > best.stage.evidence.log) {
+                best = Some((width, found));
+            }
+        }
+        let Some((width, mut beside)) = best else { return Ok(nothing) };
+        let extended = |members: &[Member]| with(members, width);
         let tests = beside.stage.design.candidates.len() + members.len();
         let limit = FALSE_ALARM / tests.max(1) as f64;
         let is_sound = |score: &Score, beside: &Extended| {
             score.log_bayes_factor > LEAST && score.p_value < limit && score.statistic > SHARE * beside.statistic
         };
         if retain(&beside, &mut members, &mut path, is_sound) {
-            let Some(again) = extended(&members)? else { return Ok((Vec::new(), Vec::new())) };
+            let Some(again) = extended(&members)? else { return Ok(nothing) };
             beside = again;
         }
+        self.swap_aliases((&mut members, &mut path), &mut beside, &open, &extended);
         let mut skipped: Vec<String> = Vec::new();
         while members.len() < MOST_EFFECTS {
             let judged = judge(&beside.stage);
@@ -149,8 +220,50 @@ impl ForwardSearch<'_> {
                 None => skipped.push(pick.score.name.clone()),
             }
         }
+        let log = beside.stage.evidence.log;
         retain(&beside, &mut members, &mut path, is_sound);
-        Ok((members, path))
+        Ok(KnownEffects { members, path, log })
+    }
+
+    /// Replaces effects by aliases with a larger evidence beside the hypotheses: without these, the unknown variation
+    /// may have decided between the two.
+    fn swap_aliases(
+        &self,
+        (members, path): (&mut [Member], &mut [Score]),
+        beside: &mut Extended,
+        open: &[EffectChoice],
+        extended: impl Fn(&[Member]) -> Result<Option<Extended>, Error>,
+    ) {
+        let is_alias = |a: &Effect<f64>, b: &Effect<f64>| a.aliases.iter().any(|alias| alias.with == b.name);
+        for k in 0..members.len() {
+            let Some(own) = Effect::<f64>::find(&members[k].name) else { continue };
+            let is_other = |choice: &&EffectChoice| {
+                let other = choice.effect;
+                (is_alias(other, own) || is_alias(own, other))
+                    && other.shape.is_none()
+                    && !members.iter().any(|member| member.name == other.name)
+            };
+            for other in open.iter().filter(is_other).map(|choice| choice.effect).collect::<Vec<_>>() {
+                let mut instead = members.to_vec();
+                instead[k] = Member { name: other.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
+                // The first fit determines the size of the effect, which becomes the width of its prior.
+                let Ok(Some(first)) = extended(&instead) else { continue };
+                let Some(member) = first.stage.members.get(k) else { continue };
+                let typical = &other.parameters[..other.plain];
+                let sizes = member.values.iter().zip(typical).map(|(value, p)| (value / p.typical).powi(2));
+                let width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
+                instead[k].width = width;
+                let Ok(Some(found)) = extended(&instead) else { continue };
+                if found.stage.evidence.log > beside.stage.evidence.log + RIVAL_NATS {
+                    if let Some(score) = path.iter_mut().find(|score| score.name == members[k].name) {
+                        (score.name, score.dof) = (other.name.to_owned(), typical.len());
+                    }
+                    members.clone_from_slice(&instead);
+                    *beside = found;
+                    break;
+                }
+            }
+        }
     }
 
     /// The model of a stage with the columns of the hypotheses; `None` if no hypothesis is observable.

@@ -123,8 +123,7 @@ pub fn find_gap(
         fit => fit?,
     };
     let (search, earth) = fits.search_beyond_the_earth(&before)?;
-    let path: Vec<String> = search.path.iter().map(|score| score.name.clone()).collect();
-    let Accepted { path, fit: after, mut refused } = fits.accept(&before, &path)?;
+    let Accepted { path, fit: after, mut refused } = fits.accept(&before, &search.path)?;
     let mut not_the_earth = None;
     match earth {
         Earth::Possible => {}

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
-use super::beside_patterns::varying;
+use super::beside_patterns::KnownEffects;
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::earth;
@@ -238,11 +238,8 @@ impl<'a> ForwardSearch<'a> {
             open.retain(|choice| choice.effect.sensor != Sensor::Encoder);
         }
         for _ in 0..MOST_ROUNDS {
-            let varying = varying(&patterns);
-            if varying.is_empty() {
-                break;
-            }
-            let (members, path) = self.beside_patterns(prepared, triads, &open, &selected, &varying)?;
+            let known = self.known_effects(prepared, triads, &open, &selected, &patterns)?;
+            let Some(KnownEffects { members, path, .. }) = known else { break };
             let names = |members: &[Member]| members.iter().map(|own| own.name.clone()).collect::<BTreeSet<_>>();
             let is_settled = names(&members) == names(&selected.stage.members);
             selected.path = path;
