@@ -31,8 +31,8 @@ const LEAST: f64 = 8.0;
 const SHARE: f64 = 0.02;
 /// Difference of log evidence, nats, within which another candidate is a rival; 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
-/// Effects that a gyroscope bias depending on the heading excludes: a field of the room, such as the magnetic one, has a
-/// vertical part that looks like them.
+/// Effects that are not judged beside a gyroscope bias that depends on the heading: a field of the room, such as the
+/// magnetic one, has a vertical part that looks like them.
 const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
 /// Effects that are functions of time.
 const OF_TIME: [&str; 4] = ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
@@ -130,7 +130,8 @@ impl ForwardSearch<'_> {
     }
 
     /// The effects that are significant with the generic hypotheses in the model, with their scores there. `widths` are
-    /// trial factors of the widths of the hypotheses' priors. Effects of the stand are not judged, because the hypotheses have no columns for the stand's residuals.
+    /// trial factors of the widths of the hypotheses' priors. Effects of the stand are not judged, because the
+    /// hypotheses have no columns for the stand's residuals.
     fn beside_patterns(
         &mut self,
         prepared: &Prepared<'_>,
