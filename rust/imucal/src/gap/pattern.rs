@@ -57,8 +57,8 @@ impl<'a> Judge<'a> {
         Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// Evidence of the model with a hypothesis of `width` columns, and the width of its prior; `None` if the increase is
-    /// at most [`LEAST_GAIN`].
+    /// Evidence of the model with a hypothesis of `width` columns, and the width of its prior; `None` if the evidence
+    /// increases by at most [`LEAST_GAIN`].
     fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(Evidence, f64)> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
