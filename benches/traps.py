@@ -136,8 +136,14 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--processes", type=int, default=2)
     with pool_of(arguments.parse_args().processes) as pool:
+        write_section(
+            PAGE,
+            "Traps",
+            "Clean runs",
+            f"Seeds 0 to {CLEAN_RUNS - 1} of each condition; errors of all parameters but the biases of the "
+            f"gyroscope.\n\n{clean_table(pool)}",
+        )
         table, wrong, peers = trap_table(pool)
-        cleans = clean_table(pool)
     told = "\n".join(f"- {row}" for row in wrong) or "Every row has an outcome that is right."
     write_section(
         PAGE,
@@ -160,14 +166,6 @@ calibration of one recording, the program cannot read the file, or it needs anot
 The SciPy program has the model of imucal without its checks, and gets the columns of the file as arrays.
 imucal 2.6 of the package index calibrates from six poses along the axes and a full turn about each axis,
 which are marked by hand; no row has this motion.""",
-    )
-    write_section(
-        PAGE,
-        "Traps",
-        "Clean runs",
-        f"Seeds 0 to {CLEAN_RUNS - 1} of each condition; errors of all parameters but the gyroscope's biases."
-        "\n\n"
-        f"{cleans}",
     )
 
 
