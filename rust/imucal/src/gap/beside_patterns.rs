@@ -203,7 +203,9 @@ impl ForwardSearch<'_> {
         let mut skipped: Vec<String> = Vec::new();
         while members.len() < MOST_EFFECTS {
             let judged = judge(&beside.stage);
-            let pick = judged.scores.iter().filter(|judged| is_sound(&judged.score, &beside));
+            // The design may have columns of candidates that are not judged here.
+            let judged_here = judged.scores.iter().filter(|judged| is_left(&judged.score.name));
+            let pick = judged_here.filter(|judged| is_sound(&judged.score, &beside));
             let pick = pick
                 .filter(|judged| !skipped.contains(&judged.score.name))
                 .max_by(|a, b| a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor));
