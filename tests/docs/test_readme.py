@@ -110,6 +110,7 @@ def test_readme_runs(tmp_path):
         ("one-sensor.md", 10),
         ("thermal.md", 9),
         ("plan.md", 8),
+        ("faces.md", 5),
     ],
 )
 def test_page_prints_what_it_shows(page, number_of_steps, tmp_path):
