@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -146,7 +146,7 @@ def open_path(
     """The text of a file in the way of `open_text`, which is not loaded if it consists of plain numbers."""
     head, name = first_bytes(path, HEAD), Path(path).name
     if not head.startswith(GZIP) and b"\n" in head and plain_text(name, head) is head:
-        layout = layout_of(name, head, width=width, used=used, skip_rows=skip_rows)
+        layout = _layout_of_head(name, head, width, tuple(used), skip_rows)
         if layout.first:
             return _StoredText(path, head, layout)
     return open_text(open_file(path), width=width, used=used, skip_rows=skip_rows)
@@ -157,7 +157,15 @@ def head_of(path: str | os.PathLike[str]) -> tuple[bytes, Layout]:
     name = Path(path).name
     start = unpacked_start(name, path, HEAD)
     head = plain_text(name, start)
-    return head, layout_of(name, head)
+    return head, _layout_of_head(name, head, None, (), 0)
+
+
+@lru_cache(maxsize=2)
+def _layout_of_head(
+    name: str, head: bytes, width: int | None, used: tuple[int, ...], skip_rows: int
+) -> Layout:
+    # The format of a file is recognised by its layout, and then it is read: the layout is searched once.
+    return layout_of(name, head, width=width, used=used, skip_rows=skip_rows)
 
 
 def headed_parts(path: str | os.PathLike[str], names_of: Any) -> Iterator[Table]:

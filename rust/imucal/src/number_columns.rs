@@ -12,6 +12,9 @@ use crate::numerics::workers::{in_order, processors};
 const WORTH_THREADS: usize = 1 << 20;
 /// Largest integer below which every integer is a float64.
 const LARGEST_EXACT: u64 = 1 << 53;
+/// Numbers for which a column reserves memory. This is more than 32 MB, for which the allocator of Linux asks the system:
+/// only pages in use count, and the column grows without a copy, so that no holes remain in memory.
+const RESERVED: usize = (1 << 22) + (1 << 10);
 /// Powers of ten that a float64 represents exactly.
 const POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
@@ -59,7 +62,7 @@ impl NumberColumns {
     /// An empty table.
     #[must_use]
     pub fn new(form: Form) -> Self {
-        let columns = form.columns();
+        let columns = form.columns(RESERVED);
         Self { form, columns, rest: Vec::new() }
     }
 
@@ -101,7 +104,7 @@ impl NumberColumns {
         let pieces = split(lines, threads);
         let form = &self.form;
         let read = in_order(threads, pieces.len(), |index| {
-            let mut columns = form.columns();
+            let mut columns = form.columns(0);
             form.read(pieces[index], &mut columns).map(|()| columns)
         });
         for piece in read {
@@ -167,8 +170,9 @@ impl Growing {
     /// The column as one of reals.
     fn reals(&mut self) -> &mut Vec<f64> {
         if let Column::Whole(values) = &self.numbers {
+            let mut reals: Vec<f64> = Vec::with_capacity(values.capacity());
             #[allow(clippy::cast_precision_loss)] // Rounded like the text of the number.
-            let mut reals: Vec<f64> = values.iter().map(|&value| value as f64).collect();
+            reals.extend(values.iter().map(|&value| value as f64));
             for row in self.negative_zeros.drain(..) {
                 reals[row] = -0.0;
             }
@@ -199,8 +203,8 @@ impl Number {
 }
 
 impl Form {
-    fn columns(&self) -> Vec<Growing> {
-        let column = || Growing { numbers: Column::Whole(Vec::new()), negative_zeros: Vec::new() };
+    fn columns(&self, reserved: usize) -> Vec<Growing> {
+        let column = || Growing { numbers: Column::Whole(Vec::with_capacity(reserved)), negative_zeros: Vec::new() };
         self.used.iter().filter(|&&is_used| is_used).map(|_| column()).collect()
     }
 
