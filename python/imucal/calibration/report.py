@@ -158,8 +158,10 @@ def _require_priors(node: Node, names: Sequence[str]) -> None:
         )
     for item in shares.items():
         _require_range(item.get("share"), 0.0, 1.0)
-    for name in ("gravity_direction_deg", "rotation_deg"):
-        _require_range(node.get(name), 0.0, np.inf)
+    _require_range(node.get("gravity_direction_deg"), 0.0, np.inf)
+    # An accelerometer alone measures no rotation.
+    if node.get("rotation_deg").value is not None:
+        _require_range(node.get("rotation_deg"), 0.0, np.inf)
 
 
 def _require_p_value(node: Node) -> None:

@@ -84,14 +84,15 @@ class Priors:
     held                   the held parameters
     shares                 for each parameter of the calibration, the share of its variance from the priors
     gravity_direction_deg  error of the gravity direction that the priors leave, deg (1 sigma)
-    rotation_deg           error of a rotation by 90 deg that the priors leave, deg (1 sigma)
+    rotation_deg           error of a rotation by 90 deg that the priors leave, deg (1 sigma); None without a
+                           gyroscope
     """
 
     model: str
     held: tuple[HeldParameter, ...]
     shares: tuple[PriorShare, ...]
     gravity_direction_deg: float
-    rotation_deg: float
+    rotation_deg: float | None
 
     @staticmethod
     def of_outcome(
@@ -143,7 +144,12 @@ class Priors:
             )
         notes.append(
             f"the priors leave an error (1 sigma) of {self.gravity_direction_deg:.2g} deg in the direction "
-            f"of gravity and of {self.rotation_deg:.2g} deg in a rotation by 90 deg"
+            "of gravity"
+            + (
+                ""
+                if self.rotation_deg is None
+                else f" and of {self.rotation_deg:.2g} deg in a rotation by 90 deg"
+            )
         )
         return notes
 

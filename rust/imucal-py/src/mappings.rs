@@ -104,12 +104,12 @@ impl<'a> From<&'a calibrate::HeldEstimate> for HeldParameter<'a> {
 #[derive(IntoPyObject)]
 pub(crate) struct PriorCost {
     gravity_direction_deg: f64,
-    rotation_deg: f64,
+    rotation_deg: Option<f64>,
 }
 
 impl From<held::PriorCost> for PriorCost {
     fn from(cost: held::PriorCost) -> Self {
-        Self { gravity_direction_deg: cost.gravity_direction_deg, rotation_deg: cost.rotation_deg }
+        Self { gravity_direction_deg: cost.gravity_direction_deg, rotation_deg: known(cost.rotation_deg) }
     }
 }
 

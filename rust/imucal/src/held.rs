@@ -70,7 +70,7 @@ pub struct HeldParameter {
 pub struct PriorCost {
     /// Error of the direction of gravity from the accelerometer, deg.
     pub gravity_direction_deg: f64,
-    /// Error of a rotation by 90 deg from the gyroscope, deg.
+    /// Error of a rotation by 90 deg from the gyroscope, deg; NaN for an accelerometer alone.
     pub rotation_deg: f64,
 }
 

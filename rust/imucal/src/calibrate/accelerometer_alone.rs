@@ -135,7 +135,9 @@ impl AccelerometerOutcome {
         let start = Start { sensitivity: *fit.triad.sensitivity(), bias: *fit.triad.bias() };
         let (held, of_priors) = held_estimates((&parameters_of(&start), &symmetric), held, &[]);
         let by_priors = Mat::from_fn(21, 21, |i, j| if i < 9 && j < 9 { of_priors[(i, j)] } else { 0.0 });
-        let prior_cost = (!held.is_empty()).then(|| prior_cost(&by_priors, &fit.triad, &Triad::identity()));
+        // An accelerometer measures no rotation.
+        let cost = || PriorCost { rotation_deg: f64::NAN, ..prior_cost(&by_priors, &fit.triad, &Triad::identity()) };
+        let prior_cost = (!held.is_empty()).then(cost);
         let (triad, [covariance, of_priors]) = of_frame(fit, [symmetric, of_priors], options.frame)?;
         let share = |p: usize| (of_priors[(p, p)] / covariance[(p, p)]).min(1.0);
         let free = options.frame.free_entries();
