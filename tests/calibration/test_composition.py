@@ -186,6 +186,38 @@ def test_what_cannot_be_composed_is_refused(case):
         imucal.compose(first, second)
 
 
+def test_a_gyroscope_that_one_of_them_has():
+    """As an accelerometer calibrated alone, before or after a calibration of both sensors."""
+    alone = {"gyroscope": None, "covariance": None, "covariance_names": ()}
+    names = ["accel_bias_x", "gyro_bias_x", "gyro_sensitivity_xy"]
+    # Only the second: its gyroscope is of raw samples.
+    first = dataclasses.replace(FIRST, **alone)
+    second = covariance_of(dataclasses.replace(SECOND, gyro_unit="lsb"), 1)
+    found = imucal.compose(first, second)
+    force = second.apply(None, first.apply(None, RAW[1])[1])[1]
+    np.testing.assert_allclose(found.apply(RATE, RAW[1])[1], force, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.apply(RATE, RAW[1])[0], second.apply(RATE, None)[0], rtol=0, atol=1e-12)
+    std = {p.name: p.std for p in found.parameters}
+    assert std["gyro_sensitivity_xy"] == pytest.approx(
+        next(p.std for p in second.parameters if p.name == "gyro_sensitivity_xy"), rel=1e-6
+    )
+    # Only the first: its gyroscope and its uncertainty remain.
+    first, second = covariance_of(FIRST, 2), covariance_of(dataclasses.replace(SECOND, gyroscope=None), 3)
+    found = imucal.compose(first, second)
+    np.testing.assert_allclose(found.apply(*RAW)[0], FIRST.apply(*RAW)[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found.apply(*RAW)[1], second.apply(None, FIRST.apply(*RAW)[1])[1], rtol=0, atol=1e-11
+    )
+    std, own = ({p.name: p.std for p in c.parameters} for c in (found, first))
+    assert std["gyro_bias_x"] == pytest.approx(own["gyro_bias_x"], rel=1e-6)
+    without = imucal.compose(FIRST, second)
+    known = {p.name: p.std is not None for p in without.parameters}
+    assert [known[name] for name in names] == [True, False, False]
+    # Neither.
+    both = imucal.compose(dataclasses.replace(FIRST, **alone), dataclasses.replace(SECOND, **alone))
+    assert both.gyroscope is None
+
+
 def test_effects_before_a_second_that_changes_nothing():
     neutral = imucal.Calibration(imucal.Triad(np.eye(3), np.zeros(3)), imucal.Triad(np.eye(3), np.zeros(3)))
     first = unit(FIRST, {"accel_scale_quadratic": [1e-4, 2e-4, 3e-4]})

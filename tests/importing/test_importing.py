@@ -242,8 +242,13 @@ def test_ros_imu_calib(tmp_path):
     calibration = imucal.read_calibration(written(tmp_path, "imu_calib.yaml", text))
     # accel_calib.cpp: loadCalib fills SM_(i/3, i%3), applyCalib is SM_*raw_accel - bias_.
     force = np.array([S_ACCEL @ raw - B_ACCEL for raw in FORCE])
-    np.testing.assert_allclose(calibration.apply(RATE, FORCE)[1], force, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(calibration.apply(None, FORCE)[1], force, rtol=0, atol=1e-11)
     assert "gyroscope" in calibration.provenance.imported.missing
+    assert same_after_a_file(calibration, tmp_path).gyroscope is None
+    # apply_calib.cpp: the gyroscope minus the mean rate of the first samples.
+    with_mean = imucal.read_calibration(tmp_path / "imu_calib.yaml", gyro_bias=B_GYRO)
+    np.testing.assert_allclose(with_mean.apply(RATE, FORCE)[0], RATE - B_GYRO, rtol=0, atol=1e-15)
+    assert "gyro_scale" in with_mean.provenance.imported.missing
 
 
 # --- imu_tk ---------------------------------------------------------------------------------------
@@ -297,6 +302,10 @@ def test_imu_tk_in_g_and_degrees_per_second(tmp_path):
     assert_same(calibration, rate, force)
     with pytest.raises(imucal.InputError, match=r"the file of the accelerometer and that of the gyroscope"):
         imucal.read_calibration(written(tmp_path, "unnamed.txt", paths[0].read_text()))
+    with pytest.raises(imucal.InputError, match=r"gyro\.txt: a calibration of a gyroscope alone"):
+        imucal.read_calibration(paths[1], gyro_unit="deg/s")
+    alone = imucal.read_calibration(paths[0], accel_unit="g")
+    assert alone.gyroscope is None and "gyroscope" in alone.provenance.imported.missing
 
 
 @pytest.mark.parametrize("raw_unit", ["a.u.", "SI"])
@@ -535,7 +544,8 @@ def test_an_export_is_read_back(name, tmp_path):
     rate, force = exported.same_as.apply(RATE, FORCE)
     if name == "ros":
         # The file has no gyroscope.
-        rate = found.apply(RATE, FORCE)[0]
+        np.testing.assert_allclose(found.apply(None, FORCE)[1], force, rtol=0, atol=1e-11)
+        return
     assert_same(found, rate, force)
 
 

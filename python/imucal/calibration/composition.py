@@ -59,8 +59,8 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
     second   estimated on recordings that `first` has corrected (`imucal apply`)
     files    the files of both, for the origin of the result
 
-    The body frame is that of the second, the raw units and axes are those of the first. Without a covariance
-    of the second the result has none.
+    The body frame is that of the second, the raw units and axes are those of the first. A gyroscope that only
+    one of them has is corrected by that one. Without a covariance of the second the result has none.
 
     Raises InputError if the second expects raw counts, if both are of the same recordings or of different
     units, and if an effect of the first cannot be expressed after the second correction.
@@ -98,9 +98,9 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
 
 
 def _require_composable(first: Calibration, second: Calibration) -> None:
-    for calibration in (first, second):
-        calibration.both()
-    if (second.accel_unit, second.gyro_unit) != ("m/s^2", "rad/s"):
+    # A gyroscope that only one of them has is corrected by that one alone.
+    gyro_is_raw = second.gyro_unit == "lsb" and None not in (first.gyroscope, second.gyroscope)
+    if second.accel_unit == "lsb" or gyro_is_raw:
         both = "lsb" in (first.accel_unit, first.gyro_unit)
         which = "both calibrations expect raw counts" if both else "the second calibration expects raw counts"
         raise InputError(
@@ -128,31 +128,38 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
 def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
     """The model that does both."""
     axes = Axes.parse(second.axes)
-    (accel1, gyro1), (accel2, gyro2) = first.both(), second.both()
-    accel2, gyro2 = _along(accel2, axes.accel), _along(gyro2, axes.gyro)
-    accel_bias, gyro_bias = accel2.bias, gyro2.bias
+    accel1, accel2 = first.accelerometer, _along(second.accelerometer, axes.accel)
+    gyro1, gyro2 = first.gyroscope, None
+    if second.gyroscope is not None:
+        gyro2 = _along(second.gyroscope, axes.gyro)
+    step = gyro2 or Triad(np.eye(3), np.zeros(3))
+    gyro_bias = step.bias
     moved = []
     left = left_in_data(first)
     for values in first.effects:
         if values.name not in left:
-            moved.append(_moved(first, values, accel2, gyro2, second))
+            moved.append(_moved(first, values, accel2, step, second))
             if values.name == G_SENSITIVITY:
                 # The rate that the first correction takes away for the bias b2 of the force.
-                gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel_bias
-    accel_t, gyro_t = accel1.sensitivity, gyro1.sensitivity
+                gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel2.bias
     # A product of lower triangular matrices is lower triangular; other products have no special form.
     triangular = first.frame == second.frame == "triangular" and second.axes == UNCHANGED
     return SensorModel(
-        Triad(accel_t @ accel2.sensitivity, accel1.bias + accel_t @ accel_bias),
-        Triad(gyro_t @ gyro2.sensitivity, gyro1.bias + gyro_t @ gyro_bias),
+        _product(accel1, accel2.sensitivity, accel2.bias),
+        gyro2 if gyro1 is None else _product(gyro1, step.sensitivity, gyro_bias),
         "triangular" if triangular else "given",
         first.accel_unit,
-        first.gyro_unit,
+        second.gyro_unit if gyro1 is None else first.gyro_unit,
         second.gravity_mps2,
         _together(moved, second.effects),
         _definitions(first, second),
         first.axes,
     )
+
+
+def _product(first: Triad, sensitivity: FloatArray, bias: FloatArray) -> Triad:
+    """The triad of samples that `first` gives and another sensitivity and bias then correct."""
+    return Triad(first.sensitivity @ sensitivity, first.bias + first.sensitivity @ bias)
 
 
 def _along(triad: Triad, axes: FloatArray) -> Triad:
@@ -234,11 +241,13 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
         return None, ()
     to_second = jacobian(lambda model: _composed(first, model), second)
     covariance = to_second @ from_second @ to_second.T
-    # Effects that only the first has estimated.
-    estimated = {values.name for values in second.effects}
+    # Effects, and a gyroscope, that only the first has estimated.
+    estimated = tuple(f"{values.name}_" for values in second.effects)
+    base = base_count(first.frame, has_gyroscope=first.gyroscope is not None)
+    both = base_count(first.frame, has_gyroscope=second.gyroscope is not None)
     places, alone = [], []
     for k, name in enumerate(parameter.name for parameter in first.parameters):
-        if k >= base_count(first.frame) and not name.startswith(tuple(f"{effect}_" for effect in estimated)):
+        if both <= k < base or (k >= base and not name.startswith(estimated)):
             places.append(k)
             alone.append(name)
     if places and from_first is not None:

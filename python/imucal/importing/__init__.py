@@ -135,14 +135,18 @@ def _with_bias(found: Found, sensor: Literal["accel", "gyro"], bias: ArrayLike |
     values = as_rows(bias, f"{sensor}_bias")
     if values.shape != (3,) or not np.isfinite(values).all():
         raise InputError(f"{sensor}_bias is {bias!r}: three numbers are needed")
-    if f"{sensor}_bias" not in found.missing:
-        raise InputError(f"{name} states the bias of the {sensor} sensor: leave out {sensor}_bias")
     field = {"accel": "accelerometer", "gyro": "gyroscope"}[sensor]
-    changed: dict[str, Any] = {field: Triad(getattr(found, field).sensitivity, values)}
+    triad = getattr(found, field) or Triad(np.eye(3), np.zeros(3))
+    alone = getattr(found, field) is None
+    if not alone and f"{sensor}_bias" not in found.missing:
+        raise InputError(f"{name} states the bias of the {sensor} sensor: leave out {sensor}_bias")
+    changed: dict[str, Any] = {field: Triad(triad.sensitivity, values)}
+    # A sensor that the files do not describe has no scale or misalignment either.
+    others = (f"{sensor}_scale", f"{sensor}_misalignment") if alone else ()
     return replace(
         found,
         **changed,
-        missing=tuple(part for part in found.missing if part != f"{sensor}_bias"),
+        missing=(*others, *(part for part in found.missing if part != f"{sensor}_bias")),
         notes=(*found.notes, f"{sensor}_bias {values.tolist()} was given on import"),
     )
 
@@ -151,15 +155,20 @@ def _calibration(
     reader: Reader, contents: Sequence[Content], found: Found, serial_number: str | None
 ) -> Calibration:
     missing = ["covariance", *(["temperature"] if not found.temperature_range_degc else []), "gravity"]
-    neutral = Triad(np.eye(3), np.zeros(3))
     for field in ("accelerometer", "gyroscope"):
         if getattr(found, field) is None:
             missing.append(field)
     missing += [part for part in found.missing if part not in missing]
-    accelerometer = found.accelerometer or neutral
+    names = " and ".join(content.name for content in contents)
+    accelerometer = found.accelerometer
+    if accelerometer is None:
+        raise InputError(
+            f"{names}: a calibration of a gyroscope alone needs that of the accelerometer, which defines the "
+            "body frame: give both files"
+        )
     calibration = Calibration(
         accelerometer,
-        found.gyroscope or neutral,
+        found.gyroscope,
         frame=_frame(accelerometer, found.gyroscope),
         accel_unit="lsb" if found.accel_unit == "lsb" else "m/s^2",
         gyro_unit="lsb" if found.gyro_unit == "lsb" else "rad/s",
@@ -188,7 +197,7 @@ def _calibration(
         serial_number=serial_number or found.serial_number,
     )
     # The same checks as for a calibration file: ranges of sensitivities, biases, noise and temperatures.
-    return Calibration.from_dict(calibration.to_dict(), " and ".join(content.name for content in contents))
+    return Calibration.from_dict(calibration.to_dict(), names)
 
 
 def _frame(accelerometer: Triad, gyroscope: Triad | None) -> Frame:
