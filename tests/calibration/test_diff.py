@@ -215,6 +215,22 @@ def test_a_calibration_without_standard_deviations_is_listed_and_not_judged(tmp_
     assert found["joint"] is None and found["parameters"][0]["std"] is None
 
 
+def test_an_accelerometer_alone_is_compared_with_that_of_both_sensors():
+    alone = dataclasses.replace(
+        calibration(VALUES, COVARIANCES[1]),
+        gyroscope=None,
+        covariance=COVARIANCES[1][:9, :9],
+        covariance_names=NAMES[:9],
+    )
+    for pair in ((BEFORE, alone), (alone, BEFORE)):
+        found = imucal.diff(*pair)
+        assert [c.name for c in found.changes] == list(NAMES[:9])
+        assert (found.verdict, found.dof) == ("same", 9)
+        assert any("has no gyroscope: the accelerometers are compared" in note for note in found.notes)
+    moved = calibration(VALUES + 8 * np.sqrt(np.diag(sum(COVARIANCES))), COVARIANCES[0])
+    assert imucal.diff(moved, alone).verdict == "moved"
+
+
 def test_parameters_with_a_standard_deviation_are_tested():
     """One that only one of them lacks is left out of the test, and the others are tested."""
     kept = [k for k in range(21) if NAMES[k] != "accel_bias_y"]

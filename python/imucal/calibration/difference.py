@@ -15,7 +15,7 @@ is listed and not tested.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Any, Final
 
@@ -26,6 +26,7 @@ from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.frame import for_columns, in_frame
 from imucal.calibration.provenance import Provenance
+from imucal.calibration.triad import base_count
 from imucal.document.plain import plain
 from imucal.errors import InputError
 from imucal.recording.axes import UNCHANGED
@@ -167,8 +168,14 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
     """
     if not (math.isfinite(sigmas) and sigmas > 0):
         raise InputError(f"sigmas is {sigmas}: a positive number is needed")
-    _require_same_units(before, after)
     notes = _notes(before, after)
+    if before.sensors != after.sensors:
+        which = "first" if before.gyroscope is None else "second"
+        notes.append(
+            f"the {which} calibration has no gyroscope: the accelerometers are compared, without effects"
+        )
+        before, after = _accelerometer(before), _accelerometer(after)
+    _require_same_units(before, after)
     lacking = [
         (f"the {place} calibration, of {imported.program},", imported)
         for place, calibration in (("first", before), ("second", after))
@@ -212,12 +219,6 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
 
 
 def _require_same_units(before: Calibration, after: Calibration) -> None:
-    if before.sensors != after.sensors:
-        which, other = ("first", "second") if before.gyroscope is None else ("second", "first")
-        raise InputError(
-            f"the {which} calibration has no gyroscope and the {other} one has [sensor_missing]: compare "
-            "calibrations of the same sensors"
-        )
     pairs = (
         (
             "the accelerometer is in",
@@ -230,6 +231,21 @@ def _require_same_units(before: Calibration, after: Calibration) -> None:
     for what, a, b, way_out in pairs:
         if a != b:
             raise InputError(f"{what} {a} in the first and {b} in the second calibration: {way_out}")
+
+
+def _accelerometer(calibration: Calibration) -> Calibration:
+    """The calibration of the accelerometer alone."""
+    count = base_count(calibration.frame, has_gyroscope=False)
+    covariance, names = calibration.covariance, calibration.covariance_names
+    known = [k for k, name in enumerate(names) if name in {p.name for p in calibration.parameters[:count]}]
+    return replace(
+        calibration,
+        gyroscope=None,
+        effects=(),
+        user_effects=(),
+        covariance=None if covariance is None else covariance[np.ix_(known, known)],
+        covariance_names=tuple(names[k] for k in known),
+    )
 
 
 def _of_frames(before: Calibration, after: Calibration) -> str:
