@@ -1,4 +1,4 @@
-"""Processor time of whole processes: import, help, one calibration. `make bench`, to docs/results/speed.md."""
+"""Processor time of whole processes: import, help, one calibration: `make bench`, docs/results/speed.md."""
 
 import os
 import statistics
@@ -93,8 +93,8 @@ medians of {ROUNDS} interleaved rounds.
 |---|---:|---|---:|---|
 {chr(10).join(rows)}
 
-For the same files, imu_tk takes {IMU_TK_S:g} s of processor time and imu-calib (Rust) {IMU_CALIB_S:g} s, measured on
-another occasion. imu-calib reads and fits in a compiled program, and gives no uncertainties.
+For the same files, imu_tk takes {IMU_TK_S:g} s of processor time and imu-calib (Rust) {IMU_CALIB_S:g} s,
+measured on another occasion. Both are compiled programs.
 """
     write_section(REPORT, "Speed", "Processes", body)
 
