@@ -147,8 +147,8 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Derivatives of the whitened residuals with respect to the errors that rounding leaves in the mean rate and in the
-    /// mean force at each rest, three columns per rest.
+    /// Derivatives of the whitened residuals with respect to the errors that rounding leaves in the mean rate and in
+    /// the mean force at each rest, three columns per rest.
     ///
     /// The factors that widen norms and moves widen these errors, too. Otherwise the residuals would hardly depend on
     /// the factors where rounding is the largest error, and the factors would not settle.
