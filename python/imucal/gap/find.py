@@ -88,6 +88,7 @@ def find_gap(
     if calibration is not None:
         for recording in (*unit_data, *judges):
             calibration.require_raw_units(recording)
+    _require_list(candidates)
     unit_data = of_one_unit(unit_data)
     candidates, formulas = _without_formulas(candidates, [*unit_data, *judges])
     if candidates is None:
@@ -126,12 +127,19 @@ def _nominal(recording: Recording) -> SensorModel:
     )
 
 
+def _require_list(candidates: Sequence[str] | None) -> None:
+    if isinstance(candidates, str):
+        raise InputError(f"candidates is the string {candidates!r}: give a list of names, [{candidates!r}]")
+    if candidates is not None and not candidates:
+        raise InputError("candidates is empty: give names of effects, or omit it to test all effects")
+
+
 def _without_formulas(
     candidates: Sequence[str] | None, recordings: Sequence[Recording]
 ) -> tuple[Sequence[str] | None, tuple[FormulaEffect, ...]]:
     """The candidates with the name of its effect in the place of each formula, and these effects."""
-    if candidates is None or isinstance(candidates, str):
-        return candidates, ()
+    if candidates is None:
+        return None, ()
     effects = formula_effects([name for name in candidates if is_formula(name)], recordings)
     names = [name for name in candidates if not is_formula(name)]
     return [*names, *(effect.name for effect in effects)], effects
@@ -141,8 +149,4 @@ def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> 
     """Names of candidate effects from the catalogue; None for all effects."""
     if candidates is None:
         return None
-    if isinstance(candidates, str):
-        raise InputError(f"candidates is the string {candidates!r}: give a list of names, [{candidates!r}]")
-    if not candidates:
-        raise InputError("candidates is empty: give names of effects, or omit it to test all effects")
     return [find(name).name for name in candidates if name not in own]

@@ -51,8 +51,8 @@ pub use unsigned::check_counts;
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
-/// Runs all checks that do not need rests, for functions that need both sensors. An empty result means that no fault was
-/// found.
+/// Runs all checks that do not need rests, for functions that need both sensors. An empty result means that no fault
+/// was found.
 ///
 /// Codes: `sensor_missing` if the recording has one sensor only, and those of [`check_one_or_both`].
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {

@@ -12,8 +12,8 @@ use crate::numerics::workers::{in_order, processors};
 const WORTH_THREADS: usize = 1 << 20;
 /// Largest integer below which every integer is a float64.
 const LARGEST_EXACT: u64 = 1 << 53;
-/// Numbers for which a column reserves memory. This is more than 32 MB, for which the allocator of Linux asks the system:
-/// only pages in use count, and the column grows without a copy, so that no holes remain in memory.
+/// Numbers for which a column reserves memory. This is more than 32 MB, for which the allocator of Linux asks the
+/// system: only pages in use count, and the column grows without a copy, so that no holes remain in memory.
 const RESERVED: usize = (1 << 22) + (1 << 10);
 /// Powers of ten that a float64 represents exactly.
 const POWERS: [f64; 23] = [

@@ -51,8 +51,8 @@ pub struct AccelerometerOutcome {
     pub noise_density: Vector3<f64>,
     /// Report of the fit.
     pub fit: FitReport,
-    /// Standard deviation of the norms of gravity, m/s^2, that was estimated from the residuals because the noise of the
-    /// means is not known; `None` if it is.
+    /// Standard deviation of the norms of gravity, m/s^2, that was estimated from the residuals because the noise of
+    /// the means is not known; `None` if it is.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Held parameters with their estimates; empty if none is held.
     pub held: Vec<HeldEstimate>,

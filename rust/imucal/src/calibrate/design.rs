@@ -23,7 +23,8 @@ pub(super) const FAR_OFF: f64 = 0.3;
 /// hundredth of the size of each parameter.
 #[derive(Default)]
 pub(super) struct Design {
-    /// Rows of the matrix, with one column for each of [`OBSERVED`]: those of `lines`, then those of the held parameters.
+    /// Rows of the matrix, with one column for each of [`OBSERVED`]: those of `lines`, then those of the held
+    /// parameters.
     rows: Vec<[f64; 18]>,
     /// Residuals in units of the model errors.
     residuals: Vec<f64>,

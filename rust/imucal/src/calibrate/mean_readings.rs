@@ -65,8 +65,8 @@ pub struct RestBias {
 /// else of the gyroscope can be determined without moves.
 ///
 /// # Errors
-/// As [`calibrate_accelerometer`](super::calibrate_accelerometer); [`Error::NotEnoughMotion`] also if the rows determine
-/// the parameters exactly and their noise is not known.
+/// As [`calibrate_accelerometer`](super::calibrate_accelerometer); [`Error::NotEnoughMotion`] also if the rows
+/// determine the parameters exactly and their noise is not known.
 pub fn calibrate_means(
     table: &MeanReadings<'_>,
     options: &Options<'_>,

@@ -38,8 +38,8 @@ pub(super) struct Gyroscope {
 }
 
 impl UnitData<'_> {
-    /// Fits the accelerometer to the rests without known faults. A message about missing poses also names the moves that
-    /// the gyroscope needs.
+    /// Fits the accelerometer to the rests without known faults. A message about missing poses also names the moves
+    /// that the gyroscope needs.
     pub(super) fn fit_accelerometer(&self, options: &Options<'_>) -> Result<AccelerometerFit, Error> {
         self.fit_rests(options).map_err(|error| self.with_all_that_is_missing(error, options))
     }
@@ -181,8 +181,8 @@ impl UnitData<'_> {
         let is_start = !accelerometer.is_determined;
         let mut fit = preintegrated.fit(&ends, &first, is_start);
         if matches!(fit, Err(Error::NotEnoughMotion(_))) && options.is_joint() && !is_start {
-            // If the rests barely determine the accelerometer, its errors look like outliers of few moves. The joint fit
-            // judges all moves again.
+            // If the rests barely determine the accelerometer, its errors look like outliers of few moves. The joint
+            // fit judges all moves again.
             fit = preintegrated.fit(&ends, &first, true);
         }
         let fit = fit.map_err(|error| self.with_all_that_is_missing(error, options))?;

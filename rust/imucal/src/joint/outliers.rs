@@ -138,9 +138,9 @@ pub(crate) fn outliers(
     }
 }
 
-/// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. The moves predict it, so
-/// that the excess scatter of the moves counts. The rows are divided by the model errors of model.md (12), and a prior of
-/// the same section limits what other rests determine.
+/// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. The moves predict it,
+/// so that the excess scatter of the moves counts. The rows are divided by the model errors of model.md (12), and a
+/// prior of the same section limits what other rests determine.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear

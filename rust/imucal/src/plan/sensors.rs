@@ -131,8 +131,8 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Prior precision (inverse variance) of each parameter: that of its prior if it is held. The prior standard deviation
-    /// of the others is a tenth of the parameter's size, or ten typical sizes for an effect.
+    /// Prior precision (inverse variance) of each parameter: that of its prior if it is held. The prior standard
+    /// deviation of the others is a tenth of the parameter's size, or ten typical sizes for an effect.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));

@@ -166,8 +166,8 @@ pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>], held: 
 
 /// Returns an error if the moves do not determine all entries of the gyroscope, given the accelerometer.
 ///
-/// `design` is the Jacobian of the move residuals in rad, with respect to entries in units of the mean scale. `held` are
-/// the columns of entries with a prior.
+/// `design` is the Jacobian of the move residuals in rad, with respect to entries in units of the mean scale. `held`
+/// are the columns of entries with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the entries and the moves to add.
