@@ -1,8 +1,4 @@
-<<<<<<< HEAD
 """Processor time of whole processes: import, help, one calibration: `make bench`, docs/results/speed.md."""
-=======
-"""Processor time of whole processes: import, help, one calibration; for docs/results/speed.md."""
->>>>>>> bd68e2c (Keep lines within the limit)
 
 import os
 import statistics
@@ -97,13 +93,8 @@ medians of {ROUNDS} interleaved rounds.
 |---|---:|---|---:|---|
 {chr(10).join(rows)}
 
-<<<<<<< HEAD
 For the same files, imu_tk takes {IMU_TK_S:g} s of processor time and imu-calib (Rust) {IMU_CALIB_S:g} s,
 measured on another occasion. Both are compiled programs.
-=======
-For the same files, imu_tk takes {IMU_TK_S:g} s of processor time and imu-calib (Rust) {IMU_CALIB_S:g} s,
-measured on another occasion. imu-calib reads and fits in a compiled program, and gives no uncertainties.
->>>>>>> bd68e2c (Keep lines within the limit)
 """
     write_section(REPORT, "Speed", "Processes", body)
 
