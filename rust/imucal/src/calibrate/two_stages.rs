@@ -225,3 +225,46 @@ fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
     let size = sensitivity.norm() / 3f64.sqrt();
     size.is_finite() && sensitivity.determinant().abs() > 0.05 * size.powi(3)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use super::*;
+    use crate::calibrate::{calibrate, prospect};
+    use crate::simulate::{Program, Simulation, Step, Unit, simulate};
+
+    /// Turns of 90 deg over the faces of a box: four with each axis level, and one that makes the last axis level.
+    fn over_faces(turns: usize) -> Simulation {
+        let turn = |motor: usize| std::array::from_fn(|k| if k == motor { FRAC_PI_2 } else { 0.0 });
+        let motors = [0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2].into_iter().take(turns);
+        let moves = motors.map(|motor| Step { turn_rad: turn(motor), move_s: 1.5, hold_s: 3.0 });
+        let program = Program::try_new(std::iter::once(Step::hold(3.0)).chain(moves).collect()).unwrap();
+        simulate(&program, &Unit::paper(), 100.0, 9.80665, 1).unwrap()
+    }
+
+    #[test]
+    fn moves_determine_the_misalignment_that_rests_on_faces_leave_open() {
+        let run = over_faces(13);
+        let (recordings, options) = ([run.recording("faces")], Options::default());
+        let found = prospect(&recordings, &options).unwrap();
+        assert_eq!(found.missing, None);
+        assert_eq!(found.through_moves, ["accel_sensitivity_xy", "accel_sensitivity_xz", "accel_sensitivity_yz"]);
+        let outcome = calibrate(&recordings, &options).unwrap();
+        assert!(outcome.rests.iter().all(|rest| rest.excluded.is_none()));
+        for p in 0..21 {
+            let ratio = outcome.covariance[p][p].sqrt() / found.predicted_sigma[p].unwrap();
+            assert!((0.5..2.0).contains(&ratio), "{}: {ratio}", outcome.names[p]);
+        }
+        assert_eq!(outcome.accelerometer_fit.degrees_of_freedom, 14 - 6);
+    }
+
+    #[test]
+    fn turns_about_two_axes_are_refused_with_the_parameters() {
+        let run = over_faces(8);
+        let recordings = [run.recording("faces")];
+        let Err(Error::NotEnoughMotion(words)) = calibrate(&recordings, &Options::default()) else { panic!("result") };
+        assert!(words.contains("do not determine the gyroscope's"), "{words}");
+        assert!(prospect(&recordings, &Options::default()).unwrap().through_moves.len() < 3);
+    }
+}
