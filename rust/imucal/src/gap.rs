@@ -8,7 +8,7 @@
 //!   with the selected effects.
 //! * `predict`: cross-validation of a candidate on held-out rests and moves.
 //! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
-//! * `beside_patterns`: effects judged with generic hypotheses in the model, for known effects beside unknown ones.
+//! * `forward_search::beside_patterns`: effects judged with generic hypotheses in the model, for known effects beside unknown ones.
 //! * `detect`: detection limit of each effect.
 //! * `fits`, `acceptance`: an effect is accepted if it does not make the prediction of control recordings, or of
 //!   held-out rests and moves, worse.
@@ -20,7 +20,6 @@
 //! [`find_gap()`] performs the complete search. [`search()`] selects effects without validation on unseen data.
 
 mod acceptance;
-mod beside_patterns;
 mod clock;
 mod common;
 mod design;

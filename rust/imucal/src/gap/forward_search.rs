@@ -1,6 +1,8 @@
 //! Forward selection of effects: all candidates are scored, the best candidate is added, and the model is refitted. At
 //! the end, effects that the other effects have made superfluous are removed.
 
+mod beside_patterns;
+
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -8,7 +10,7 @@ use std::sync::Arc;
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
-use super::beside_patterns::KnownEffects;
+use self::beside_patterns::KnownEffects;
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::earth;

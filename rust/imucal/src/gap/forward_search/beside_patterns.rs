@@ -9,18 +9,18 @@ use faer::Mat;
 use imucal_core::effects::{Effect, Sensor};
 use imucal_core::sensor::Triad;
 
-use super::Score;
-use super::detect::FALSE_ALARM;
-use super::evidence::Column;
-use super::forward_search::{ForwardSearch, LEAST_WIDTH, MOST_EFFECTS, Selected};
-use super::generic::{Block, Hypothesis};
-use super::kernel::Kernel;
-use super::moments::Setting;
-use super::pattern::{BestGeneric, Pattern};
-use super::score::{Judged, gain, judge};
-use super::stage::{Beside, Member, Stage};
+use super::{ForwardSearch, LEAST_WIDTH, MOST_EFFECTS, Selected};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
+use crate::gap::Score;
+use crate::gap::detect::FALSE_ALARM;
+use crate::gap::evidence::Column;
+use crate::gap::generic::{Block, Hypothesis};
+use crate::gap::kernel::Kernel;
+use crate::gap::moments::Setting;
+use crate::gap::pattern::{BestGeneric, Pattern};
+use crate::gap::score::{Judged, gain, judge};
+use crate::gap::stage::{Beside, Member, Stage};
 use crate::joint::{Prepared, Terms};
 use crate::numerics::stats::p_value;
 
