@@ -21,16 +21,10 @@ __all__ = ["PEERS", "PeerOutcome", "outcome_of"]
 
 PeerOutcome = Literal["not readable", "refused", "right", "wrong"]
 GRAVITY_MPS2: Final = 9.80665
-# Largest angle between gravity and an axis in one of the six poses that a Ferraris calibration needs, deg.
-ALONG_DEG: Final = 15.0
-# Turn about each axis that a Ferraris calibration needs, deg.
-TURN_DEG: Final = 360.0
-# Largest deviation from this turn, deg.
-WITHIN_DEG: Final = 30.0
 
 
 class NotReadable(Exception):
-    """The peer cannot read this input, or it lacks the motion that the peer needs."""
+    """The peer cannot read this input."""
 
 
 @dataclass(frozen=True)
@@ -92,35 +86,8 @@ def by_scipy(table: Table) -> dict[str, tuple[float, float]]:
     return values
 
 
-def by_ferraris(table: Table) -> dict[str, tuple[float, float]]:
-    """imucal 2.6 of the package index, which needs six poses and a full turn about each axis.
-
-    No row has this motion, so the rows are counted as not readable. The search for it is what a user would
-    do by hand in the program's window.
-    """
-    dt_s = float(np.median(np.diff(table.time_s)))
-    try:
-        rests = scipy_peer.find_rests(np.hstack([table.rate, table.force]), dt_s)
-    except (ValueError, IndexError, ZeroDivisionError) as error:
-        raise NotReadable(str(error)) from error
-    means, _ = scipy_peer.rest_moments(table.force, rests)
-    along = means / np.linalg.norm(means, axis=1, keepdims=True)
-    least = np.cos(np.radians(ALONG_DEG))
-    poses = {(i, sign) for i in range(3) for sign in (1, -1) if np.any(sign * along[:, i] > least)}
-    turns = set()
-    for first, last in zip(rests[:-1, 1], rests[1:, 0], strict=True):
-        steps = np.diff(table.time_s[first : last + 1])[:, None]
-        angle = np.degrees(np.abs((table.rate[first:last] / table.nominal * steps).sum(axis=0)))
-        if abs(angle.max() - TURN_DEG) < WITHIN_DEG:
-            turns.add(int(angle.argmax()))
-    if len(poses) < 6 or len(turns) < 3:
-        raise NotReadable("no six poses along the axes and full turns about them")
-    raise NotReadable("the poses and turns have to be marked by hand")
-
-
 PEERS: Final[dict[str, Callable[[Table], dict[str, tuple[float, float]]]]] = {
     "SciPy program (benches/scipy_peer.py)": by_scipy,
-    "imucal 2.6 (Ferraris)": by_ferraris,
 }
 
 

@@ -159,13 +159,11 @@ def main():
         f"""The same {len(TRAPS)} rows. Right: one of the right outcomes of the row; a result counts as
 right only if all its parameters are within {WITHIN_SIGMAS:g} of its own stated standard deviations. Wrong:
 any other result. Refused: no result where one is right. Not readable: the row asks for something else than a
-calibration of one recording, the program cannot read the file, or it needs another motion.
+calibration of one recording, or the program cannot read the file.
 
 {peers}
 
-The SciPy program has the model of imucal without its checks, and gets the columns of the file as arrays.
-imucal 2.6 of the package index calibrates from six poses along the axes and a full turn about each axis,
-which are marked by hand; no row has this motion.""",
+The SciPy program has the model of imucal without its checks, and gets the columns of the file as arrays.""",
     )
 
 
