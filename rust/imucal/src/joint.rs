@@ -324,7 +324,8 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     message
 }
 
-/// Tries several time constants with the linear parameters free, and keeps the one with the smallest chi2.
+/// Tries several time constants with the linear parameters free, and keeps the one with the smallest chi2. It becomes the
+/// centre of a wide prior.
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;
@@ -344,5 +345,6 @@ fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Ve
             *parameters = found;
         }
     }
+    problem.hold_shapes(parameters);
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! A move divided into blocks of 40 ms, with attitudes at the edges and centre of each block, and means over the block.
+//! A move divided into blocks of 40 ms, with means of attitude, rate and force over each block.
 //!
 //! Noise dominates single accelerometer samples, so residuals inside moves are computed from means over 40 ms. The
 //! motion changes little within 40 ms.
@@ -28,9 +28,8 @@ pub(super) struct MoveBlocks {
 
 /// Consecutive samples inside a move; adjacent blocks share a sample.
 pub(super) struct Block {
-    /// Rotations from the body frame at the first sample, at half time and at the last sample to the body frame at the
-    /// start of the move.
-    rotations: [Matrix3<f64>; 3],
+    /// Mean over the block of the rotation from the body frame to the body frame at the start of the move.
+    rotation: Matrix3<f64>,
     /// Time of the first sample, s.
     start_s: f64,
     /// Time from the start of the move to the last sample, s.
@@ -60,13 +59,12 @@ impl MoveBlocks {
         let mut blocks = Vec::with_capacity(edges.len());
         for pair in edges.windows(2) {
             let (first, last) = (pair[0], pair[1]);
-            let over_block = rotation_over(corrected, first, last);
-            let middle = rotation * UnitQuaternion::from_scaled_axis(over_block.scaled_axis() * 0.5);
+            let (over_block, mean_rotation) = rotation_over(corrected, first, last);
             let end = rotation * over_block;
             let length_s = time_s[last] - time_s[first];
             let rate_at = |sample: usize| Vector3::from(corrected.angular_rate.at(sample));
             blocks.push(Block {
-                rotations: [rotation, middle, end].map(|r| *r.to_rotation_matrix().matrix()),
+                rotation: rotation.to_rotation_matrix().matrix() * mean_rotation,
                 start_s: time_s[first],
                 since_start_s: time_s[last] - time_s[span.first],
                 length_s,
@@ -95,7 +93,7 @@ impl MoveBlocks {
     /// regressor: one row for each body axis at the end of the move, one column for each unit error.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
         let to_end = self.rotation.inverse().to_rotation_matrix();
-        let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotations[1] * block.length_s));
+        let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotation * block.length_s));
         let mut by_gravity: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; 9]);
         for (block, change) in blocks() {
             for (axis, row) in by_gravity.iter_mut().enumerate() {
@@ -127,10 +125,10 @@ impl MoveBlocks {
 
 impl Block {
     /// Mean over the block, in the body frame, of a direction that is constant in the world and equals `at_start` in
-    /// the body frame at the start of the move; by Simpson's rule.
+    /// the body frame at the start of the move. It is the mean over the same samples as that of the force, so that the
+    /// error of the trapezoidal rule cancels in their difference.
     pub(super) fn mean_of_constant(&self, at_start: &Vector3<f64>) -> Vector3<f64> {
-        let [first, middle, last] = self.rotations.map(|rotation| rotation.tr_mul(at_start));
-        (first + 4.0 * middle + last) / 6.0
+        self.rotation.tr_mul(at_start)
     }
 }
 
@@ -176,14 +174,19 @@ fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
     edges
 }
 
-/// Rotation from the body frame at sample `last` to the body frame at sample `first`.
-fn rotation_over(recording: &Recording<'_>, first: usize, last: usize) -> UnitQuaternion<f64> {
+/// Rotation from the body frame at sample `last` to the body frame at sample `first`, and the time average from sample
+/// `first` to sample `last` of the rotation to the body frame at `first`, by the trapezoidal rule.
+fn rotation_over(recording: &Recording<'_>, first: usize, last: usize) -> (UnitQuaternion<f64>, Matrix3<f64>) {
     let mut integrator = Integrator::new();
+    let (mut area, mut before) = (Matrix3::zeros(), Matrix3::identity());
     for sample in first..=last {
         let step_s = if sample == first { 0.0 } else { recording.time_s[sample] - recording.time_s[sample - 1] };
         integrator.push(step_s, Vector3::from(recording.angular_rate.at(sample)));
+        let here = *integrator.rotation().to_rotation_matrix().matrix();
+        area += (before + here) * (0.5 * step_s);
+        before = here;
     }
-    integrator.rotation()
+    (integrator.rotation(), area / (recording.time_s[last] - recording.time_s[first]))
 }
 
 /// Time average from sample `first` to sample `last`, by the trapezoidal rule.
@@ -252,6 +255,25 @@ mod tests {
         // The mean is half a block before the end, where the rate is 1.5 rad/s.
         assert!((last.mean_of_constant(&up) - at_end).norm() < 0.06);
         assert!((last.since_start_s - 2.0).abs() < 1e-12 && (last.length_s - BLOCK_S).abs() < 1e-12);
+    }
+
+    /// Gravity as an accelerometer without errors measures it in a move whose rate changes: its means over blocks are
+    /// those of the propagated direction, except for the error of integrating a sampled rate.
+    #[test]
+    fn the_mean_force_of_a_block_is_the_mean_of_propagated_gravity() {
+        let time_s: Vec<f64> = (0..201).map(|k| f64::from(k) * 0.01).collect();
+        // A rotation about y with the smooth profile of a motor: 90 deg in 2 s.
+        let turn = |t: f64| (std::f64::consts::PI * t / 2.0).cos();
+        let angle = |t: f64| (1.0 - turn(t)) * std::f64::consts::FRAC_PI_4;
+        let rate = |t: f64| (std::f64::consts::PI * t / 2.0).sin() * std::f64::consts::PI.powi(2) / 8.0;
+        let rates: Vec<[f64; 3]> = time_s.iter().map(|&t| [0.0, rate(t), 0.0]).collect();
+        let force: Vec<[f64; 3]> = time_s.iter().map(|&t| [-angle(t).sin(), 0.0, angle(t).cos()]).collect();
+        let recording = Recording::try_new("run", &time_s, &force, &rates).unwrap();
+        let span = Move { recording: 0, from: 0, to: 1, first: 0, last: 200, duration_s: 2.0, interval_s: 0.01 };
+        let found = MoveBlocks::new(&recording, &crate::evaluate::unusable_report(&span, ""), None);
+        let error = |block: &Block| (block.specific_force - block.mean_of_constant(&Vector3::z())).norm();
+        let worst = found.blocks.iter().map(error).fold(0.0, f64::max);
+        assert!(worst < 2e-5, "{worst:e} of gravity");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use super::model::Model;
 use super::move_ends::{AtMove, EndDirection, move_direction};
 use super::pass::{EvaluatedTerms, Route};
 use super::prepared::Prepared;
-use super::rests::{Force, Rate, Rests};
+use super::rests::{BiasError, Force, Rate, Rests};
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
 use crate::joint::inside::{InsideNoise, Rows, count};
@@ -224,7 +224,8 @@ impl Prepared<'_> {
                 next_move += 1;
             }
             directions.push((k, Arc::clone(&force.direction)));
-            rates.push((k, self.rate_lines(k, &up, &rests.rate(k, attitudes[k]), model, terms)));
+            let rate = rests.rate(k, attitudes[k]);
+            rates.push((k, self.rate_lines(k, &up, (&rate, rests.bias_error(k)), model, terms)));
         }
         let (model, moves, kinds) = (model.clone(), Arc::new(moves), terms.kinds);
         Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds }
@@ -253,19 +254,29 @@ impl Prepared<'_> {
         })
     }
 
-    fn rate_lines(&self, k: usize, up: &Vector3<f64>, rate: &Rate, model: &Model, terms: &Terms<'_>) -> [Line; 3] {
+    fn rate_lines(
+        &self,
+        k: usize,
+        up: &Vector3<f64>,
+        (rate, bias_error): (&Rate, Option<BiasError>),
+        model: &Model,
+        terms: &Terms<'_>,
+    ) -> [Line; 3] {
         let sensitivity = model.gyroscope.sensitivity();
         let UnitRest { rest, propagated, .. } = &self.rests[k];
         let mut residual = rest.angular_rate.mean - model.gyroscope.measure(rate.added);
         let mut by_bias = -Matrix3::identity();
-        if let Some(PropagatedMean { mean_s, bias }) = propagated {
+        let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
+        if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
             // The rotation within a hand-held rest is computed from the gravity directions at its ends, which depend on
             // the gyroscope bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
-            let turned =
-                sensitivity * across * model.gyroscope.inverse() * (2.0 * mean_s / (rest.end_s - rest.start_s));
-            residual += turned * (model.gyroscope.bias() - bias);
-            by_bias += turned;
+            let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
+            residual += turned * error.value;
+            by_bias += turned * model.gyroscope.inverse();
+            for (turned_by, column) in turned_by_effects.iter_mut().zip(&error.columns) {
+                *turned_by = turned * column;
+            }
         }
         let mut jacobians = [0, 1, 2].map(|axis| {
             let mut jacobian = vec![0.0; terms.total()];
@@ -276,7 +287,7 @@ impl Prepared<'_> {
             jacobian
         });
         for p in terms.parameters_of(Sensor::Gyroscope) {
-            let seen = sensitivity * rate.columns[p];
+            let seen = sensitivity * rate.columns[p] - turned_by_effects[p];
             jacobians.iter_mut().zip(&seen).for_each(|(jacobian, seen)| jacobian[BASE + p] = -seen);
         }
         let [x, y, z] = jacobians;

@@ -16,8 +16,8 @@ use super::lanes::Lanes;
 use super::linear::{Insides, Linear, Source};
 use super::model::Model;
 use super::prepared::Prepared;
-use super::start::Prior;
-use super::terms::Terms;
+use super::start::{Prior, ShapePrior};
+use super::terms::{Term, Terms};
 use super::wander::{UnitWander, Wander};
 use super::weights::{Weights, Widened, Widening};
 use crate::error::Error;
@@ -37,6 +37,8 @@ pub(crate) struct Joint<'a> {
     /// Indices of the parameters that keep their start values.
     pub(crate) fixed: Vec<usize>,
     pub(super) priors: Vec<Prior>,
+    /// Priors of the time constants.
+    pub(super) shapes: Vec<ShapePrior>,
     pub(super) nearby: Nearby,
     rows: usize,
 }
@@ -62,6 +64,8 @@ impl<'a> Joint<'a> {
     pub(crate) fn of_fit(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, fit: &JointFit) -> Result<Self, Error> {
         let mut problem = Self::with(prepared, terms, Arc::clone(&fit.linear), fit.weights.clone())?;
         problem.hold(fit.priors.clone());
+        problem.rows += fit.shapes.len();
+        problem.shapes.clone_from(&fit.shapes);
         Ok(problem)
     }
 
@@ -73,8 +77,17 @@ impl<'a> Joint<'a> {
     ) -> Result<Self, Error> {
         let rows = linear.groups().stand_moves.end + prepared.held.len();
         let nearby = Nearby::new(Arc::clone(&linear));
-        let mut joint =
-            Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), priors: Vec::new(), nearby, rows };
+        let mut joint = Self {
+            prepared,
+            terms,
+            weights,
+            wandering: None,
+            fixed: Vec::new(),
+            priors: Vec::new(),
+            shapes: Vec::new(),
+            nearby,
+            rows,
+        };
         joint.let_biases_wander(&linear)?;
         Ok(joint)
     }
@@ -121,6 +134,15 @@ impl<'a> Joint<'a> {
     pub(crate) fn hold(&mut self, priors: Vec<Prior>) {
         self.rows += priors.iter().map(|prior| prior.typical.len()).sum::<usize>();
         self.priors = priors;
+    }
+
+    /// Adds priors for the time constants about their values in `parameters`. Without one, nothing determines the time
+    /// constant of an effect that is absent, or that the recordings do not distinguish from a drift.
+    pub(crate) fn hold_shapes(&mut self, parameters: &[f64]) {
+        let place = |term: &Term<'_>| BASE + term.first + term.linear;
+        let shapes = self.terms.all.iter().filter(|term| term.has_shape());
+        self.shapes = shapes.map(|term| ShapePrior { place: place(term), centre: parameters[place(term)] }).collect();
+        self.rows += self.shapes.len();
     }
 
     /// Adapts the widths of the priors to the estimate. Returns whether any width changed by more than 10 %.
@@ -299,6 +321,10 @@ impl<'a> Joint<'a> {
                 all[(row, n)] = linear.model.values[prior.first - BASE + k] / (prior.width * typical);
                 row += 1;
             }
+        }
+        for prior in &self.shapes {
+            (all[(row, n)], all[(row, prior.place)]) = prior.residual(linear.model.values[prior.place - BASE]);
+            row += 1;
         }
         for &p in &self.fixed {
             all.col_mut(p).fill(0.0);

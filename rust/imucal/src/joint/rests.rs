@@ -46,6 +46,16 @@ pub(super) struct Rests<'a> {
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
+    /// For each recording, the mean contribution of the effects to the rate over its rests; empty if no rest is
+    /// hand-held, or no effect contributes.
+    mean_rates: Vec<Rate>,
+}
+
+/// Error of the gyroscope bias with which the samples of a hand-held rest were propagated, and its derivatives with
+/// respect to the parameters of the effects, rad/s. The bias parameter has the derivative `T^-1`.
+pub(super) struct BiasError {
+    pub(super) value: Vector3<f64>,
+    pub(super) columns: Vec<Vector3<f64>>,
 }
 
 impl<'a> Rests<'a> {
@@ -67,10 +77,51 @@ impl<'a> Rests<'a> {
             (still, columns)
         };
         let stills = prepared.rests.iter().enumerate().map(still).collect();
-        let mut rests = Self { prepared, model, on_force, on_rate, stills, forces: Vec::new() };
+        let mut rests = Self { prepared, model, on_force, on_rate, stills, forces: Vec::new(), mean_rates: Vec::new() };
         let of_mean = |(k, rest): (usize, &UnitRest)| rests.force(k, &rest.rest.specific_force.mean);
         rests.forces = prepared.rests.iter().enumerate().map(of_mean).collect();
+        if rests.on_rate.count > 0 && prepared.rests.iter().any(|rest| rest.propagated.is_some()) {
+            rests.mean_rates = (0..prepared.recordings.len()).map(|recording| rests.mean_rate(recording)).collect();
+        }
         rests
+    }
+
+    /// Mean contribution of the effects to the rate over the rests in use of a recording.
+    fn mean_rate(&self, recording: usize) -> Rate {
+        let (own, _) = self.prepared.rests_of(recording);
+        let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };
+        for k in &own {
+            let Rate { added, columns } = self.rate(*k, None);
+            mean.added += added / own.len() as f64;
+            mean.columns.iter_mut().zip(columns).for_each(|(sum, column)| *sum += column / own.len() as f64);
+        }
+        mean
+    }
+
+    /// Error of the bias of a hand-held rest; `None` for a rest without tremor. The bias was estimated without effects,
+    /// as the mean rate of the rest shrunk towards that of all rests. If the effects of the model explain why the mean
+    /// rates differ, the part of the difference that is not in the bias is its error: the shrunk share, and of the rest
+    /// the share that was taken for a rotation of the hand, because the samples had been propagated with the mean bias.
+    pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
+        let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
+        let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;
+        let gyroscope = &self.model.gyroscope;
+        let common = gyroscope.inverse() * (gyroscope.bias() - bias);
+        let Some(mean) = self.mean_rates.get(*recording) else {
+            return Some(BiasError { value: common, columns: vec![Vector3::zeros(); self.on_rate.count] });
+        };
+        let up = self.forces[k].direction.up;
+        let across = Matrix3::identity() - up * up.transpose();
+        let own_share = Matrix3::from_diagonal(&shrunk.map(|shrunk| 1.0 - shrunk));
+        let taken_for_rotation = across * (2.0 * mean_s / (rest.end_s - rest.start_s));
+        let missing = Matrix3::identity() - own_share * (Matrix3::identity() - taken_for_rotation);
+        let missing = gyroscope.inverse() * missing * gyroscope.sensitivity();
+        let own = self.rate(k, None);
+        let error = |own: &Vector3<f64>, mean: &Vector3<f64>| mean + missing * (own - mean);
+        Some(BiasError {
+            value: common + error(&own.added, &mean.added),
+            columns: own.columns.iter().zip(&mean.columns).map(|(own, mean)| error(own, mean)).collect(),
+        })
     }
 
     /// Specific force at rest `k` for the accelerometer reading `reading` in raw units.
@@ -103,12 +154,17 @@ impl<'a> Rests<'a> {
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
         let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);
-        if let Some(PropagatedMean { mean_s, bias }) = &self.prepared.rests[rest].propagated {
+        if let Some((PropagatedMean { mean_s, .. }, error)) =
+            self.prepared.rests[rest].propagated.as_ref().zip(self.bias_error(rest))
+        {
             let EndDirection { up, jacobian } = Arc::make_mut(&mut direction);
-            let inverse = self.model.gyroscope.inverse() * if at_end { *mean_s } else { -mean_s };
-            *up += (inverse * (self.model.gyroscope.bias() - bias)).cross(up);
+            let mean_s = if at_end { *mean_s } else { -mean_s };
+            *up += (error.value * mean_s).cross(up);
             for axis in 0..3 {
-                jacobian[GYRO_BIAS.start + axis] += inverse.column(axis).cross(up);
+                jacobian[GYRO_BIAS.start + axis] += (self.model.gyroscope.inverse().column(axis) * mean_s).cross(up);
+            }
+            for p in self.on_rate.parameters_of(Sensor::Gyroscope) {
+                jacobian[BASE + p] += (error.columns[p] * mean_s).cross(up);
             }
         }
         direction

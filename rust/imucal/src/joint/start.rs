@@ -116,6 +116,27 @@ impl Prior {
     }
 }
 
+/// Normal prior of the logarithm of a time constant.
+#[derive(Clone)]
+pub(crate) struct ShapePrior {
+    /// Index of the time constant in the parameter vector.
+    pub(super) place: usize,
+    /// Value at which the prior is centred, s.
+    pub(super) centre: f64,
+}
+
+impl ShapePrior {
+    /// Standard deviation of the logarithm: a factor of 10. A time constant that much longer than the recording acts as
+    /// a drift, one that much shorter affects no rest.
+    const WIDTH: f64 = std::f64::consts::LN_10;
+
+    /// Whitened residual at a value of the time constant, and its derivative. It is not a number for a value that is
+    /// not positive, so the solver takes a shorter step.
+    pub(super) fn residual(&self, value: f64) -> (f64, f64) {
+        ((value / self.centre).ln() / Self::WIDTH, 1.0 / (value * Self::WIDTH))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -223,9 +223,9 @@ pub(crate) fn hands(
         own.iter_mut().for_each(|own| {
             hand.remove_tremor(recording, own.rest, sensors);
         });
-        let bias = biases_of_poses(&mut own);
-        own.iter_mut().for_each(|own| {
-            own.rest.propagated = Some(PropagatedMean { mean_s: hand.averaging_s(&own.rest.rest), bias });
+        let (bias, shrunk) = biases_of_poses(&mut own);
+        own.iter_mut().zip(shrunk).for_each(|(own, shrunk)| {
+            own.rest.propagated = Some(PropagatedMean { mean_s: hand.averaging_s(&own.rest.rest), bias, shrunk });
             hand.remove_tremor(recording, own.rest, sensors);
         });
         Some(hand)
@@ -243,9 +243,11 @@ struct OwnRest<'a> {
 
 /// Estimates the gyroscope bias at each rest and returns the mean bias of all rests, raw units. The estimate shrinks
 /// the mean rate of the rest towards the mean of all rests, according to the scatter between rests that exceeds noise.
-/// A bias may depend on the pose, but the mean rate of a rest also contains rotation of the hand.
-fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> Vector3<f64> {
-    Vector3::from_fn(|axis, _| {
+/// A bias may depend on the pose, but the mean rate of a rest also contains rotation of the hand. The second result is
+/// the share by which each rest is shrunk.
+fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
+    let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
+    let bias = Vector3::from_fn(|axis, _| {
         let reading =
             |own: &OwnRest<'_>| (own.rest.rest.angular_rate.mean[axis], own.rest.rate_covariance[(axis, axis)]);
         let (values, variances): (Vec<f64>, Vec<f64>) = rests.iter().filter(|own| own.contributes).map(reading).unzip();
@@ -253,12 +255,14 @@ fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> Vector3<f64> {
         let spread = values.iter().zip(&variances).map(|(value, variance)| (value - all.mean).powi(2) / variance);
         let free = values.len() as f64 - 1.0;
         let between = if spread.sum::<f64>() > free * significance_limit(free) { all.between } else { 0.0 };
-        for own in rests.iter_mut() {
+        for (own, shrunk) in rests.iter_mut().zip(&mut shrunk) {
             let (value, variance) = reading(own);
             own.rest.bias[axis] = all.mean + (value - all.mean) * between / (between + variance);
+            shrunk[axis] = variance / (between + variance);
         }
         all.mean
-    })
+    });
+    (bias, shrunk)
 }
 
 /// Covariance of tilt (from the force) and integrated rotation within a rest, rad^2 per axis. A rotation of the body

@@ -29,6 +29,9 @@ pub(crate) struct PropagatedMean {
     pub(crate) mean_s: f64,
     /// Mean gyroscope bias over all rests, raw units.
     pub(crate) bias: Vector3<f64>,
+    /// Share of the difference between the mean rate of this rest and that of all rests by which the bias of the rest
+    /// is shrunk towards the mean, for each axis: 1 if it is the mean, 0 if it is the rest's own.
+    pub(crate) shrunk: Vector3<f64>,
 }
 
 /// The rests of a table of means.

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::joint::linear::{Linear, Source};
 use crate::joint::model::Model;
 use crate::joint::move_ends::AtMove;
-use crate::joint::start::Prior;
+use crate::joint::start::{Prior, ShapePrior};
 use crate::joint::terms::Terms;
 use crate::joint::wander::UnitWander;
 use crate::joint::weights::Weights;
@@ -38,6 +38,7 @@ pub(crate) struct JointFit {
     pub(crate) linear: Arc<Linear>,
     pub(crate) weights: Weights,
     pub(crate) priors: Vec<Prior>,
+    pub(crate) shapes: Vec<ShapePrior>,
 }
 
 /// Factors by which the residuals of each kind scatter more than noise explains, and by which their standard deviations
@@ -130,6 +131,7 @@ impl JointFit {
             terms: estimates,
             weights: problem.weights.clone(),
             priors: problem.priors.clone(),
+            shapes: problem.shapes.clone(),
             linear,
         })
     }
