@@ -106,7 +106,7 @@ impl SessionStep {
         let moved = |triad: &Triad<f64>, change: Vector3<f64>| {
             Triad::try_new(*triad.sensitivity(), triad.bias() + triad.sensitivity() * change).ok()
         };
-        let mut own = calibration.clone();
+        let mut own = *calibration;
         own.accelerometer = moved(&calibration.accelerometer, force)?;
         own.gyroscope = moved(&calibration.gyroscope, rate)?;
         Some(own)

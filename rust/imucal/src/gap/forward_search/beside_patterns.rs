@@ -199,7 +199,7 @@ impl ForwardSearch<'_> {
             let Some(again) = extended(&members)? else { return Ok(nothing) };
             beside = again;
         }
-        self.swap_aliases((&mut members, &mut path), &mut beside, &open, &extended);
+        self.swap_aliases((&mut members, &mut path), &mut beside, &open, extended);
         let mut skipped: Vec<String> = Vec::new();
         while members.len() < MOST_EFFECTS {
             let judged = judge(&beside.stage);
