@@ -85,7 +85,7 @@ LONG = {
     "inspect": ["inspect", "run.parquet"],
     "calibrate": ["calibrate", "run.parquet", "-o", "OUT.json"],
     "report": ["calibrate", "control.parquet", "-o", "OUT.json", "--report", "OUT.html"],
-    "gap": ["gap", "run.parquet", "--control=control.parquet", "-o", "OUT.json"],
+    "gap": ["gap", "run.parquet", "--control", "control.parquet", "-o", "OUT.json"],
     "noise": ["noise", "still.parquet"],
     "stand": ["stand", "run", "random", "--driver=simulated", "--speed=1", "-o", "OUT.csv"],
 }
@@ -107,7 +107,13 @@ def test_ctrl_c_leaves_no_part_of_a_file(recordings, tmp_path, name):
     assert code == 130, shown
     assert "interrupted" in shown
     # A run of the stand keeps its journal, from which `imucal stand recover` makes a recording.
-    assert [file.name for file in tmp_path.iterdir() if "journal" not in file.name] == []
+    left = [file for file in tmp_path.iterdir() if "journal" not in file.name]
+    if name == "report":
+        # The calibration is complete before the report is begun.
+        assert [file.name for file in left] in ([], ["OUT.json"])
+        assert all(imucal.Calibration.load(file) for file in left)
+    else:
+        assert left == []
 
 
 @pytest.mark.slow

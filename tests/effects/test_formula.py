@@ -3,6 +3,8 @@
 import json
 import pickle
 import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import imucal
 from imucal.effects.formula import is_formula, parse_formula
 from imucal.effects.formula_effect import FormulaEffect, formula_effects
 
+COMMAND = Path(sys.executable).with_name("imucal")
 SUPPLY = "gyro: k*(supply_v - 3.3)"
 TRUE = [0.02, -0.01, 0.015]
 
@@ -237,7 +240,7 @@ def test_a_file_whose_formula_contradicts_it_is_refused(runs, tmp_path, change, 
 
 
 def imucal_command(folder, *arguments):
-    done = subprocess.run(["imucal", *arguments], cwd=folder, capture_output=True, text=True)
+    done = subprocess.run([COMMAND, *arguments], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

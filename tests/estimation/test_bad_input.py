@@ -466,6 +466,8 @@ ELSEWHERE = {
     "gains_differ",
     # A Recording has columns of one length: BAD_ARRAYS.
     "lengths_differ",
+    # One sensor alone: tests/estimation/test_accelerometer_alone.py.
+    "sensor_missing",
     # Noise and bias of a sensor at rest: tests/noise/test_noise.py and tests/advice/test_analyses.py.
     "noise_implausible",
     "bias_implausible",

@@ -57,23 +57,15 @@ def test_parameters_that_are_known_only_together():
 
 
 def test_an_effect_that_the_run_does_not_show():
-    """A unit that has long been warm has no warm-up: its size and its time constant are anything."""
+    """A unit that has long been warm has no warm-up: its size is zero within its standard deviation."""
     warm = imucal.simulate(
         Program.random(seed=2, moves=20, hold_s=2.0), unit="mpu6050", rate_hz=RATE_HZ, seed=2
     )
     result = imucal.calibrate(warm.recording, effects=["gyro_bias_warmup"])
-    by_code = {item.code: item for item in result.diagnosis}
-    assert set(by_code) >= {"flat", "at_bound"}
-    assert by_code["at_bound"].parameters == ("gyro_bias_warmup_tau",)
-    values = {p.name: p.value for p in result.parameters}
-    assert by_code["at_bound"].value == values["gyro_bias_warmup_tau"]
-    stds = {p.name: p.std for p in result.parameters}
-    for item in result.diagnosis:
-        if item.code == "flat":
-            (name,) = item.parameters
-            usual = imucal.effects.find("gyro_bias_warmup").parameters[0].typical
-            assert item.value == pytest.approx(stds[name] / usual)
-            assert item.value > 1
+    assert result.verdict == "good"
+    sizes = [p for p in result.parameters if p.name.startswith("gyro_bias_warmup_") and p.name[-1] in "xyz"]
+    assert len(sizes) == 3
+    assert all(abs(size.value) < 4 * size.std for size in sizes)
 
 
 # --- how well noise explains the fit ---

@@ -29,11 +29,8 @@ MOST_COLUMNS: Final = 6
 SAMPLES: Final = 4000
 
 
-def column_effects(recordings: Sequence[Recording], taken: Sequence[str]) -> tuple[FormulaEffect, ...]:
-    """Linear effects of the further columns on both biases; none for a column that varies with known inputs.
-
-    taken   names of effects that exist already
-    """
+def column_effects(recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
+    """Linear effects of the further columns on both biases; none for a column that varies with known inputs."""
     names = set.intersection(*(set(recording.auxiliary) for recording in recordings))
     usable = sorted(
         name for name in names if name.isidentifier() and name not in {*INPUTS, *CONSTANTS, *FUNCTIONS}
@@ -46,7 +43,7 @@ def column_effects(recordings: Sequence[Recording], taken: Sequence[str]) -> tup
         texts += [
             f"{sensor}_bias_{name} = {sensor}: k*({name} - {middle:.4g})" for sensor in ("gyro", "accel")
         ]
-    return formula_effects([text for text in texts if text.partition(" ")[0] not in taken], recordings)
+    return formula_effects(texts, recordings)
 
 
 def _explained_share(name: str, recordings: Sequence[Recording]) -> float:

@@ -61,8 +61,9 @@ def find_gap(
                         moves are held out in three folds
     calibration         existing calibration to compare with; without it, the fit without effects is the
                         reference
-    candidates          names of candidate effects from the catalogue; if None all effects, and biases that
-                        follow a further column of the recordings, such as a supply voltage. Names of
+    candidates          names of candidate effects from the catalogue; if None all effects, and without
+                        `user_effects` biases that follow a further column of the recordings, such as a
+                        supply voltage. Names of
                         user-defined effects, and formulas such as "gyro: k * (supply_v - 3.3)", are also
                         allowed; a list with only these excludes the catalogue
     user_effects        user-defined effects, which are always candidates
@@ -91,10 +92,10 @@ def find_gap(
     _require_list(candidates)
     unit_data = of_one_unit(unit_data)
     candidates, formulas = _without_formulas(candidates, [*unit_data, *judges])
-    if candidates is None:
-        taken = [effect.name for effect in user_effects]
-        formulas = column_effects([*unit_data, *judges], taken)
-    named = by_name([*user_effects, *formulas])
+    own = by_name(user_effects)
+    if candidates is None and not own:
+        formulas = column_effects([*unit_data, *judges])
+    named = by_name([*own.values(), *formulas])
     wanted = _wanted(candidates, named)
     if judges:
         judges = with_own_names(judges)

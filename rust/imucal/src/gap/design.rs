@@ -245,8 +245,10 @@ impl Design {
     pub(crate) fn with_columns(&self, more: &Mat<f64>, precisions: &[f64]) -> Self {
         let Rows { groups, items, axes, .. } = &*self.rows;
         let known = self.known();
-        let gram = known.with(&known.others(more));
         let (columns, first) = (self.rows.columns(), self.gram.residual);
+        // The rows of the priors of held parameters are not part of the design.
+        let more = &more.subrows(0, columns.nrows()).to_owned();
+        let gram = known.with(&known.others(more));
         let mut all = Mat::zeros(columns.nrows(), first + more.ncols());
         all.subcols_mut(0, first).copy_from(columns);
         all.subcols_mut(first, more.ncols()).copy_from(more);
