@@ -87,7 +87,8 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
         ),
         provenance=Provenance(
             tuple(dict.fromkeys((*first.provenance.files, *second.provenance.files))),
-            tuple(dict.fromkeys((*first.provenance.control_files, *second.provenance.control_files))),
+            # No control recording has judged both together.
+            (),
             str(_core.__version__),
             second.provenance.date,
             second.provenance.operator,

@@ -30,7 +30,7 @@ SAMPLES: Final = 4000
 
 
 def column_effects(recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
-    """Linear effects of the further columns on both biases; none for a column that varies with known inputs."""
+    """Linear effects of the further columns on both biases; none of a column that known inputs explain."""
     names = set.intersection(*(set(recording.auxiliary) for recording in recordings))
     usable = sorted(
         name for name in names if name.isidentifier() and name not in {*INPUTS, *CONSTANTS, *FUNCTIONS}
