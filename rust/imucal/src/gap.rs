@@ -8,7 +8,8 @@
 //!   with the selected effects.
 //! * `predict`: cross-validation of a candidate on held-out rests and moves.
 //! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
-//! * `forward_search::beside_patterns`: effects judged with generic hypotheses in the model, for known effects beside unknown ones.
+//! * `forward_search::beside_patterns`: effects judged with generic hypotheses in the model, for known effects beside
+//!   unknown ones.
 //! * `detect`: detection limit of each effect.
 //! * `fits`, `acceptance`: an effect is accepted if it does not make the prediction of control recordings, or of
 //!   held-out rests and moves, worse.
