@@ -324,8 +324,8 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     message
 }
 
-/// Tries several time constants with the linear parameters free, and keeps the one with the smallest chi2. It becomes the
-/// centre of a wide prior.
+/// Tries several time constants with the linear parameters free, and keeps the one with the smallest chi2. It becomes
+/// the centre of a wide prior.
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;
