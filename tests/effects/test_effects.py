@@ -402,7 +402,7 @@ def test_what_is_no_effect_of_ones_own_is_named():
         imucal.find_gap(recording, user_effects=["own"])
     with pytest.raises(imucal.InputError, match="the effect own is defined twice"):
         imucal.find_gap(recording, user_effects=[own, own])
-    with pytest.raises(imucal.InputError, match="1 is no effect: give names of the catalogue, formulas, or imucal"):
+    with pytest.raises(imucal.InputError, match="1 is no effect: give names of the catalogue, formulas, or"):
         imucal.calibrate(recording, effects=[1])
 
 
