@@ -172,6 +172,12 @@ def test_a_formula_needs_its_column_in_every_recording(runs):
         result.calibration.apply_recording(without)
 
 
+def test_a_formula_needs_both_sensors(runs):
+    alone = imucal.Recording(runs[0].time_s, runs[0].specific_force, auxiliary=runs[0].auxiliary)
+    with pytest.raises(imucal.InputError, match="sensor_missing"):
+        imucal.calibrate(alone, effects=["accel: k*(supply_v - 3.3)"])
+
+
 def test_two_formulas_have_two_names(runs):
     effects = formula_effects(["gyro: k*w*abs(w)", "gyro x: q*supply_v", "accel: k*f*abs(w)"], runs)
     assert [effect.name for effect in effects] == ["gyro_formula", "gyro_formula_2", "accel_formula"]

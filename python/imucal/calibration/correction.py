@@ -68,7 +68,7 @@ def correct_recording(model: SensorModel, recording: Recording, *, start_s: floa
         raise InputError(f"{recording.name}: the effects of this calibration need the whole recording")
     model.require_raw_units(recording)
     if model.gyroscope is None:
-        # What is left of the recording is in SI units and the body frame, so a raw gyroscope is not.
+        # The result is in SI units along the body frame. Angular rates that cannot be corrected are left out.
         recording = recording.of_sensor("accelerometer")
     if len(recording.sensors) == 1:
         if model.effects:

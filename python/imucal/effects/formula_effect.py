@@ -15,7 +15,7 @@ from imucal.effects.effect import EffectParameter
 from imucal.effects.formula import AXES, CONSTANTS, INPUTS, Formula, names_in, parse_formula
 from imucal.effects.state import State
 from imucal.errors import InputError
-from imucal.recording.recording import Recording
+from imucal.recording.recording import Recording, require_sensors
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["FormulaEffect", "formula_effects"]
@@ -126,12 +126,13 @@ def formula_effects(texts: Sequence[str], recordings: Sequence[Recording]) -> tu
     Raises InputError for a text that is no formula, and for a column that one of the recordings lacks.
     """
     columns = set.intersection(*(set(recording.auxiliary) for recording in recordings))
+    states = [_rough_state(recording) for recording in recordings] if texts else []
     found: list[FormulaEffect] = []
     for text in texts:
         effect = FormulaEffect.of(text, columns=columns)
         count = sum(other.name.startswith(effect.name) for other in found)
         name = f"{effect.name}_{count + 1}" if count else effect.name
-        typical = _typical_sizes(effect, recordings)
+        typical = _typical_sizes(effect, states)
         found.append(FormulaEffect.of(text, columns=columns, typical=typical, name=name))
     return tuple(found)
 
@@ -209,9 +210,9 @@ def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
     raise AssertionError(f"parse_formula admits {ast.dump(node)}")
 
 
-def _typical_sizes(effect: FormulaEffect, recordings: Sequence[Recording]) -> list[float]:
-    """Sizes of the parameters with which the effect varies by `TYPICAL` in these recordings."""
-    columns = np.concatenate([effect.columns(_rough_state(recording)) for recording in recordings])
+def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float]:
+    """Sizes of the parameters with which the effect varies by `TYPICAL` in recordings with these states."""
+    columns = np.concatenate([effect.columns(state) for state in states])
     spread = np.nanstd(columns, axis=0).max(axis=0)
     constant = [p.name for p, s in zip(effect.parameters, spread, strict=True) if not s > 0]
     if constant:
@@ -224,6 +225,7 @@ def _typical_sizes(effect: FormulaEffect, recordings: Sequence[Recording]) -> li
 
 def _rough_state(recording: Recording) -> State:
     """The state of a recording without correction; counts are scaled by gravity and by a usual turn."""
+    require_sensors(recording, "accelerometer", "gyroscope")
     force, rate = np.asarray(recording.specific_force, float), np.asarray(recording.angular_rate, float)
     if recording.accel_unit == "lsb":
         force = force * (STANDARD_GRAVITY_MPS2 / max(float(np.median(np.linalg.norm(force, axis=1))), 1.0))
