@@ -240,12 +240,7 @@ fn judge(
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     let mut findings: Vec<Finding> = recordings.iter().flat_map(check_columns).collect();
-    // Saturation in a control recording is reported but not refused; saturated moves are excluded from the figures.
-    let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
-    if findings.iter().any(fatal) {
-        findings.retain(fatal);
-        return Err(Error::Data(findings));
-    }
+    refuse_unusable(&mut findings)?;
     let mut segments: Vec<Segments> =
         recordings.iter().map(|recording| Segments::find(recording, min_rest_s)).collect::<Result<_, _>>()?;
     findings.extend(recordings.iter().zip(&segments).filter_map(|(recording, of)| of.noise_below_lsb(recording)));
@@ -427,4 +422,15 @@ fn carried_gravity(
         calibrated: through(judged, &triads.gyroscope),
         measured,
     }
+}
+
+/// Returns the errors among the findings of the checks. Saturation in a control recording is reported but not refused:
+/// saturated moves are excluded from the figures.
+fn refuse_unusable(findings: &mut Vec<Finding>) -> Result<(), Error> {
+    let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
+    if findings.iter().any(fatal) {
+        findings.retain(fatal);
+        return Err(Error::Data(std::mem::take(findings)));
+    }
+    Ok(())
 }

@@ -5,10 +5,10 @@ use imucal_core::sensor::Triad;
 
 use super::group_misfits::Judged;
 use super::verdict::worse;
-use super::{Evaluation, RestReport, Uncertainty, as_it_comes, figures, rest_report};
+use super::{Evaluation, RestReport, Uncertainty, as_it_comes, figures, refuse_unusable, rest_report};
 use crate::check::check_one_or_both;
 use crate::error::Error;
-use crate::finding::{Finding, Severity};
+use crate::finding::Finding;
 use crate::recording::Recording;
 use crate::rests::moves::saturated_stretches;
 use crate::rests::segment::Segments;
@@ -49,11 +49,7 @@ fn judge(
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     let mut findings: Vec<Finding> = recordings.iter().flat_map(check_one_or_both).collect();
-    let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
-    if findings.iter().any(fatal) {
-        findings.retain(fatal);
-        return Err(Error::Data(findings));
-    }
+    refuse_unusable(&mut findings)?;
     let segments: Vec<Segments> =
         recordings.iter().map(|recording| Segments::find(recording, min_rest_s)).collect::<Result<_, _>>()?;
     findings.extend(recordings.iter().zip(&segments).filter_map(|(recording, of)| of.noise_below_lsb(recording)));
