@@ -1,0 +1,1 @@
+"""Statistics over the units of a fleet."""
