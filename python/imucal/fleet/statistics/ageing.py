@@ -1,0 +1,103 @@
+"""Which parameter ages: the mean slope over units, of all and by batch, station and temperature."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.fleet.measurements import Measurements
+from imucal.fleet.statistics.columns import FEWEST, Columns
+from imucal.fleet.statistics.scipy_part import scipy_part
+from imucal.fleet.statistics.slopes import Slopes
+from imucal.fleet.statistics.spread import spread_of
+
+__all__ = ["Ageing", "ageing_of"]
+
+# Expected share of false alarms among the reported groups.
+FALSE_DISCOVERIES: Final = 0.01
+# Figure whose thirds are compared.
+TEMPERATURE: Final = "temperature_degc"
+
+
+@dataclass(frozen=True)
+class Ageing:
+    """The mean slope of a parameter over a group of units.
+
+    name, unit      of the parameter
+    by, group       "all", or "batch", "station", "temperature" and its value; temperatures are thirds of the
+                    units, as a range in degC
+    units           number of units
+    slope, std      mean over the units, per month
+    spread          standard deviation over the units, without measuring noise
+    p_value         of a mean of zero for all units, and of the mean of all other units for a group
+    q_value         corrected for the number of parameters and groups
+    is_significant  whether the false discovery rate is at most 1 %
+    """
+
+    name: str
+    unit: str
+    by: str
+    group: str
+    units: int
+    slope: float
+    std: float
+    spread: float
+    p_value: float
+    q_value: float
+    is_significant: bool
+
+
+def ageing_of(dated: Measurements, columns: Columns, slopes: Slopes) -> tuple[Ageing, ...]:
+    """Mean slopes of all units and of each group; groups with few units are left out."""
+    stats: Any = scipy_part("stats")
+    groups = [("all", "", np.ones(len(slopes.first), dtype=bool)), *_groups(dated, slopes)]
+    rows = []
+    for column, (name, unit) in enumerate(zip(columns.names, columns.units, strict=True)):
+        slope, std = slopes.slopes[:, column], slopes.stds[:, column]
+        known = np.isfinite(slope) & np.isfinite(std)
+        for by, group, members in groups:
+            own, others = known & members, known & ~members
+            if own.sum() < FEWEST or (by != "all" and others.sum() < FEWEST):
+                continue
+            inside = spread_of(slope[own], std[own], interval=False)
+            mean, variance = inside.mean, inside.mean_std**2
+            if by != "all":
+                outside = spread_of(slope[others], std[others], interval=False)
+                mean, variance = mean - outside.mean, variance + outside.mean_std**2
+            p_value = float(2.0 * stats.norm.sf(abs(mean) / np.sqrt(variance))) if variance > 0 else 1.0
+            rows.append(
+                (name, unit, by, group, int(own.sum()), inside.mean, inside.mean_std, inside.spread, p_value)
+            )
+    if not rows:
+        return ()
+    q_values = stats.false_discovery_control([row[-1] for row in rows])
+    aged = [
+        Ageing(*row, float(q), bool(q <= FALSE_DISCOVERIES)) for row, q in zip(rows, q_values, strict=True)
+    ]
+    return tuple(sorted(aged, key=lambda row: row.p_value))
+
+
+def _groups(dated: Measurements, slopes: Slopes) -> list[tuple[str, str, np.ndarray]]:
+    """Units of each batch, station and third of the temperatures."""
+    groups = []
+    for by, labels in (("batch", dated.batches), ("station", dated.stations)):
+        own = labels[slopes.first]
+        groups += [(by, str(label), own == label) for label in np.unique(own) if label]
+    if TEMPERATURE in dated.figures:
+        of_row = dated.figures[TEMPERATURE]
+        mean = np.array([_mean(of_row[rows]) for rows in slopes.rows])
+        known = mean[np.isfinite(mean)]
+        if len(known) >= 3 * FEWEST and known.max() > known.min():
+            edges = np.quantile(known, (0.0, 1 / 3, 2 / 3, 1.0))
+            for low, high in itertools.pairwise(edges.tolist()):
+                members = (mean >= low) & ((mean <= high) if high == edges[-1] else (mean < high))
+                groups.append(("temperature", f"{low:.1f} to {high:.1f} degC", members))
+    return groups
+
+
+def _mean(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else float("nan")

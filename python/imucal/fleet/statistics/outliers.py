@@ -1,0 +1,238 @@
+"""Odd units: a robust distance of each unit from its fleet, over parameters and figures.
+
+    d_i^2 = (y_i - mean)^T (S + C_i)^-1 (y_i - mean)
+
+S is the covariance of the true values of the units, C_i that of the measurement of unit i. Mean and S come
+from the minimum covariance determinant (MCD) with a deterministic start (Hubert, Rousseeuw and Verdonck,
+Journal of Computational and Graphical Statistics 21, 2012), with the measuring noise taken off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.document.plain import without_nan
+from imucal.errors import InputError
+from imucal.fleet.measurements import Measurements
+from imucal.fleet.statistics.columns import Columns, columns_of
+from imucal.fleet.statistics.robust_covariance import robust_location
+from imucal.fleet.statistics.scipy_part import scipy_part
+from imucal.fleet.statistics.shifts import Shift, common_shifts
+from imucal.fleet.statistics.units_of_fleet import usable
+
+__all__ = ["OutlierResult", "UnitDistance", "outliers"]
+
+SCHEMA: Final = "imucal.fleet-outliers/1"
+# Expected share of false alarms among the units that are reported as odd.
+FALSE_DISCOVERIES: Final = 0.002
+# Parameters of a unit that are listed.
+MOST_DECIDING: Final = 3
+# Fewest units beyond the number of columns.
+UNITS_PER_COLUMN: Final = 2
+
+
+@dataclass(frozen=True)
+class Deciding:
+    """A parameter or figure of an odd unit.
+
+    value, expected   measured value without shifts of its station, and the mean of its fleet; a figure as its
+                      natural logarithm
+    z                 deviation in standard deviations of a measured value
+    removed           by how much d^2 falls without this parameter
+    """
+
+    name: str
+    unit: str
+    value: float
+    expected: float
+    z: float
+    removed: float
+
+
+@dataclass(frozen=True)
+class UnitDistance:
+    """The distance of one unit.
+
+    distance   d, the root of d^2
+    p_value    of d^2 for a unit of the fleet
+    q_value    smallest false discovery rate at which the unit is reported
+    is_odd     whether that is at most 0.2 %
+    decides    the parameter without which d^2 falls most, and the next ones
+    """
+
+    serial: str
+    station: str
+    date: str
+    batch: str
+    distance: float
+    p_value: float
+    q_value: float
+    is_odd: bool
+    decides: tuple[Deciding, ...]
+
+
+@dataclass(frozen=True)
+class OutlierResult:
+    """Distances of all units.
+
+    units     the farthest first
+    poor      number of calibrations left out because they are poor
+    columns   names of the parameters and figures
+    shifts    common shifts of stations, which were taken off: they are not the units'
+    tail      degrees of freedom of the distances: infinite for normal units, small for wide tails
+    """
+
+    units: tuple[UnitDistance, ...]
+    poor: int
+    columns: tuple[str, ...]
+    shifts: tuple[Shift, ...]
+    tail: float
+
+    @property
+    def odd(self) -> tuple[UnitDistance, ...]:
+        """The odd units."""
+        return tuple(unit for unit in self.units if unit.is_odd)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document of `imucal fleet outliers --json`."""
+        return {"schema": SCHEMA, **without_nan(self)}
+
+
+def outliers(measurements: Measurements) -> OutlierResult:
+    """Distances of the first calibration of each unit.
+
+    Raises InputError for fewer than twice as many units as parameters.
+    """
+    kept, poor = usable(measurements)
+    all_columns = columns_of(kept)
+    shifts = common_shifts(kept, all_columns)
+    own, rows = _first_rows(kept)
+    values = all_columns.values[rows] - shifts.added[rows]
+    # A column that some units lack would exclude these units.
+    common = np.isfinite(values).mean(axis=0) > 0.9
+    names = tuple(name for name, is_common in zip(all_columns.names, common, strict=True) if is_common)
+    complete = np.isfinite(values[:, common]).all(axis=1)
+    if complete.sum() < max(UNITS_PER_COLUMN * len(names), 10):
+        raise InputError(
+            f"{int(complete.sum())} units have all of {len(names)} parameters and figures: distances need "
+            f"{max(UNITS_PER_COLUMN * len(names), 10)} units"
+        )
+    own, rows, values = own.where(complete), rows[complete], values[complete][:, common]
+    noise = _noise(own, all_columns, rows, common)
+    # In units of a robust width, because parameters have different magnitudes.
+    centre = np.median(values, axis=0)
+    width = np.median(np.abs(values - centre), axis=0) / 0.6744897501960817
+    width = np.where(width > 0, width, np.maximum(values.std(axis=0), np.finfo(float).tiny))
+    scaled = (values - centre) / width
+    noise = noise / (width[:, None] * width[None, :])
+    mean, spread = robust_location(scaled, noise)
+    distances, removed, marginal = _distances(scaled - mean, noise, spread)
+    p_values, tail = _p_values(distances, np.maximum(removed, marginal**2).max(axis=1), len(names))
+    q_values = scipy_part("stats").false_discovery_control(p_values)
+    units = [
+        UnitDistance(
+            str(own.serials[unit]),
+            str(own.stations[unit]),
+            "" if np.isnat(own.dates[unit]) else str(np.datetime_as_string(own.dates[unit])),
+            str(own.batches[unit]),
+            float(np.sqrt(distances[unit])),
+            float(p_values[unit]),
+            float(q_values[unit]),
+            bool(q_values[unit] <= FALSE_DISCOVERIES),
+            tuple(
+                Deciding(
+                    names[column],
+                    all_columns.units[all_columns.names.index(names[column])],
+                    float(values[unit, column]),
+                    float(centre[column] + width[column] * mean[column]),
+                    float(marginal[unit, column]),
+                    float(removed[unit, column]),
+                )
+                for column in np.argsort(-removed[unit])[:MOST_DECIDING]
+            ),
+        )
+        for unit in np.argsort(-distances, kind="stable")
+    ]
+    return OutlierResult(tuple(units), poor, names, shifts.found, tail)
+
+
+def _first_rows(kept: Measurements) -> tuple[Measurements, np.ndarray]:
+    """The first measurement of each unit, and its rows in `kept`."""
+    order = np.argsort(kept.dates, kind="stable")
+    _, first = np.unique(kept.serials[order], return_index=True)
+    rows = order[np.sort(first)]
+    return kept.where(rows), rows
+
+
+def _noise(own: Measurements, columns: Columns, rows: np.ndarray, common: np.ndarray) -> FloatArray:
+    """Covariance of the measurement of each unit, (n, c, c); diagonal without stated covariances."""
+    variances = columns.variances[rows][:, common]
+    names = [name for name, is_common in zip(columns.names, common, strict=True) if is_common]
+    size = len(names)
+    noise = np.zeros((len(rows), size, size))
+    if own.covariances is not None:
+        inside = [k for k, name in enumerate(names) if name in own.names]
+        picked = np.array([own.names.index(names[k]) for k in inside], dtype=np.intp)
+        block = own.covariances[:, picked[:, None], picked[None, :]]
+        noise[:, np.array(inside)[:, None], np.array(inside)[None, :]] = np.where(
+            np.isfinite(block), block, 0.0
+        )
+    diagonal = np.arange(size)
+    noise[:, diagonal, diagonal] = variances
+    return noise
+
+
+def _distances(
+    residuals: FloatArray, noise: FloatArray, spread: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """d^2, what each column removes from it, and the deviation of each column in standard deviations."""
+    total = spread + noise
+    inverse = np.linalg.inv(total)
+    weighted = np.einsum("nij,nj->ni", inverse, residuals)
+    removed = weighted**2 / np.einsum("nii->ni", inverse)
+    marginal = residuals / np.sqrt(np.einsum("nii->ni", total))
+    return np.einsum("ni,ni->n", residuals, weighted), removed, marginal
+
+
+def _p_values(squared: FloatArray, largest: FloatArray, columns: int) -> tuple[FloatArray, float]:
+    """P values of d^2, and the degrees of freedom of its tail.
+
+    d^2 / c is compared with an F distribution, scaled to the median of the units. Its second degrees of
+    freedom reproduce the ratio of the upper 5 % point to the median, so that a fleet with wide tails has few
+    false alarms; for a normal fleet they are infinite and the distribution is chi-square. The largest
+    deviation of a single column, by itself and given the others, is tested in the same way and corrected for
+    the number of columns: it finds what is small among many columns.
+    """
+    stats: Any = scipy_part("stats")
+    median, upper = np.quantile(squared, (0.5, 0.95))
+    ratio = upper / median if median > 0 else 1.0
+    # The ratio of n units scatters by some 2 / sqrt(n).
+    if ratio <= _ratio(stats.chi2(columns)) * (1.0 + 2.0 / np.sqrt(len(squared))):
+        scale = max(float(median / stats.chi2.ppf(0.5, columns)), 1.0)
+        joint, single = stats.chi2.sf(squared / scale, columns), stats.chi2.sf(largest / scale, 1)
+        return _together(joint, single, columns), float("inf")
+    tail = next((dof for dof in TAILS if ratio <= _ratio(stats.f(columns, dof))), TAILS[-1])
+    scale = float(median / (columns * stats.f.ppf(0.5, columns, tail)))
+    joint, single = (
+        stats.f.sf(squared / (columns * scale), columns, tail),
+        stats.f.sf(largest / scale, 1, tail),
+    )
+    return _together(joint, single, columns), tail
+
+
+def _together(joint: FloatArray, single: FloatArray, columns: int) -> FloatArray:
+    """The smaller p value, corrected for there being two, and two deviations in each column."""
+    return np.minimum(2.0 * np.minimum(joint, 2.0 * columns * single), 1.0)
+
+
+def _ratio(distribution: Any) -> float:
+    """The upper 5 % point over the median."""
+    return float(distribution.ppf(0.95) / distribution.ppf(0.5))
+
+
+# Degrees of freedom of the tail that are tried, from nearly normal to wide.
+TAILS: Final = (500.0, 200.0, 100.0, 50.0, 30.0, 20.0, 15.0, 10.0, 7.0, 5.0, 4.0, 3.0, 2.0)

@@ -1,0 +1,64 @@
+"""Robust mean and covariance of units apart from measuring noise."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.fleet.statistics.scipy_part import scipy_part
+
+__all__ = ["robust_location"]
+
+# Units that decide mean and covariance; of more, a random part with this many.
+MOST_UNITS: Final = 4000
+# Share of the units in the first steps, and quantile of d^2 within which a unit counts in the last ones.
+HALF: Final = 0.5
+KEPT: Final = 0.975
+STEPS: Final = 8
+
+
+def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of the true values of units.
+
+    values   (n, c), scaled to comparable widths
+    noise    (n, c, c) covariances of the measurements
+
+    Starts from medians, median absolute deviations and rank correlations, then keeps the half of the units
+    that is nearest, and in the last steps all units within the 97.5 % point of their distances.
+    """
+    stats: Any = scipy_part("stats")
+    if len(values) > MOST_UNITS:
+        part = np.random.default_rng(0).permutation(len(values))[:MOST_UNITS]
+        values, noise = values[part], noise[part]
+    columns = values.shape[1]
+    mean_noise = noise.mean(axis=0)
+    centre = np.median(values, axis=0)
+    width = np.median(np.abs(values - centre), axis=0) / 0.6744897501960817
+    ranks = stats.rankdata(values, axis=0)
+    # Pearson's correlation of normal values from that of their ranks.
+    correlation = np.atleast_2d(2.0 * np.sin(np.pi / 6.0 * np.corrcoef(ranks, rowvar=False)))
+    spread = _positive(correlation * width[:, None] * width[None, :] - mean_noise)
+    for share in (*[HALF] * STEPS, *[KEPT] * STEPS):
+        residuals = values - centre
+        total = spread + noise
+        distances = np.einsum("ni,ni->n", residuals, np.linalg.solve(total, residuals[:, :, None])[:, :, 0])
+        if share == HALF:
+            kept = distances <= np.quantile(distances, HALF)
+        else:
+            scale = np.median(distances) / stats.chi2.ppf(0.5, columns)
+            kept = distances <= max(scale, 1.0) * stats.chi2.ppf(KEPT, columns)
+        # Covariance of normal values inside an ellipsoid that contains this share, relative to that of all.
+        inside = share / stats.chi2.cdf(stats.chi2.ppf(share, columns), columns + 2)
+        centre = values[kept].mean(axis=0)
+        measured = inside * np.cov(values[kept], rowvar=False).reshape(columns, columns)
+        spread = _positive(measured - noise[kept].mean(axis=0))
+    return centre, spread
+
+
+def _positive(matrix: FloatArray) -> FloatArray:
+    """The nearest matrix without negative eigenvalues; those that are zero are raised slightly."""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    floor = 1e-6 * max(float(values.max()), 1e-12)
+    return np.asarray((vectors * np.maximum(values, floor)) @ vectors.T)

@@ -1,0 +1,162 @@
+"""Slopes of all parameters of all units at once, and their tests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.fleet.measurements import Measurements
+from imucal.fleet.statistics.columns import Columns, unit_numbers
+from imucal.fleet.statistics.scipy_part import scipy_part
+
+__all__ = ["DAYS_PER_MONTH", "Slopes", "slopes_of"]
+
+# Mean length of a month of the Gregorian calendar, days.
+DAYS_PER_MONTH: Final = 30.436875
+# Rows of which covariances are inverted at once, to bound the memory.
+CHUNK: Final = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Slopes of u units with two or more dates in c columns, per month.
+
+    rows          rows of each unit, in order of time
+    first         (u,) first row
+    slopes, stds  (u, c), NaN where a column has fewer than two dates
+    chi2, dof     (u,) joint test of the slopes; chi2 is None without covariances, and NaN for a unit whose
+                  covariances cannot be inverted
+    parameter_p   (u, c) p value of slope or step, corrected for the number of columns and of steps
+    p_values      (u,) of joint test and single columns together
+    """
+
+    rows: tuple[np.ndarray, ...]
+    first: np.ndarray
+    slopes: FloatArray
+    stds: FloatArray
+    chi2: FloatArray | None
+    dof: np.ndarray
+    parameter_p: FloatArray
+    p_values: FloatArray
+
+
+def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slopes:
+    """Slopes of units that have two or more dates; `values` are the columns without shifts of stations."""
+    stats: Any = scipy_part("stats")
+    rows = _rows_of_units(dated)
+    first = np.array([own[0] for own in rows], dtype=np.intp)
+    size = (len(rows), len(columns.names))
+    slopes, stds, steps = np.full(size, np.nan), np.full(size, np.nan), np.zeros(size)
+    counts = np.ones(size)
+    seconds = (dated.dates - dated.dates[0]) / np.timedelta64(1, "s")
+    months = seconds / (86400.0 * DAYS_PER_MONTH)
+    for unit, own in enumerate(rows):
+        y, variance = values[own], columns.variances[own]
+        weight = np.where(np.isfinite(y), 1.0 / variance, 0.0)
+        y = np.where(np.isfinite(y), y, 0.0)
+        t = (months[own] - months[own[0]])[:, None]
+        total = weight.sum(0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            centred = t - (weight * t).sum(0) / total
+            information = (weight * centred**2).sum(0)
+            enough = (information > 0) & ((weight > 0).sum(0) >= 2)
+            slopes[unit] = np.where(enough, (weight * centred * y).sum(0) / information, np.nan)
+            stds[unit] = np.where(enough, 1.0 / np.sqrt(information), np.nan)
+            for at in range(1, len(own)):
+                before, after = weight[:at].sum(0), weight[at:].sum(0)
+                step = (weight[at:] * y[at:]).sum(0) / after - (weight[:at] * y[:at]).sum(0) / before
+                steps[unit] = np.fmax(steps[unit], step**2 / (1.0 / before + 1.0 / after))
+        counts[unit] = len(own) - 1
+    z2 = (slopes / stds) ** 2
+    known = np.isfinite(z2)
+    # With two dates a slope is a step; with more, the better of both is one of that many tests.
+    tests = np.where(counts > 1, counts + 1, 1.0) * known.sum(1)[:, None]
+    largest = np.where(counts > 1, np.fmax(z2, steps), z2)
+    parameter_p = np.where(known, np.minimum(stats.chi2.sf(largest, 1) * tests, 1.0), np.nan)
+    dof = known.sum(1)
+    single_p = np.fmin.reduce(parameter_p, axis=1) if len(rows) else np.zeros(0)
+    if dated.covariances is None or not rows:
+        # Estimates of one calibration are correlated, so the sum of squares alone has no known distribution.
+        return Slopes(tuple(rows), first, slopes, stds, None, dof, parameter_p, single_p)
+    chi2 = _joint(dated, columns, values, rows, months)
+    joint_p = np.where(np.isfinite(chi2), stats.chi2.sf(chi2, dof), 1.0)
+    p_values = np.minimum(2.0 * np.minimum(joint_p, single_p), 1.0)
+    return Slopes(tuple(rows), first, slopes, stds, chi2, dof, parameter_p, p_values)
+
+
+def _rows_of_units(dated: Measurements) -> list[np.ndarray]:
+    """Rows of each unit with two or more dates; `dated` is in order of time."""
+    numbers = unit_numbers(dated.serials)
+    order = np.argsort(numbers, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1)
+    return [part for part in parts if len(part) > 1 and dated.dates[part[-1]] > dated.dates[part[0]]]
+
+
+def _joint(
+    dated: Measurements,
+    columns: Columns,
+    values: FloatArray,
+    rows: list[np.ndarray],
+    months: FloatArray,
+) -> FloatArray:
+    """chi2 of the slopes of each unit by generalised least squares with the covariances of its calibrations.
+
+    information = sum t^2 W - (sum t W) (sum W)^-1 (sum t W)      W: inverse covariance of a calibration
+    """
+    picked = np.array([dated.names.index(name) for name in columns.names], dtype=np.intp)
+    chi2 = np.full(len(rows), np.nan)
+    start = 0
+    while start < len(rows):
+        end, count = start, 0
+        while end < len(rows) and (count == 0 or count + len(rows[end]) <= CHUNK):
+            count += len(rows[end])
+            end += 1
+        flat = np.concatenate(rows[start:end])
+        weights = _inverse(dated, columns, values, flat, picked)
+        y = np.where(np.isfinite(values[flat]), values[flat], 0.0)
+        offsets = np.concatenate([[0], np.cumsum([len(own) for own in rows[start:end]])[:-1]])
+        # Times from the mean of each unit keep the sums well conditioned.
+        lengths = np.array([len(own) for own in rows[start:end]])
+        t = months[flat] - np.repeat(np.add.reduceat(months[flat], offsets) / lengths, lengths)
+        # Values from the first of each unit, because a common value of a unit does not change its slope.
+        y = y - np.repeat(y[offsets], lengths, axis=0)
+        wy = np.einsum("nij,nj->ni", weights, y)
+        a0, a1, a2 = (
+            np.add.reduceat(power[:, None, None] * weights, offsets) for power in (np.ones_like(t), t, t**2)
+        )
+        b0, b1 = np.add.reduceat(wy, offsets), np.add.reduceat(t[:, None] * wy, offsets)
+        ridge = 1e-300 * np.eye(len(picked))
+        try:
+            both = np.linalg.solve(a0 + ridge, np.concatenate([a1, b0[:, :, None]], axis=2))
+            information = a2 - a1 @ both[:, :, :-1]
+            right = b1 - np.einsum("nij,nj->ni", a1, both[:, :, -1])
+            chi2[start:end] = np.einsum(
+                "ni,ni->n", right, np.linalg.solve(information + ridge, right[:, :, None])[:, :, 0]
+            )
+        except np.linalg.LinAlgError:
+            # These units keep the test of single parameters.
+            pass
+        start = end
+    return np.where(chi2 >= 0, chi2, np.nan)
+
+
+def _inverse(
+    dated: Measurements, columns: Columns, values: FloatArray, rows: np.ndarray, picked: np.ndarray
+) -> FloatArray:
+    """Inverse covariances with the repeatability beyond the stated noise; a missing value has no weight."""
+    assert dated.covariances is not None
+    covariances = dated.covariances[rows[:, None, None], picked[:, None], picked[None, :]].copy()
+    stated = np.einsum("nii->ni", covariances)
+    missing = ~np.isfinite(values[rows]) | ~np.isfinite(stated)
+    covariances[missing[:, :, None] | missing[:, None, :]] = 0.0
+    diagonal = np.arange(len(picked))
+    covariances[:, diagonal, diagonal] = np.where(missing, 1.0, columns.variances[rows])
+    # Scaled to correlations, because parameters have different magnitudes.
+    scale = 1.0 / np.sqrt(covariances[:, diagonal, diagonal])
+    correlations = covariances * scale[:, :, None] * scale[:, None, :]
+    weights = np.linalg.inv(correlations) * scale[:, :, None] * scale[:, None, :]
+    weights[missing[:, :, None] | missing[:, None, :]] = 0.0
+    return np.asarray(weights)

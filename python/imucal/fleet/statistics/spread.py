@@ -1,0 +1,151 @@
+"""Spread of units apart from the noise of measuring them, by maximum likelihood.
+
+    y_i = theta_i + e_i      theta_i ~ N(mean, spread^2),  e_i ~ N(0, sigma_i^2) with known sigma_i
+
+A share of the units may be odd: they belong to a second, ten times wider distribution with the same mean.
+Its share is estimated with the other numbers, so that a few odd units do not widen the spread.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imucal.arrays import FloatArray
+from imucal.errors import InputError
+from imucal.fleet.statistics.scipy_part import scipy_part
+
+__all__ = ["Spread", "spread_of"]
+
+# Standard deviation of the distribution of odd units, as a multiple of that of all other units. Units beyond
+# about 4 standard deviations are then more probably odd.
+ODD_WIDTH: Final = 10.0
+# Iterations, and relative change of the variance at which they end.
+MOST_STEPS: Final = 200
+SETTLED: Final = 1e-9
+# Fewest units with a value.
+FEWEST_UNITS: Final = 3
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean and standard deviation of a parameter over units, without measuring noise.
+
+    units        number of units with a value
+    mean         of the units, and mean_std, its standard deviation
+    spread       standard deviation of the true values of the units
+    low, high    95 % interval of the spread, by the likelihood ratio
+    odd          estimated share of units that belong to a wider distribution
+    noise        rms of the standard deviations of the measurements
+    """
+
+    units: int
+    mean: float
+    mean_std: float
+    spread: float
+    low: float
+    high: float
+    odd: float
+    noise: float
+
+    @property
+    def total(self) -> float:
+        """Standard deviation of a measured value: spread and measuring noise together."""
+        return math.hypot(self.spread, self.noise)
+
+
+def spread_of(values: ArrayLike, sigmas: ArrayLike, *, interval: bool = True) -> Spread:
+    """The spread of units with these measured values and standard deviations; NaN values are left out.
+
+    interval   whether to compute the interval, which takes as long as the rest; otherwise it is 0 to infinity
+
+    Raises InputError for fewer than three values, and for a standard deviation that is negative or not known.
+    """
+    y, sigma = np.asarray(values, dtype=np.float64), np.asarray(sigmas, dtype=np.float64)
+    known = np.isfinite(y)
+    y, sigma = y[known], sigma[known]
+    if len(y) < FEWEST_UNITS:
+        raise InputError(f"{len(y)} units have a value: their spread needs {FEWEST_UNITS}")
+    if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
+        raise InputError("a standard deviation is negative or not known: the spread needs all of them")
+    # In units of the robust width, so that tolerances hold for all magnitudes.
+    centre = float(np.median(y))
+    width = float(np.median(np.abs(y - centre))) / MEDIAN_DEVIATION or float(y.std()) or 1.0
+    y, noise = (y - centre) / width, (sigma / width) ** 2
+    mean, variance, share, core = _fit(y, noise)
+    low, high = _interval(y, noise, core, variance) if interval else (0.0, math.inf)
+    total = variance + noise
+    weights = np.divide(core, total, out=np.zeros_like(core), where=total > 0)
+    mean_std = math.sqrt(1.0 / weights.sum()) if weights.sum() > 0 else 0.0
+    return Spread(
+        len(y),
+        centre + width * mean,
+        width * mean_std,
+        width * math.sqrt(variance),
+        width * math.sqrt(low),
+        width * math.sqrt(high),
+        share,
+        width * math.sqrt(float(noise.mean())),
+    )
+
+
+# Median of |x| of a standard normal x.
+MEDIAN_DEVIATION: Final = 0.6744897501960817
+
+
+def _fit(y: FloatArray, noise: FloatArray) -> tuple[float, float, float, FloatArray]:
+    """Mean, variance of the units, share of odd units, and for each unit the probability not to be odd.
+
+    Alternates between these probabilities and one step of Fisher scoring for mean and variance.
+    """
+    mean, variance, share = 0.0, max(1.0 - float(np.median(noise)), 0.0), 0.01
+    core = np.ones_like(y)
+    for _ in range(MOST_STEPS):
+        total = np.maximum(variance + noise, TINY)
+        wide = total + (ODD_WIDTH**2 - 1.0) * (variance + float(noise.mean()))
+        normal = (1.0 - share) * np.exp(-0.5 * (y - mean) ** 2 / total) / np.sqrt(total)
+        odd = share * np.exp(-0.5 * (y - mean) ** 2 / wide) / np.sqrt(wide)
+        sum_of_both = normal + odd
+        core = np.divide(normal, sum_of_both, out=np.zeros_like(y), where=sum_of_both > 0)
+        share = float(1.0 - core.mean())
+        weights = core / total
+        mean = float((weights * y).sum() / weights.sum())
+        information = float((core / total**2).sum())
+        score = float((core * ((y - mean) ** 2 - total) / total**2).sum())
+        before, variance = variance, max(variance + score / information, 0.0)
+        if abs(variance - before) <= SETTLED * max(variance, 1.0):
+            break
+    return mean, variance, share, core
+
+
+# Smallest variance of a measured value, relative to the robust variance of all: exact values of equal units.
+TINY: Final = 1e-24
+
+
+def _interval(y: FloatArray, noise: FloatArray, core: FloatArray, variance: float) -> tuple[float, float]:
+    """95 % interval of the variance by the likelihood ratio, with the mean maximised over."""
+    optimize: Any = scipy_part("optimize")
+    quarter = 0.5 * float(scipy_part("stats").chi2.ppf(0.95, 1))
+
+    def log_likelihood(candidate: float) -> float:
+        total = np.maximum(candidate + noise, TINY)
+        weights = core / total
+        mean = (weights * y).sum() / weights.sum()
+        return float(-0.5 * (core * (np.log(total) + (y - mean) ** 2 / total)).sum())
+
+    best = log_likelihood(variance)
+
+    def excess(candidate: float) -> float:
+        return best - log_likelihood(candidate) - quarter
+
+    low = 0.0
+    if variance > 0 and excess(0.0) > 0:
+        low = float(optimize.brentq(excess, 0.0, variance, xtol=1e-6 * variance))
+    end = 2.0 * variance + float(noise.mean()) + TINY
+    while excess(end) < 0:
+        end *= 2.0
+    return low, float(optimize.brentq(excess, variance, end, xtol=1e-6 * end))

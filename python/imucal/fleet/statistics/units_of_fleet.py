@@ -1,0 +1,30 @@
+"""Which measurements of a unit a statistic uses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imucal.fleet.measurements import Measurements
+
+__all__ = ["first_of_each_unit", "usable"]
+
+# Verdict of calibrations whose parameters are not used.
+POOR = "poor"
+
+
+def usable(measurements: Measurements) -> tuple[Measurements, int]:
+    """The measurements without poor calibrations, and the number of these."""
+    poor = measurements.verdicts == POOR
+    return measurements.where(~poor), int(poor.sum())
+
+
+def first_of_each_unit(measurements: Measurements) -> tuple[Measurements, int]:
+    """The first usable measurement of each unit in order of time, and the number of poor measurements.
+
+    A measurement without a date comes after those with one.
+    """
+    kept, poor = usable(measurements)
+    # NaT sorts last.
+    in_time = kept.where(np.argsort(kept.dates, kind="stable"))
+    _, first = np.unique(in_time.serials, return_index=True)
+    return in_time.where(np.sort(first)), poor
