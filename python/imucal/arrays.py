@@ -48,8 +48,10 @@ def _as_array(
         # asanyarray keeps the mask, which marks values that are not measurements.
         array = np.asanyarray(values)
         numeric = array.dtype.kind in "fiub" or array.size == 0
+        # The type is compared first: numpy.ma is loaded by its name, which takes as long as a small file.
+        masked = type(array) is not np.ndarray and isinstance(array, np.ma.MaskedArray)
         # Integers have no NaN for masked values.
-        if numeric and (array.dtype not in kept or isinstance(array, np.ma.MaskedArray)):
+        if numeric and (array.dtype not in kept or masked):
             array = array.astype(np.float64, order="C", copy=False)
     except (TypeError, ValueError) as error:
         raise InputError(
@@ -57,8 +59,8 @@ def _as_array(
         ) from None
     if not numeric:
         raise InputError(f"{what} has the type {array.dtype}: give real numbers, shape {shape}")
-    if isinstance(array, np.ma.MaskedArray):
-        array = array.filled(np.nan)
+    if masked:
+        array = np.ma.filled(array, np.nan)
     if width is not None and array.shape == (0,):
         array = array.reshape(0, width)
     if array.ndim != (1 if width is None else 2) or (width is not None and array.shape[1] != width):
