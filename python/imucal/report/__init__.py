@@ -8,14 +8,19 @@ command.
 """
 
 from imucal.report.calibration_page import write_calibration_page, write_evaluation_page
+from imucal.report.certificate import calibration_hash, write_certificate
+from imucal.report.fleet_page import write_fleet_page
 from imucal.report.gap_page import write_gap_page
 from imucal.report.noise_page import write_noise_page
 from imucal.report.page import require_plotly
 
 __all__ = [
+    "calibration_hash",
     "require_plotly",
     "write_calibration_page",
+    "write_certificate",
     "write_evaluation_page",
+    "write_fleet_page",
     "write_gap_page",
     "write_noise_page",
 ]

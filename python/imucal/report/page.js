@@ -17,6 +17,8 @@
 
   // A figure is drawn when its tab is first seen; on a phone all of them at once would take seconds.
   function draw(figure, theme, width) {
+    // A compressed plotly.js is not there yet at first.
+    if (!window.Plotly) return undefined;
     const look = `${theme} ${width ?? ""}`;
     if (figure.look === look) return Plotly.Plots.resize(figure.place);
     figure.look = look;
@@ -74,7 +76,13 @@
     });
     bar.hidden = false;
     document.body.classList.add("tabbed");
-    const open = () => show(tabs.find((tab) => `#${tab.id}` === location.hash) ?? tabs[0]);
+    const open = () => {
+      const target = location.hash ? document.getElementById(decodeURIComponent(location.hash.slice(1))) : null;
+      show(tabs.find((tab) => tab.contains(target)) ?? tabs[0]);
+      if (!target || tabs.includes(target)) return;
+      if (target instanceof HTMLDetailsElement) target.open = true;
+      target.scrollIntoView();
+    };
     addEventListener("hashchange", open);
     open();
   }
@@ -99,6 +107,7 @@
     paint();
   });
   prefersDark.addEventListener("change", paint);
+  addEventListener("plotlyready", paint);
   if (tabs.length > 1) makeTabs();
   else paint();
 

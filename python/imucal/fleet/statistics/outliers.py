@@ -9,6 +9,7 @@ Journal of Computational and Graphical Statistics 21, 2012), with the measuring 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,10 +19,11 @@ from imucal.arrays import FloatArray
 from imucal.document.plain import without_nan
 from imucal.errors import InputError
 from imucal.fleet.measurements import Measurements
-from imucal.fleet.statistics.columns import Columns, columns_of
-from imucal.fleet.statistics.robust_covariance import robust_location
+from imucal.fleet.statistics.columns import columns_of
+from imucal.fleet.statistics.robust_covariance import decisive, robust_location
 from imucal.fleet.statistics.scipy_part import scipy_part
 from imucal.fleet.statistics.shifts import Shift, common_shifts
+from imucal.fleet.statistics.spread import MEDIAN_DEVIATION
 from imucal.fleet.statistics.units_of_fleet import usable
 
 __all__ = ["OutlierResult", "UnitDistance", "outliers"]
@@ -33,6 +35,8 @@ FALSE_DISCOVERIES: Final = 0.002
 MOST_DECIDING: Final = 3
 # Fewest units beyond the number of columns.
 UNITS_PER_COLUMN: Final = 2
+# Units whose covariances are inverted at once, to bound the memory.
+CHUNK: Final = 4000
 
 
 @dataclass(frozen=True)
@@ -122,15 +126,22 @@ def outliers(measurements: Measurements) -> OutlierResult:
             f"{max(UNITS_PER_COLUMN * len(names), 10)} units"
         )
     own, rows, values = own.where(complete), rows[complete], values[complete][:, common]
-    noise = _noise(own, all_columns, rows, common)
+    variances = all_columns.variances[rows][:, common]
     # In units of a robust width, because parameters have different magnitudes.
     centre = np.median(values, axis=0)
-    width = np.median(np.abs(values - centre), axis=0) / 0.6744897501960817
+    width = np.median(np.abs(values - centre), axis=0) / MEDIAN_DEVIATION
     width = np.where(width > 0, width, np.maximum(values.std(axis=0), np.finfo(float).tiny))
     scaled = (values - centre) / width
-    noise = noise / (width[:, None] * width[None, :])
-    mean, spread = robust_location(scaled, noise)
-    distances, removed, marginal = _distances(scaled - mean, noise, spread)
+
+    def noise(picked: np.ndarray) -> FloatArray:
+        found = _noise(own, names, variances[picked], picked)
+        return np.asarray(found / (width[:, None] * width[None, :]))
+
+    part = decisive(len(own))
+    mean, spread = robust_location(scaled[part], noise(part))
+    chunks = np.array_split(np.arange(len(own)), -(-len(own) // CHUNK))
+    parts = [_distances(scaled[chunk] - mean, noise(chunk), spread) for chunk in chunks]
+    distances, removed, marginal = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     p_values, tail = _p_values(distances, np.maximum(removed, marginal**2).max(axis=1), len(names))
     q_values = scipy_part("stats").false_discovery_control(p_values)
     units = [
@@ -168,19 +179,15 @@ def _first_rows(kept: Measurements) -> tuple[Measurements, np.ndarray]:
     return kept.where(rows), rows
 
 
-def _noise(own: Measurements, columns: Columns, rows: np.ndarray, common: np.ndarray) -> FloatArray:
-    """Covariance of the measurement of each unit, (n, c, c); diagonal without stated covariances."""
-    variances = columns.variances[rows][:, common]
-    names = [name for name, is_common in zip(columns.names, common, strict=True) if is_common]
+def _noise(own: Measurements, names: Sequence[str], variances: FloatArray, picked: np.ndarray) -> FloatArray:
+    """Covariance of the measurement of some units, (n, c, c); diagonal without stated covariances."""
     size = len(names)
-    noise = np.zeros((len(rows), size, size))
+    noise = np.zeros((len(picked), size, size))
     if own.covariances is not None:
-        inside = [k for k, name in enumerate(names) if name in own.names]
-        picked = np.array([own.names.index(names[k]) for k in inside], dtype=np.intp)
-        block = own.covariances[:, picked[:, None], picked[None, :]]
-        noise[:, np.array(inside)[:, None], np.array(inside)[None, :]] = np.where(
-            np.isfinite(block), block, 0.0
-        )
+        inside = np.array([k for k, name in enumerate(names) if name in own.names], dtype=np.intp)
+        columns = np.array([own.names.index(names[k]) for k in inside], dtype=np.intp)
+        block = own.covariances[picked[:, None, None], columns[:, None], columns[None, :]]
+        noise[:, inside[:, None], inside[None, :]] = np.where(np.isfinite(block), block, 0.0)
     diagonal = np.arange(size)
     noise[:, diagonal, diagonal] = variances
     return noise

@@ -8,8 +8,9 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.fleet.statistics.scipy_part import scipy_part
+from imucal.fleet.statistics.spread import MEDIAN_DEVIATION
 
-__all__ = ["robust_location"]
+__all__ = ["decisive", "robust_location"]
 
 # Units that decide mean and covariance; of more, a random part with this many.
 MOST_UNITS: Final = 4000
@@ -17,6 +18,11 @@ MOST_UNITS: Final = 4000
 HALF: Final = 0.5
 KEPT: Final = 0.975
 STEPS: Final = 8
+
+
+def decisive(units: int) -> np.ndarray:
+    """Indices of the units that decide mean and covariance: all, or a random part of many."""
+    return np.sort(np.random.default_rng(0).permutation(units)[:MOST_UNITS])
 
 
 def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -29,13 +35,10 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
     that is nearest, and in the last steps all units within the 97.5 % point of their distances.
     """
     stats: Any = scipy_part("stats")
-    if len(values) > MOST_UNITS:
-        part = np.random.default_rng(0).permutation(len(values))[:MOST_UNITS]
-        values, noise = values[part], noise[part]
     columns = values.shape[1]
     mean_noise = noise.mean(axis=0)
     centre = np.median(values, axis=0)
-    width = np.median(np.abs(values - centre), axis=0) / 0.6744897501960817
+    width = np.median(np.abs(values - centre), axis=0) / MEDIAN_DEVIATION
     ranks = stats.rankdata(values, axis=0)
     # Pearson's correlation of normal values from that of their ranks.
     correlation = np.atleast_2d(2.0 * np.sin(np.pi / 6.0 * np.corrcoef(ranks, rowvar=False)))

@@ -46,6 +46,8 @@ class Slopes:
 def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slopes:
     """Slopes of units that have two or more dates; `values` are the columns without shifts of stations."""
     stats: Any = scipy_part("stats")
+    # A parameter that was held has no standard deviation, and no slope.
+    values = np.where(columns.variances > 0, values, np.nan)
     rows = _rows_of_units(dated)
     first = np.array([own[0] for own in rows], dtype=np.intp)
     size = (len(rows), len(columns.names))
@@ -55,7 +57,7 @@ def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slop
     months = seconds / (86400.0 * DAYS_PER_MONTH)
     for unit, own in enumerate(rows):
         y, variance = values[own], columns.variances[own]
-        weight = np.where(np.isfinite(y), 1.0 / variance, 0.0)
+        weight = np.where(np.isfinite(y), 1.0 / np.where(variance > 0, variance, 1.0), 0.0)
         y = np.where(np.isfinite(y), y, 0.0)
         t = (months[own] - months[own[0]])[:, None]
         total = weight.sum(0)

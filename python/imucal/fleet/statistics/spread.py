@@ -19,7 +19,7 @@ from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.fleet.statistics.scipy_part import scipy_part
 
-__all__ = ["Spread", "spread_of"]
+__all__ = ["MEDIAN_DEVIATION", "Spread", "spread_of"]
 
 # Standard deviation of the distribution of odd units, as a multiple of that of all other units. Units beyond
 # about 4 standard deviations are then more probably odd.

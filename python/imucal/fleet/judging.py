@@ -1,0 +1,138 @@
+"""Statistics over the units of a store, as methods of `Fleet`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from imucal.errors import InputError
+from imucal.fleet.measurements import Measurements
+from imucal.fleet.statistics.capability import CapabilityResult, capability
+from imucal.fleet.statistics.drift import DriftResult, drift
+from imucal.fleet.statistics.effect_search import FleetGap, effect_search, searchable
+from imucal.fleet.statistics.fitted_effects import Fitted, UnitFiles, fitted_effects
+from imucal.fleet.statistics.grr import GrrResult, grr
+from imucal.fleet.statistics.outliers import OutlierResult, outliers
+from imucal.fleet.statistics.spc import SpcResult, spc
+from imucal.fleet.statistics.units_of_fleet import first_of_each_unit
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from imucal.limits.limits import Limits
+
+__all__ = ["MOST_UNITS", "Judging"]
+
+# Units whose recordings are searched for an effect: each takes some 2 s for all effects of the catalogue.
+MOST_UNITS: Final = 50
+
+
+class Judging:
+    """Statistics over the selected units; `selection` is that of `Fleet.measurements`."""
+
+    def measurements(self, *, covariances: bool = False, **selection: str | None) -> Measurements:
+        """The selected calibrations as arrays."""
+        raise NotImplementedError
+
+    def query(self, sql: str, arguments: Sequence[Any] = ()) -> tuple[list[str], list[tuple[Any, ...]]]:
+        """Names of columns, and rows, of an SQL statement that only reads."""
+        raise NotImplementedError
+
+    def conditions_of(self, serial: str) -> dict[str, str]:
+        """Station, operator and batch of the last calibration of a unit, where they are known."""
+        _, rows = self.query(
+            "SELECT station, operator, batch FROM measurements WHERE serial = ? AND names IS NOT NULL "
+            "ORDER BY date, id",
+            (serial,),
+        )
+        last = rows[-1] if rows else (None, None, None)
+        named = zip(("station", "operator", "batch"), last, strict=True)
+        return {name: str(value) for name, value in named if value}
+
+    def drift(self, serial: str | None = None, **selection: str | None) -> DriftResult:
+        """Drift of all units over their dates, or of one, which is judged among all.
+
+        Raises InputError if no unit has two dates.
+        """
+        return drift(self.measurements(covariances=True, **selection), serial)
+
+    def spc(self, **selection: str | None) -> SpcResult:
+        """Control charts of each station, and the shifts that its units have in common."""
+        return spc(self.measurements(covariances=False, **selection))
+
+    def capability(self, limits: Limits | None = None, **selection: str | None) -> CapabilityResult:
+        """Capability indices against limits, spread without measuring noise, and proposed limits."""
+        return capability(self.measurements(covariances=False, **selection), limits)
+
+    def grr(
+        self, *, by: str = "operator", limits: Limits | None = None, **selection: str | None
+    ) -> GrrResult:
+        """Repeatability and reproducibility of units that several operators, or stations, have repeated.
+
+        by   "operator" or "station"
+        """
+        measured = self.measurements(covariances=False, **selection)
+        widths: dict[str, Any] = {}
+        for limit in () if limits is None else limits.parameters:
+            if limit.low is not None and limit.high is not None:
+                widths |= {name: limit.high - limit.low for name in measured.names if limit.covers(name)}
+        return grr(measured, by=by, tolerances=widths)
+
+    def outliers(self, **selection: str | None) -> OutlierResult:
+        """Odd units, by their distance from all others over parameters and figures."""
+        return outliers(self.measurements(covariances=True, **selection))
+
+    def gap(
+        self,
+        *,
+        effects: Sequence[str] | None = None,
+        units: int = MOST_UNITS,
+        executor: Executor | None = None,
+        step: Callable[[], None] = lambda: None,
+        **selection: str | None,
+    ) -> FleetGap:
+        """One effect searched over all units together, from the recordings of a part of the units.
+
+        effects    names of the catalogue; None for all
+        units      largest number of units, evenly spread over the selected ones
+        executor   computes units in parallel: of `concurrent.futures`, or `Client.get_executor()` of Dask
+        step       is called after each unit
+
+        Raises InputError if fewer than five units determine an effect.
+        """
+        names = searchable(effects)
+        found = self._files(units, selection)
+
+        def fit_all(wanted: Sequence[str], beside: Sequence[str]) -> dict[str, Mapping[str, Fitted]]:
+            fit = partial(fitted_effects, effects=tuple(wanted), beside=tuple(beside))
+            fits: dict[str, Mapping[str, Fitted]] = {}
+            for serial, of_unit, _ in (executor.map if executor is not None else map)(fit, found):
+                fits[serial] = of_unit
+                step()
+            return fits
+
+        return effect_search(fit_all, names)
+
+    def _files(self, units: int, selection: Mapping[str, str | None]) -> list[UnitFiles]:
+        """Recordings of the first usable calibration of some units."""
+        if units < 1:
+            raise InputError(f"units is {units}: give the number of units to search, such as {MOST_UNITS}")
+        first, _ = first_of_each_unit(self.measurements(covariances=False, **selection))
+        picked = np.unique(np.linspace(0, len(first) - 1, min(units, len(first))).round().astype(int))
+        wanted = set(first.serials[picked].tolist()) if len(first) else set()
+        _, rows = self.query(
+            "SELECT m.serial, m.files, o.options FROM measurements m JOIN options o ON o.id = m.options "
+            "WHERE m.verdict IN ('good', 'incomplete') ORDER BY m.date, m.id"
+        )
+        found: dict[str, UnitFiles] = {}
+        for serial, files, text in rows:
+            if serial in wanted and serial not in found:
+                options = json.loads(text)
+                # A profile widens standard deviations by instabilities, which a mean does not need.
+                arguments = {k: v for k, v in options["calibrate"].items() if k not in ("unit", "folds")}
+                found[serial] = UnitFiles(serial, tuple(json.loads(files)), options["read"], arguments)
+        return list(found.values())

@@ -1,0 +1,261 @@
+"""One effect searched over all units together: it finds what no single unit shows.
+
+    theta_i = mean + deviation_i + e_i      e_i ~ N(0, C_i), the covariance of the fit of unit i
+
+The statistic is twice the log likelihood ratio of a mean and a spread of the units to none of both. Standard
+deviations that are slightly too small everywhere would make every effect significant in a large fleet; the
+median of all effects is therefore the reference of the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.document.plain import without_nan
+from imucal.effects.table import catalogue, find
+from imucal.errors import InputError
+from imucal.fleet.statistics.clusters import Cluster, clusters_of
+from imucal.fleet.statistics.fitted_effects import Fitted
+from imucal.fleet.statistics.scipy_part import scipy_part
+from imucal.fleet.statistics.spread import spread_of
+
+__all__ = ["EffectEvidence", "FleetGap", "MeanParameter", "effect_search", "searchable"]
+
+SCHEMA: Final = "imucal.fleet-gap/1"
+# Probability of a significant effect, over all effects together, where there is none.
+FALSE_ALARM: Final = 0.001
+# Effects whose statistic is this close to the best explain the units as well: 5 nats, twice as chi2.
+RIVAL_WITHIN: Final = 10.0
+# Effects that are accepted one after the other.
+MOST_ROUNDS: Final = 3
+# Fewest units in which an effect is determined.
+FEWEST_UNITS: Final = 5
+# Fits of one unit, beside effects: {serial: {effect: fit}}.
+FitAll = Callable[[Sequence[str], Sequence[str]], Mapping[str, Mapping[str, Fitted]]]
+
+
+@dataclass(frozen=True)
+class MeanParameter:
+    """A parameter of an effect over units.
+
+    mean, mean_std   over the units
+    spread           standard deviation of the units, without the noise of their fits
+    low, high        95 % interval of the spread
+    noise            rms standard deviation of a fit
+    """
+
+    name: str
+    unit: str
+    mean: float
+    mean_std: float
+    spread: float
+    low: float
+    high: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class EffectEvidence:
+    """The evidence for one effect over all units.
+
+    units            in which it is determined
+    alone            units in which it is significant without the others
+    statistic        twice the log likelihood ratio, with `dof` degrees of freedom: mean and spread of each
+                     parameter
+    p_value          corrected for the number of effects
+    is_significant   whether that is below 0.1 %
+    rivals           effects that explain the units as well
+    beside           effects that were estimated together with it
+    """
+
+    name: str
+    sensor: str
+    units: int
+    alone: int
+    statistic: float
+    dof: int
+    p_value: float
+    is_significant: bool
+    parameters: tuple[MeanParameter, ...]
+    rivals: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FleetGap:
+    """The effects of a fleet.
+
+    units      whose recordings were searched
+    unread     units whose recordings could not be fitted
+    inflation  median chi2 per degree of freedom of all effects: 1 if the stated standard deviations are right
+    effects    significant ones, in the order in which they were accepted
+    ranking    all effects of the first round, the most significant first
+    clusters   groups of units with different temperature effects, for each effect that has them
+    """
+
+    units: int
+    unread: int
+    inflation: float
+    effects: tuple[EffectEvidence, ...]
+    ranking: tuple[EffectEvidence, ...]
+    clusters: tuple[Cluster, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document of `imucal fleet gap --json`."""
+        return {"schema": SCHEMA, **without_nan(self)}
+
+
+def searchable(names: Sequence[str] | None = None) -> tuple[str, ...]:
+    """Effects of the unit to search; all of the catalogue without names. InputError for an unknown name."""
+    if names:
+        return tuple(find(name).name for name in names)
+    return tuple(effect.name for effect in catalogue() if effect.sensor != "encoder")
+
+
+def effect_search(fit_all: FitAll, effects: Sequence[str]) -> FleetGap:
+    """Accept effects over all units one after the other, until none is significant.
+
+    fit_all   fits each of some effects in all units, beside other effects
+    """
+    fits = fit_all(effects, ())
+    fitted = [serial for serial, of_unit in fits.items() if of_unit]
+    if len(fitted) < FEWEST_UNITS:
+        raise InputError(
+            f"{len(fitted)} of {len(fits)} units determine an effect: a search over units needs "
+            f"{FEWEST_UNITS}"
+        )
+    inflation, ranking = _ranked(fits, effects, len(effects))
+    accepted: list[EffectEvidence] = []
+    current = ranking
+    while current and current[0].is_significant and len(accepted) < MOST_ROUNDS:
+        best = current[0]
+        rivals = tuple(
+            other.name
+            for other in current[1:]
+            if other.is_significant and best.statistic - other.statistic < RIVAL_WITHIN
+        )
+        accepted.append(replace(best, rivals=rivals))
+        open_effects = [row.name for row in current[1:] if row.is_significant and row.name not in rivals]
+        if not open_effects:
+            break
+        beside = tuple(each.name for each in accepted)
+        _, current = _ranked(fit_all(open_effects, beside), open_effects, len(effects), inflation, beside)
+    return FleetGap(
+        len(fits),
+        len(fits) - len(fitted),
+        inflation,
+        tuple(accepted),
+        ranking,
+        _thermal(fits, effects),
+    )
+
+
+def _ranked(
+    fits: Mapping[str, Mapping[str, Fitted]],
+    effects: Iterable[str],
+    tests: int,
+    inflation: float | None = None,
+    beside: tuple[str, ...] = (),
+) -> tuple[float, tuple[EffectEvidence, ...]]:
+    """The inflation, and the evidence of each effect that enough units determine, the strongest first."""
+    of_effect = {}
+    for name in effects:
+        own = [of_unit[name] for of_unit in fits.values() if name in of_unit]
+        sizes = [len(fitted.values) for fitted in own]
+        # Units may determine different numbers of parameters; the most frequent number counts.
+        size = max(set(sizes), key=sizes.count) if sizes else 0
+        own = [fitted for fitted in own if len(fitted.values) == size]
+        if len(own) >= FEWEST_UNITS:
+            of_effect[name] = np.array([f.values for f in own]), np.array([f.covariance for f in own])
+    totals = {name: _squares(*arrays) for name, arrays in of_effect.items()}
+    if inflation is None:
+        per_dof = [float(np.median(totals[n])) / _median(of_effect[n][0].shape[1]) for n in totals]
+        inflation = max(float(np.median(per_dof)), 1.0) if len(per_dof) > 2 else 1.0
+    evidence = [
+        _evidence(name, *arrays, totals[name], tests, inflation, beside) for name, arrays in of_effect.items()
+    ]
+    return inflation, tuple(sorted(evidence, key=lambda row: -row.statistic))
+
+
+def _evidence(
+    name: str,
+    values: FloatArray,
+    covariances: FloatArray,
+    squares: FloatArray,
+    tests: int,
+    inflation: float,
+    beside: tuple[str, ...],
+) -> EffectEvidence:
+    stats: Any = scipy_part("stats")
+    units, dof = values.shape
+    sigmas = np.sqrt(inflation * np.einsum("nii->ni", covariances))
+    effect = find(name)
+    parameters = []
+    for column, parameter in enumerate(effect.parameters[:dof]):
+        own = spread_of(values[:, column], sigmas[:, column])
+        parameters.append(
+            MeanParameter(
+                parameter.name,
+                parameter.unit,
+                own.mean,
+                own.mean_std,
+                own.spread,
+                own.low,
+                own.high,
+                own.noise,
+            )
+        )
+    noise = inflation * covariances
+    total = noise + np.diag([parameter.spread**2 for parameter in parameters])
+    weights = np.linalg.inv(total)
+    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("nij,nj->i", weights, values))
+    statistic = float(
+        _squares(values, noise).sum()
+        + np.linalg.slogdet(noise)[1].sum()
+        - _squares(values - mean, total).sum()
+        - np.linalg.slogdet(total)[1].sum()
+    )
+    # A spread cannot be negative, so these degrees of freedom are slightly too many, on the safe side.
+    p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
+    single = stats.chi2.sf(squares / inflation, dof) * units * tests
+    return EffectEvidence(
+        name,
+        effect.sensor,
+        units,
+        int((single < FALSE_ALARM).sum()),
+        statistic,
+        2 * dof,
+        p_value,
+        p_value < FALSE_ALARM,
+        tuple(parameters),
+        (),
+        beside,
+    )
+
+
+def _squares(values: FloatArray, covariances: FloatArray) -> FloatArray:
+    solved = np.linalg.solve(covariances, values[:, :, None])[:, :, 0]
+    return np.asarray(np.einsum("ni,ni->n", values, solved))
+
+
+def _median(dof: int) -> float:
+    return float(scipy_part("stats").chi2.ppf(0.5, dof))
+
+
+def _thermal(fits: Mapping[str, Mapping[str, Fitted]], effects: Sequence[str]) -> tuple[Cluster, ...]:
+    """Clusters of the units in each effect of the temperature."""
+    found: list[Cluster] = []
+    for name in effects:
+        if "temperature" not in find(name).needs:
+            continue
+        own = {serial: of_unit[name] for serial, of_unit in fits.items() if name in of_unit}
+        sizes = {len(fitted.values) for fitted in own.values()}
+        if len(sizes) == 1:
+            values = np.array([fitted.values for fitted in own.values()])
+            found += clusters_of(name, tuple(own), values)
+    return tuple(found)

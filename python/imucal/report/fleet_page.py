@@ -1,0 +1,289 @@
+"""The report of a fleet: yield, parameters over time, odd and drifting units; each of these has a section."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+import imucal.plot.fleet as plot
+from imucal.errors import InputError
+from imucal.fleet.statistics.shifts import days_of
+from imucal.report.page import Shown, Tab, Verdict, write_page
+from imucal.report.tables import heading, item_list, paragraph, table
+from imucal.report.unit_section import unit_section
+
+if TYPE_CHECKING:
+    from imucal.fleet.fleet import Fleet
+    from imucal.fleet.measurements import Measurements
+    from imucal.fleet.statistics.capability import CapabilityResult
+    from imucal.fleet.statistics.drift import DriftResult
+    from imucal.fleet.statistics.outliers import OutlierResult
+    from imucal.fleet.statistics.spc import SpcResult
+    from imucal.limits.limits import Limits
+
+__all__ = ["write_fleet_page"]
+
+# Units with a section of their own: the odd, the drifting and the poor ones, up to this number of each kind.
+MOST_UNITS: Final = 20
+FAILURES: Final = (
+    "SELECT code, count(*) FROM measurements WHERE code IS NOT NULL GROUP BY code ORDER BY count(*) DESC"
+)
+
+
+def write_fleet_page(
+    path: str | Path,
+    fleet: Fleet,
+    *,
+    limits: Limits | None = None,
+    title: str = "Fleet",
+    **selection: str | None,
+) -> None:
+    """Write the report of a store. Its size hardly depends on the number of units.
+
+    path       the HTML file
+    limits     limits to which the capability refers
+    selection  of units, as in `Fleet.measurements`
+
+    Raises ImucalError without plotly, and InputError for a store without a calibration.
+    """
+    measured = fleet.measurements(**selection)
+    if not len(measured):
+        raise InputError(f"{fleet.path} has no selected calibration: there is nothing to report")
+    counts = fleet.count(**selection)
+    _, failures = fleet.query(FAILURES)
+    capability = _or_reason(lambda: fleet.capability(limits, **selection))
+    spc = _or_reason(lambda: fleet.spc(**selection))
+    odd = _or_reason(lambda: fleet.outliers(**selection))
+    drift = _or_reason(lambda: fleet.drift(**selection))
+    shown = _shown(measured, odd, drift)
+    tabs = (
+        Tab("Yield", tuple(_yield(measured, counts, failures))),
+        Tab("Parameters", tuple(_parameters(measured, capability, spc))),
+        Tab("Odd units", tuple(_odd(odd, shown))),
+        Tab("Drift", tuple(_drift(drift, shown))),
+        Tab("Units", tuple(_units(measured, shown, odd))),
+    )
+    write_page(path, title, tabs, _verdict(counts, spc, odd, drift), compressed=True)
+
+
+def _or_reason(compute: Any) -> Any:
+    """A statistic, or the reason as text if the fleet is too small for it."""
+    try:
+        return compute()
+    except InputError as error:
+        return str(error)
+
+
+def _verdict(
+    counts: dict[str, int], spc: SpcResult | str, odd: OutlierResult | str, drift: DriftResult | str
+) -> Verdict:
+    total = sum(counts.values())
+    passed = counts.get("good", 0) + counts.get("incomplete", 0)
+    alarms = [
+        *([] if isinstance(spc, str) or not spc.shifted else [f"{len(spc.shifted)} shifts of stations"]),
+        *([] if isinstance(odd, str) or not odd.odd else [f"{len(odd.odd)} odd units"]),
+        *([] if isinstance(drift, str) or not drift.drifting else [f"{len(drift.drifting)} drifting units"]),
+    ]
+    sentence = f"{passed} of {total} calibrations pass ({100 * passed / total:.1f} %)"
+    return Verdict("poor" if alarms else "good", sentence, "; ".join(alarms) or "no alarm")
+
+
+def _yield(
+    measured: Measurements, counts: dict[str, int], failures: Sequence[tuple[Any, ...]]
+) -> list[Shown | str]:
+    edges, bins = _bins(measured)
+    content: list[Shown | str] = []
+    if len(edges):
+        of_bin = {
+            name: np.bincount(bins[(measured.verdicts == name) & (bins >= 0)], minlength=len(edges)).tolist()
+            for name in ("good", "incomplete", "poor")
+        }
+        content.append(
+            Shown("yield", plot.yield_over_time(edges, of_bin), "Calibrations by date and verdict.")
+        )
+    total = sum(counts.values())
+    rows = [[name, str(count), f"{100 * count / total:.2f}"] for name, count in sorted(counts.items())]
+    content += [heading("Verdicts"), table(["verdict", "calibrations", "%"], rows)]
+    stations = [
+        [str(station) or "-", str(int(own.sum())), f"{100 * (measured.verdicts[own] != 'poor').mean():.2f}"]
+        for station in np.unique(measured.stations)
+        for own in (measured.stations == station,)
+    ]
+    content += [heading("Stations"), table(["station", "with a result", "% not poor"], stations)]
+    if failures:
+        rows = [[code, str(count)] for code, count in failures]
+        content += [heading("Without a result"), table(["reason", "calibrations"], rows)]
+    return content
+
+
+def _parameters(
+    measured: Measurements, capability: CapabilityResult | str, spc: SpcResult | str
+) -> list[Shown | str]:
+    content: list[Shown | str] = []
+    if not isinstance(spc, str) and spc.shifts:
+        content += [
+            heading("Shifts that all units of a station have in common"),
+            item_list(
+                [
+                    f"station {s.station or '-'}{f' on {s.day}' if s.day else ''}: {s.name} by "
+                    f"{s.shift:.3g} ± {s.std:.2g} {s.unit} over {s.units} calibrations"
+                    for s in spc.shifts
+                ]
+            ),
+        ]
+    if isinstance(capability, str):
+        return [*content, paragraph(capability)]
+    rows = [
+        [
+            row.name,
+            *(["-"] * 3 if row.spread is None else [f"{n:.4g}" for n in _of_spread(row.spread)]),
+            *_indices(row.indices),
+            "-" if row.out_true is None else f"{100 * row.out_true:.2g}",
+            row.unit,
+        ]
+        for row in capability.rows
+    ]
+    content.append(table(["", "mean", "spread", "noise", "Cpk", "Ppk", "% out", "unit"], rows))
+    content.append(
+        paragraph(
+            "The spread is that of the true values: the noise of measuring each unit is taken off. % out is "
+            "the share of true values outside the limits."
+        )
+    )
+    edges, bins = _bins(measured)
+    # The first limit of each parameter, which may have several.
+    for row in {row.name: row for row in reversed(capability.rows)}.values():
+        if row.spread is not None and len(edges):
+            column = measured.names.index(row.name)
+            quantiles = _quantiles(measured, measured.values_si[:, column], bins, len(edges))
+            figure = plot.over_time(edges, quantiles, row.spread.mean, (row.low, row.high), row.unit)
+            content.append(
+                Shown(f"time-{row.name}", figure, f"{row.name}: median and middle 90 % of the units by date.")
+            )
+    return content
+
+
+def _of_spread(spread: Any) -> tuple[float, float, float]:
+    return spread.mean, spread.spread, spread.noise
+
+
+def _indices(indices: Any) -> list[str]:
+    return ["-", "-"] if indices is None else [f"{indices.cpk.value:.2f}", f"{indices.ppk.value:.2f}"]
+
+
+def _odd(odd: OutlierResult | str, shown: Sequence[str]) -> list[Shown | str]:
+    if isinstance(odd, str):
+        return [paragraph(odd)]
+    units = odd.units[: max(len(odd.odd), 5)][:MOST_UNITS]
+    rows = [
+        [u.serial, u.station or "-", f"{u.distance:.1f}", f"{u.q_value:.2g}", d.name, f"{d.z:+.1f}"]
+        for u in units
+        for d in u.decides[:1]
+    ]
+    return [
+        paragraph(
+            f"{len(odd.odd)} of {len(odd.units)} units are odd, with a false discovery rate of 0.2 %. The "
+            "distance is over all parameters and figures, in standard deviations; the parameter that decides "
+            "is named with its own deviation."
+        ),
+        _linked(table(["unit", "station", "distance", "q", "decides", "z"], rows), shown),
+    ]
+
+
+def _drift(drift: DriftResult | str, shown: Sequence[str]) -> list[Shown | str]:
+    if isinstance(drift, str):
+        return [paragraph(drift)]
+    rows = [
+        [u.serial, str(u.dates), p.name, f"{p.change:.3g}", f"{p.slope:.3g} ± {p.slope_std:.2g}", p.unit]
+        for u in drift.drifting[:MOST_UNITS]
+        for p in u.parameters[:1]
+    ]
+    ages = [
+        f"{row.name}, {'all units' if row.by == 'all' else f'{row.by} {row.group}'}: {row.slope:.3g} ± "
+        f"{row.std:.2g} {row.unit} per month"
+        for row in drift.ageing
+        if row.is_significant
+    ]
+    return [
+        paragraph(f"{len(drift.drifting)} of {len(drift.units)} units with several dates drift."),
+        *(
+            [_linked(table(["unit", "dates", "", "change", "per month", "unit"], rows), shown)]
+            if rows
+            else []
+        ),
+        *([heading("What ages"), item_list(ages)] if ages else []),
+    ]
+
+
+def _units(measured: Measurements, shown: Sequence[str], odd: OutlierResult | str) -> list[Shown | str]:
+    distances = {} if isinstance(odd, str) else {unit.serial: unit for unit in odd.units}
+    return [
+        paragraph(
+            "Odd, drifting and poor units. `imucal fleet certificate STORE SERIAL` writes any other one."
+        ),
+        *(unit_section(measured, serial, distances.get(serial)) for serial in shown),
+    ]
+
+
+def _shown(measured: Measurements, odd: OutlierResult | str, drift: DriftResult | str) -> list[str]:
+    """Serial numbers of the units with a section."""
+    poor = np.unique(measured.serials[measured.verdicts == "poor"]).tolist()
+    return list(
+        dict.fromkeys(
+            [
+                *(
+                    []
+                    if isinstance(odd, str)
+                    else [u.serial for u in odd.units[: max(len(odd.odd), 5)]][:MOST_UNITS]
+                ),
+                *([] if isinstance(drift, str) else [u.serial for u in drift.drifting[:MOST_UNITS]]),
+                *poor[:MOST_UNITS],
+            ]
+        )
+    )
+
+
+def _linked(html: str, shown: Sequence[str]) -> str:
+    """A table whose first column links to the sections of units."""
+    for serial in shown:
+        cell = escape(serial).replace("_", "_<wbr>")
+        link = f'<a href="#unit-{escape(serial)}">{cell}</a>'
+        html = html.replace(f"<th scope=row>{cell}</th>", f"<th scope=row>{link}</th>")
+    return html
+
+
+def _bins(measured: Measurements) -> tuple[list[str], np.ndarray]:
+    """First day of each bin of time, and the bin of each measurement, -1 without a date."""
+    days = days_of(measured)
+    known = days != ""
+    bins = np.full(len(days), -1)
+    if not known.any():
+        return [], bins
+    numbers = days[known].astype("datetime64[D]").astype(int)
+    width = max(-(-(int(numbers.max() - numbers.min()) + 1) // plot.MOST_BINS), 1)
+    bins[known] = (numbers - numbers.min()) // width
+    first = numbers.min() + width * np.arange(bins.max() + 1)
+    return np.datetime_as_string(first.astype("datetime64[D]")).tolist(), bins
+
+
+def _quantiles(
+    measured: Measurements, values: np.ndarray, bins: np.ndarray, count: int
+) -> dict[str, np.ndarray]:
+    """5 %, 50 % and 95 % of the values of each station in each bin, of the four largest stations."""
+    stations, sizes = np.unique(measured.stations, return_counts=True)
+    found = {}
+    for station in sorted(stations[np.argsort(-sizes)][:4].tolist()):
+        rows = (
+            (measured.stations == station) & (bins >= 0) & np.isfinite(values) & (measured.verdicts != "poor")
+        )
+        table_of = np.full((count, 3), np.nan)
+        order = np.argsort(bins[rows], kind="stable")
+        own, own_bins = values[rows][order], bins[rows][order]
+        for part in np.split(np.arange(len(own)), np.flatnonzero(np.diff(own_bins)) + 1) if len(own) else ():
+            table_of[own_bins[part[0]]] = np.quantile(own[part], (0.05, 0.5, 0.95))
+        found[station] = table_of
+    return found

@@ -1,0 +1,57 @@
+"""One unit of a fleet: its measurements, and each parameter beside the fleet."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucal.report.tables import rounded_to, table
+
+if TYPE_CHECKING:
+    from imucal.fleet.measurements import Measurements
+    from imucal.fleet.statistics.outliers import UnitDistance
+
+__all__ = ["unit_section"]
+
+
+def unit_section(measured: Measurements, serial: str, distance: UnitDistance | None) -> str:
+    """A section that opens on a click, with the anchor unit-SERIAL."""
+    own = measured.where(measured.serials == serial)
+    dates = [
+        [
+            "-" if np.isnat(date) else str(np.datetime_as_string(date)).replace("T", " "),
+            str(station) or "-",
+            str(operator) or "-",
+            str(verdict),
+        ]
+        for date, station, operator, verdict in zip(
+            own.dates, own.stations, own.operators, own.verdicts, strict=True
+        )
+    ]
+    median = np.nanmedian(measured.values_si, axis=0) if len(measured.names) else np.zeros(0)
+    rows = [
+        [
+            name,
+            rounded_to(own.values_si[-1, column], own.sigmas_si[-1, column]),
+            f"{own.sigmas_si[-1, column]:.2g}",
+            f"{median[column]:.4g}",
+            unit,
+        ]
+        for column, (name, unit) in enumerate(zip(own.names, own.units, strict=True))
+        if np.isfinite(own.values_si[-1, column])
+    ]
+    words = ""
+    if distance is not None and distance.decides:
+        decides = ", ".join(f"{item.name} ({item.z:+.1f} sigma)" for item in distance.decides)
+        words = (
+            f"<p>distance {distance.distance:.1f}, false discovery rate {distance.q_value:.2g}: "
+            f"{escape(decides)}</p>"
+        )
+    return (
+        f'<details id="unit-{escape(serial)}"><summary>{escape(serial)}</summary>\n{words}'
+        + table(["date", "station", "operator", "verdict"], dates, words=(1, 2, 3))
+        + table(["last calibration", "value", "1 σ", "median of the fleet", "unit"], rows)
+        + "</details>"
+    )
