@@ -24,6 +24,7 @@ from .estimation.inspection import Inspection as Inspection, inspect as inspect
 from .estimation.result import CalibrationResult as CalibrationResult
 from .exporting import Export as Export, Residual as Residual, export as export
 from .finding import Finding as Finding, Place as Place
+from .fleet.fleet import Fleet as Fleet
 from .gap import Gap as Gap, find_gap as find_gap
 from .importing import read_calibration as read_calibration
 from .io import read as read, write as write

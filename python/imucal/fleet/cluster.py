@@ -1,0 +1,111 @@
+"""A pool of a Dask cluster, with the interface of the pool of this computer."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any, Final
+
+from imucal.errors import ImucalError
+from imucal.fleet.local import Done
+from imucal.fleet.task import Task, run_task
+
+__all__ = ["DaskPool"]
+
+EXTRA: Final = "needs Dask: pip install 'imucal-rs[fleet]'"
+# Tasks in the cluster per thread of a worker; the scheduler needs a few to have none of them wait.
+PER_THREAD: Final = 3
+# A scheduler that does not answer for this time, s, is not there.
+CONNECT_S: Final = 30
+# The state of the connection is looked at after this time, s, without a task that ends.
+POLL_S: Final = 1.0
+
+
+class DaskPool:
+    """The workers of a Dask scheduler.
+
+    scheduler   its address, such as tcp://HOST:PORT, or a `distributed.Client`
+    """
+
+    def __init__(self, scheduler: Any) -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise ImucalError(f"a scheduler {EXTRA}") from None
+        connect: Any = distributed.Client
+        self._owned = isinstance(scheduler, str)
+        self._address = scheduler if self._owned else "the scheduler"
+        try:
+            self._client = (
+                connect(scheduler, timeout=CONNECT_S, set_as_default=False) if self._owned else scheduler
+            )
+            threads = sum(self._client.nthreads().values())
+        except (OSError, ValueError) as error:
+            raise ImucalError(
+                f"{self._address}: no scheduler answers within {CONNECT_S} s: {error}: start `dask "
+                "scheduler`, and "
+                "workers with `dask worker ADDRESS`"
+            ) from None
+        self.processes = max(threads, 1)
+        self.capacity = PER_THREAD * self.processes
+        self._futures: dict[Any, Task] = {}
+
+    def submit(self, task: Task) -> None:
+        """Compute a task. Its function is imported by the worker, so imucal must be installed there."""
+        # A task whose worker ends is lost at once. The scheduler would give it to further workers, and end
+        # them.
+        future = self._client.submit(run_task, task, pure=False, retries=0)
+        self._futures[future] = task
+
+    def next(self) -> Done:
+        """Wait for any task. Raises ImucalError if the scheduler is lost."""
+        import distributed
+        from distributed.scheduler import KilledWorker
+
+        # Dask's functions have no types.
+        wait: Any = distributed.wait
+
+        while True:
+            self._require_scheduler()
+            try:
+                done = wait(list(self._futures), timeout=POLL_S, return_when="FIRST_COMPLETED").done
+            except (TimeoutError, OSError):
+                continue
+            except Exception as error:
+                # The class of the error of a closed connection depends on Dask's version.
+                raise self._lost() from error
+            for future in done:
+                if future.status in ("cancelled", "lost"):
+                    raise self._lost()
+                task = self._futures.pop(future)
+                if future.status == "finished":
+                    with suppress(Exception):
+                        return task, future.result()
+                    raise self._lost()
+                failure = future.exception()
+                if isinstance(failure, KilledWorker):
+                    return task, None
+                raise ImucalError(
+                    f"a worker of {self._address} cannot run tasks: {type(failure).__name__}: {failure}: "
+                    "install the "
+                    "same version of imucal on it"
+                )
+
+    def close(self) -> None:
+        """Cancel what is in the cluster and disconnect."""
+        with suppress(Exception):
+            self._client.cancel(list(self._futures), force=True)
+        self._futures.clear()
+        if self._owned:
+            with suppress(Exception):
+                self._client.close(timeout=2)
+
+    def _require_scheduler(self) -> None:
+        if self._client.status != "running":
+            raise self._lost()
+
+    def _lost(self) -> ImucalError:
+        return ImucalError(
+            f"the scheduler {self._address} is lost: what was in the store is in it; start the scheduler, "
+            "and run "
+            "the same command again"
+        )

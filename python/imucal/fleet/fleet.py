@@ -1,0 +1,216 @@
+"""Many units in one store.
+
+fleet = imucal.Fleet("units.sqlite")
+fleet.run("manifest.csv")
+fleet.measurements(since="2026-11-01").values_si
+fleet.to_pandas()
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from imucal.calibration.calibration import Calibration
+from imucal.errors import InputError
+from imucal.fleet.cluster import DaskPool
+from imucal.fleet.job import Job, Options, as_date
+from imucal.fleet.local import LocalPool, Pool
+from imucal.fleet.manifest import jobs_of_manifest
+from imucal.fleet.measurements import Measurements
+from imucal.fleet.naming import files_of, naming_of
+from imucal.fleet.reading import batches_of, conditions, documents, measurements, query
+from imucal.fleet.run import Tally, Tell, run_jobs
+from imucal.fleet.schema import connect_reading, disk_error
+from imucal.fleet.store import Store
+from imucal.limits.limits import Limits
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow as pa
+
+__all__ = ["Fleet"]
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """The store of many units: one SQLite file, which `run` makes.
+
+    The object holds nothing but the path, so it can be sent to other processes. Every method opens the file,
+    and those that read see all that is stored until then, also while a run goes on.
+
+    The selection of rows is the same everywhere: `serial`, `station`, `operator`, `batch`, `role` and
+    `verdict` equal the given text; `since` is the first date, and `until` the first one after. Of several
+    calibrations of a recording, with other options or versions, the last one counts.
+    """
+
+    path: str | os.PathLike[str]
+
+    def run(
+        self,
+        what: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Iterable[Job],
+        *,
+        names: str | None = None,
+        limits: Limits | str | os.PathLike[str] | None = None,
+        gap: bool = False,
+        read: Mapping[str, Any] | None = None,
+        calibrate: Mapping[str, Any] | None = None,
+        workers: int | None = None,
+        scheduler: Any = None,
+        retry: bool = False,
+        total: int | None = None,
+        tell: Tell | None = None,
+    ) -> Tally:
+        """Calibrate the units whose recordings are not in the store.
+
+        what       path of a manifest (.csv, see docs/fleet.md), files, folders or glob patterns, or jobs
+        names      pattern of paths that gives the serial numbers, such as "{date}/{serial}.csv"
+        limits     limits, or their file
+        gap        also search for a missing effect of each unit
+        read, calibrate   arguments of `imucal.read` and `imucal.calibrate`
+        workers    processes on this computer; None for one per processor
+        scheduler  address of a Dask scheduler, or a `distributed.Client`, instead of `workers`
+        retry      compute units again that have no result
+        total      number of jobs, if it is known
+        tell       is called for each unit with its job, verdict, and code and message of a failure
+
+        Raises InputError for wrong arguments and if the store cannot be written, and ImucalError if the
+        scheduler is lost. The outcomes that were told are then in the store, and another run goes on.
+        """
+        if workers is not None and workers < 1:
+            raise InputError(f"workers is {workers}: give 1 or more, or leave it out")
+        if limits is not None and not isinstance(limits, Limits):
+            limits = Limits.load(limits)
+        options = Options(read or {}, calibrate or {}, limits, gap)
+        jobs = _jobs_of(what, names)
+        make_pool: Callable[[], Pool] = (
+            partial(LocalPool, workers) if scheduler is None else partial(DaskPool, scheduler)
+        )
+        known = len(jobs) if total is None and isinstance(jobs, Sequence) else total
+        with Store(self.path) as store:
+            return run_jobs(store, jobs, options, make_pool, total=known, retry=retry, tell=tell)
+
+    def merge(self, *stores: str | os.PathLike[str]) -> int:
+        """Take the rows of other stores; returns the number of those that were not in this one."""
+        for path in stores:
+            if Path(path).exists() and Path(self.path).exists() and Path(path).samefile(self.path):
+                raise InputError(f"{os.fspath(path)} cannot be merged with itself: give other stores")
+        with Store(self.path) as store:
+            return sum(store.take_from(path) for path in stores)
+
+    def query(self, sql: str, arguments: Sequence[Any] = ()) -> tuple[list[str], list[tuple[Any, ...]]]:
+        """Names of columns, and rows, of an SQL statement that only reads.
+
+        docs/fleet.md describes the tables. Raises InputError for a statement that is wrong or would write.
+        """
+        with self._reading() as connection:
+            return query(connection, sql, arguments)
+
+    def count(self, **selection: str | None) -> dict[str, int]:
+        """The number of selected rows by verdict."""
+        where, arguments = _selected(selection)
+        with self._reading() as connection:
+            sql = f"SELECT verdict, count(*) FROM measurements WHERE {where} GROUP BY verdict"
+            return dict(query(connection, sql, arguments)[1])
+
+    def to_arrow(self, **selection: str | None) -> pa.Table:
+        """The selected rows as an Arrow table, also those without a result."""
+        import pyarrow as pa
+
+        where, arguments = _selected(selection)
+        with self._reading() as connection:
+            return pa.Table.from_batches(batches_of(connection, where, arguments))
+
+    def to_pandas(self, **selection: str | None) -> pandas.DataFrame:
+        """The selected rows as a data frame; needs pandas."""
+        return self.to_arrow(**selection).to_pandas()
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """All current rows, for programs that take Arrow streams."""
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
+
+    def write_parquet(self, path: str | os.PathLike[str], **selection: str | None) -> int:
+        """Write the selected rows to a Parquet file, atomically; returns their number."""
+        import pyarrow.parquet as parquet
+
+        from imucal.document.atomic import write_atomically
+
+        where, arguments = _selected(selection)
+        rows = 0
+        with self._reading() as connection, write_atomically(path) as file:
+            batches = batches_of(connection, where, arguments)
+            first = next(batches)
+            with parquet.ParquetWriter(file, first.schema) as writer:
+                for batch in (first, *batches):
+                    writer.write_batch(batch)
+                    rows += batch.num_rows
+        return rows
+
+    def measurements(self, *, covariances: bool = False, **selection: str | None) -> Measurements:
+        """The selected calibrations as arrays, in order of their dates.
+
+        covariances   also those of the parameters, which need 3.5 kB per row
+        """
+        where, arguments = _selected(selection)
+        with self._reading() as connection:
+            return measurements(connection, where, arguments, covariances=covariances)
+
+    def documents(self, **selection: str | None) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Serial number and document of each selected calibration: `calibration`, `judgement` and `gap`."""
+        where, arguments = _selected(selection)
+        with self._reading() as connection:
+            yield from documents(connection, where, arguments)
+
+    def calibration(self, serial: str) -> Calibration:
+        """The last calibration of a unit; InputError if there is none."""
+        found = [document for _, document in self.documents(serial=serial)]
+        if not found:
+            raise InputError(f"{os.fspath(self.path)} has no calibration of unit {serial!r}")
+        return Calibration.from_dict(found[-1]["calibration"], f"unit {serial}")
+
+    def _reading(self) -> closing[sqlite3.Connection]:
+        try:
+            return closing(connect_reading(self.path))
+        except sqlite3.Error as error:
+            raise disk_error(self.path, error) from None
+
+
+def _jobs_of(what: Any, names: str | None) -> Iterable[Job]:
+    if isinstance(what, (str, os.PathLike)):
+        if Path(what).suffix.lower() == ".csv" and _is_manifest(what):
+            return jobs_of_manifest(what)
+        what = [what]
+    items = list(what) if isinstance(what, Sequence) else what
+    if isinstance(items, list) and items and not isinstance(items[0], Job):
+        return naming_of(names).jobs(files_of([os.fspath(item) for item in items]))
+    return items
+
+
+def _is_manifest(path: str | os.PathLike[str]) -> bool:
+    """Whether a CSV file begins like a manifest instead of a recording."""
+    try:
+        with Path(path).open("rb") as file:
+            head = file.readline(1000).decode("utf-8-sig", "replace")
+    except OSError:
+        return False
+    return {"serial", "files"} <= {name.strip().strip('"') for name in head.split(",")}
+
+
+def _selected(given: Mapping[str, str | None]) -> tuple[str, list[str]]:
+    unknown = [name for name in given if name not in SELECTION]
+    if unknown:
+        raise TypeError(f"unknown selection {unknown[0]!r}: give one of {', '.join(SELECTION)}")
+    used = dict(given)
+    for name in ("since", "until"):
+        if (date := used.get(name)) is not None:
+            used[name] = as_date(date, name)
+    return conditions(used)
+
+
+SELECTION = ("serial", "role", "station", "operator", "batch", "verdict", "since", "until")

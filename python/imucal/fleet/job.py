@@ -1,0 +1,176 @@
+"""A job: the recordings of one measurement of a unit, the options of its calibration, and its key.
+
+    recording = hash(serial number, contents of the files)
+    key       = hash(recording, options, version of imucal)
+
+Equal keys have equal results, so a job whose key is in the store is not computed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Final
+
+import imucal._core as _core
+from imucal.document.name import require_name
+from imucal.document.plain import plain
+from imucal.document.source import is_folder, open_large
+from imucal.errors import InputError
+from imucal.limits.limits import Limits
+from imucal.rig.unit import Unit, unit_of
+
+__all__ = ["Job", "KeyedJob", "Options", "as_date", "hash_of", "keyed"]
+
+# Arguments of `calibrate` that belong to a job and not to the options of a run.
+OF_A_JOB: Final = ("control", "serial_number", "frame")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One measurement of a unit.
+
+    serial     serial number of the unit
+    files      files of its calibration recordings
+    control    files of its control recordings
+    date       ISO 8601, or None if it is not known
+    station, operator, batch, role   names from the manifest, or None
+    """
+
+    serial: str
+    files: tuple[str, ...]
+    control: tuple[str, ...] = ()
+    date: str | None = None
+    station: str | None = None
+    operator: str | None = None
+    batch: str | None = None
+    role: str | None = None
+
+    def __post_init__(self) -> None:
+        require_name(self.serial, "the serial number")
+        if not self.files:
+            raise InputError(f"unit {self.serial}: no recording is given: give at least one file")
+        for name in ("station", "operator", "batch", "role"):
+            if getattr(self, name) is not None:
+                require_name(getattr(self, name), f"unit {self.serial}: {name}")
+        if self.date is not None:
+            object.__setattr__(self, "date", as_date(self.date, f"unit {self.serial}: date"))
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of a run, the same for all its jobs.
+
+    read       arguments of `imucal.read`
+    calibrate  arguments of `imucal.calibrate`, without those of a job
+    limits     limits that decide the verdict, or None
+    gap        whether a missing effect is searched for each unit
+    """
+
+    read: Mapping[str, Any] = field(default_factory=dict)
+    calibrate: Mapping[str, Any] = field(default_factory=dict)
+    limits: Limits | None = None
+    gap: bool = False
+
+    def __post_init__(self) -> None:
+        wrong = [name for name in OF_A_JOB if name in self.calibrate]
+        if wrong:
+            raise InputError(f"{wrong[0]} is no option of a run of many units: leave it out")
+        given = {name: value for name, value in self.calibrate.items() if value is not None}
+        if "unit" in given:
+            # A profile is sent as such, because its file may be missing on another machine.
+            given["unit"] = unit_of(given["unit"])
+        object.__setattr__(self, "calibrate", given)
+        object.__setattr__(self, "read", {k: v for k, v in self.read.items() if v not in (None, False)})
+        self.text  # noqa: B018 (raises for options that are no plain values)
+
+    @property
+    def text(self) -> str:
+        """The options as canonical JSON; InputError for functions and other objects."""
+        document = {
+            "read": plain(dict(self.read)),
+            "calibrate": {
+                name: value.to_dict() if isinstance(value, Unit) else plain(value)
+                for name, value in self.calibrate.items()
+            },
+            "limits": None if self.limits is None else self.limits.to_dict(),
+            "gap": self.gap,
+        }
+        try:
+            return json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"the options of a run must be plain values, which a store can compare: {error}; for other "
+                "options call imucal.calibrate for each unit"
+            ) from None
+
+
+@dataclass(frozen=True)
+class KeyedJob:
+    """A job with its hashes.
+
+    recording  of the serial number and the contents of the files
+    key        of `recording`, the options and the version of imucal
+    hashes     SHA-256 of each file, those of the control recordings last
+    """
+
+    job: Job
+    recording: str
+    key: str
+    hashes: tuple[str, ...]
+
+    def with_job(self, job: Job) -> KeyedJob:
+        """The same hashes with another job."""
+        return replace(self, job=job)
+
+
+def keyed(job: Job, options: str) -> KeyedJob:
+    """The job with its hashes; raises InputError or FormatError if a file cannot be read.
+
+    options   text of the options
+    """
+    hashes = tuple(hash_of(path) for path in (*job.files, *job.control))
+    recording = _hash([job.serial, hashes[: len(job.files)], hashes[len(job.files) :]])
+    return KeyedJob(job, recording, _hash([recording, options, str(_core.__version__)]), hashes)
+
+
+def hash_of(path: str) -> str:
+    """SHA-256 of a file, or of the names and contents of the files in a folder."""
+    if not is_folder(path):
+        return open_large(path).sha256
+    inside = sorted(each for each in Path(path).rglob("*") if each.is_file())
+    return _hash([[str(each.relative_to(path)), open_large(each).sha256] for each in inside])
+
+
+def as_date(text: str, what: str) -> str:
+    """A date, or date and time, in the form by which texts sort as times do; InputError if it is none.
+
+    A time with a zone is converted to UTC; a time without one is taken as UTC.
+    """
+    given = text.strip()
+    try:
+        moment = datetime.fromisoformat(given[:-1] + "+00:00" if given.endswith(("Z", "z")) else given)
+    except ValueError:
+        raise InputError(
+            f"{what} is {text!r}: give a date such as 2026-11-26 or 2026-11-26T14:30:00"
+        ) from None
+    if len(given) == len("2026-11-26"):
+        return moment.date().isoformat()
+    if moment.tzinfo is not None:
+        moment = moment.astimezone(timezone.utc).replace(tzinfo=None)
+    return moment.isoformat(timespec="seconds")
+
+
+def path_text(path: str | os.PathLike[str]) -> str:
+    """A path as it is stored, absolute, so that a run from another folder finds it."""
+    return os.path.abspath(path)  # noqa: PTH100 (Path.absolute keeps `..`)
+
+
+def _hash(value: object) -> str:
+    text = json.dumps(value, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode()).hexdigest()

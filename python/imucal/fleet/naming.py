@@ -1,0 +1,145 @@
+"""Serial numbers from the paths of files, by a pattern such as `{date}/{serial}-{role}.csv`.
+
+A pattern is compared with the end of a path. Its fields are the columns of a manifest without `files`; `*` is
+any text within one name. A file with the role `control` is a control recording.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from imucal.errors import InputError
+from imucal.fleet.job import Job, path_text
+
+__all__ = ["CONTROL_WORDS", "Naming", "files_of", "naming_of"]
+
+FIELDS: Final = ("serial", "date", "station", "operator", "batch", "role")
+# Words in names of files that say which recording of a unit a file is, in any case.
+CONTROL_WORDS: Final = ("control", "check", "verify")
+RUN_WORDS: Final = ("run", "cal", "calibration", "rec", "recording")
+SENSOR_WORDS: Final = ("acc", "accel", "accelerometer", "gyro", "gyr", "gyroscope")
+WORD: Final = re.compile(r"[^-_. ]+")
+# Endings of files in folders that are taken as recordings.
+ENDINGS: Final = (
+    *(".csv", ".parquet", ".txt", ".tsv", ".log", ".npz", ".npy", ".mat", ".h5", ".hdf5"),
+    *(".bag", ".db3", ".mcap", ".ulg", ".bin", ".zip", ".gz"),
+)
+
+
+@dataclass(frozen=True)
+class Naming:
+    """How paths give serial numbers: by a pattern, or by the words of names if the pattern is empty."""
+
+    pattern: str = ""
+
+    def jobs(self, files: Iterable[str]) -> list[Job]:
+        """The jobs of files, one for all files of a unit in a folder; InputError for a file without serial."""
+        groups: dict[tuple[str | None, ...], tuple[list[str], list[str]]] = {}
+        for file in files:
+            fields = self._fields(file)
+            is_control = (fields.get("role") or "").lower() in CONTROL_WORDS
+            role = (
+                None if is_control or (fields.get("role") or "").lower() in RUN_WORDS else fields.get("role")
+            )
+            about = (*(fields.get(name) for name in FIELDS if name != "role"), role)
+            # Two folders with the same serial number are two measurements of a unit, also without a date.
+            runs, controls = groups.setdefault((str(Path(file).parent), *about), ([], []))
+            (controls if is_control else runs).append(path_text(file))
+        jobs = []
+        for (_, serial, *others), (runs, controls) in groups.items():
+            if not runs:
+                raise InputError(
+                    f"{controls[0]} is a control recording, and unit {serial} has no other recording in its "
+                    "folder: "
+                    "give the pattern of the names with --names, or a manifest"
+                )
+            fields = dict(zip(FIELDS[1:], others, strict=True))
+            jobs.append(Job(serial or "", tuple(runs), tuple(controls), **fields))
+        return jobs
+
+    def words(self, job: Job) -> str:
+        """The rule in words, with an example, to show before a run."""
+        rule = (
+            f"by {self.pattern}"
+            if self.pattern
+            else "from the names of files, or of folders with equal names"
+        )
+        control = f", with control {Path(job.control[0]).name}" if job.control else ""
+        return f"serial numbers {rule}: {job.files[0]} is unit {job.serial}{control}"
+
+    def _fields(self, file: str) -> dict[str, str | None]:
+        if not self.pattern:
+            return _by_words(file)
+        found = _expression(self.pattern).search(file.replace(os.sep, "/"))
+        if found is None:
+            raise InputError(
+                f"{file} does not end like --names {self.pattern}: give another pattern, or a manifest"
+            )
+        return dict(found.groupdict())
+
+
+def naming_of(pattern: str | None) -> Naming:
+    """The naming by a pattern; InputError if it has no or unknown fields."""
+    if pattern is not None:
+        _expression(pattern)
+    return Naming(pattern or "")
+
+
+def files_of(patterns: Sequence[str]) -> list[str]:
+    """The files of paths, folders and glob patterns, sorted; InputError for one without any file."""
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        if Path(pattern).is_dir():
+            inside = (str(path) for path in sorted(Path(pattern).rglob("*")) if path.is_file())
+            names = [name for name in inside if name.lower().endswith(ENDINGS)]
+        elif Path(pattern).exists():
+            names = [pattern]
+        else:
+            found_names = glob.glob(pattern, recursive=True)  # noqa: PTH207 (Path.glob takes no absolute pattern)
+            names = sorted(name for name in found_names if Path(name).is_file())
+        if not names:
+            raise InputError(f"{pattern}: there is no such file: check the path or the pattern")
+        found |= dict.fromkeys(names)
+    return list(found)
+
+
+def _by_words(file: str) -> dict[str, str | None]:
+    """Serial number and role by the words of the name: run-0007.csv, 0007_control.csv, 0007/run.csv."""
+    path = Path(file)
+    stem = path.name.split(".")[0] or path.name
+    words = WORD.findall(stem)
+    roles = [word for word in words if word.lower() in (*CONTROL_WORDS, *RUN_WORDS)]
+    rest = [word for word in words if word.lower() not in (*CONTROL_WORDS, *RUN_WORDS, *SENSOR_WORDS)]
+    if not rest:
+        return {"serial": path.absolute().parent.name, "role": roles[0] if roles else None}
+    # The separators of a serial number such as A-17 are part of it.
+    start, end = stem.index(rest[0]), stem.rindex(rest[-1]) + len(rest[-1])
+    return {"serial": stem[start:end], "role": roles[0] if roles else None}
+
+
+def _expression(pattern: str) -> re.Pattern[str]:
+    parts = re.split(r"(\{[^{}]*\}|\*)", pattern)
+    text, seen = "", set()
+    for part in parts:
+        name = part[1:-1]
+        if part == "*":
+            text += r"[^/]*"
+        elif part.startswith("{"):
+            if name not in FIELDS or name in seen:
+                raise InputError(
+                    f"--names {pattern}: the field {part} is unknown or given twice: the fields are "
+                    + ", ".join(f"{{{each}}}" for each in FIELDS)
+                )
+            seen.add(name)
+            text += rf"(?P<{name}>[^/]+?)"
+        else:
+            text += re.escape(part)
+    if "serial" not in seen:
+        raise InputError(f"--names {pattern} has no {{serial}}: give the place of the serial number")
+    return re.compile(rf"(?:^|/){text}$")

@@ -1,0 +1,267 @@
+"""Running the jobs of a fleet: only new ones are computed.
+
+An outcome is in the store before it is counted. A task whose process ends without an answer is divided in
+halves, down to single jobs. Each of these is tried once more when nothing else runs; if its process ends
+again, its recording is poisoned, and that is its outcome.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any, Final
+
+from imucal.errors import ImucalError
+from imucal.fleet.job import Job, KeyedJob, Options, keyed
+from imucal.fleet.local import Pool
+from imucal.fleet.outcome import TRANSIENT, Outcome
+from imucal.fleet.store import Known, Store
+from imucal.fleet.task import Task, failure_of
+
+__all__ = ["Tally", "run_jobs"]
+
+# Jobs of a task. A calibration takes some 20 ms, so that the cost of a task, a few ms, is small. The search
+# for a missing effect takes seconds, and a task should not take minutes, because a killed run repeats it.
+PER_TASK: Final = 50
+PER_TASK_WITH_GAP: Final = 5
+# Tasks per process, at least, of a small fleet: with fewer, some processes would wait for the last one.
+TASKS_PER_PROCESS: Final = 4
+POISONED: Final = (
+    "the process that reads this recording ends without an answer, also when nothing else runs: it crashes "
+    "or needs "
+    "more memory than there is"
+)
+
+
+@dataclass
+class Tally:
+    """The units of a run, counted.
+
+    done        computed in this run, including those without a result
+    skipped     in the store from an earlier run
+    unreadable  whose files could not be read, so that nothing was computed
+    verdicts    numbers of `good`, `incomplete`, `poor`, `failed` and `poisoned` units, of this run and before
+    codes       numbers of failures by their code
+    """
+
+    done: int = 0
+    skipped: int = 0
+    unreadable: int = 0
+    verdicts: Counter[str] = field(default_factory=Counter)
+    codes: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def units(self) -> int:
+        """All jobs of the run."""
+        return self.done + self.skipped + self.unreadable
+
+    @property
+    def failed(self) -> int:
+        """Units without a result, without the poisoned ones."""
+        return self.verdicts["failed"]
+
+    @property
+    def poisoned(self) -> int:
+        """Units whose recording ends each process that reads it."""
+        return self.verdicts["poisoned"]
+
+    @property
+    def verdict(self) -> str:
+        """The worst verdict; no_result if a unit has none."""
+        if self.failed or self.poisoned:
+            return "no_result"
+        return next((each for each in ("poor", "incomplete") if self.verdicts[each]), "good")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The counts of `imucal fleet run --json`."""
+        return {
+            "verdict": self.verdict,
+            "units": self.units,
+            "done": self.done,
+            "skipped": self.skipped,
+            "unreadable": self.unreadable,
+            "failed": self.failed,
+            "poisoned": self.poisoned,
+            "verdicts": {name: self.verdicts[name] for name in ("good", "incomplete", "poor")},
+            "codes": dict(self.codes.most_common()),
+        }
+
+
+Tell = Callable[[Job, str, "str | None", "str | None"], None]
+
+
+def run_jobs(
+    store: Store,
+    jobs: Iterable[Job],
+    options: Options,
+    make_pool: Callable[[], Pool],
+    *,
+    total: int | None = None,
+    retry: bool = False,
+    tell: Tell | None = None,
+) -> Tally:
+    """Compute the jobs that are not in the store.
+
+    make_pool  is called when the first job has to be computed
+    total      number of jobs, if known, for the size of tasks
+    retry      compute jobs again that have no result
+    tell       is called for each job with its verdict, and code and message of a failure
+
+    Raises ImucalError if the store cannot be written or the pool is lost; what was told is in the store.
+    """
+    return _Run(store, options, make_pool, total, retry, tell or (lambda *_: None)).of(jobs)
+
+
+class _Run:
+    def __init__(
+        self,
+        store: Store,
+        options: Options,
+        make_pool: Callable[[], Pool],
+        total: int | None,
+        retry: bool,
+        tell: Tell,
+    ) -> None:
+        self._store, self._options, self._text = store, options, options.text
+        self._make_pool, self._total, self._retry, self._tell = make_pool, total, retry, tell
+        self._tally = Tally()
+        self._pool: Pool | None = None
+        self._halves: deque[Task] = deque()
+        self._suspects: deque[Task] = deque()
+        self._in_pool = 0
+        # Keys of this run that are in the pool: a manifest may list a recording twice.
+        self._pending: set[str] = set()
+
+    def of(self, jobs: Iterable[Job]) -> Tally:
+        new = self._tasks(jobs)
+        try:
+            while True:
+                self._fill(new)
+                if self._in_pool:
+                    self._take()
+                elif self._suspects:
+                    self._try_alone(self._suspects.popleft())
+                else:
+                    return self._tally
+        except ImucalError as error:
+            raise type(error)(f"{error}; {self._tally.done} of this run are in the store") from None
+        finally:
+            if self._pool is not None:
+                self._pool.close()
+
+    def _fill(self, new: Iterator[Task]) -> None:
+        """Give the pool all that it can hold."""
+        while self._pool is None or self._in_pool < self._pool.capacity:
+            task = self._halves.popleft() if self._halves else next(new, None)
+            if task is None:
+                return
+            self._submit(task)
+
+    def _submit(self, task: Task) -> Pool:
+        if self._pool is None:
+            self._pool = self._make_pool()
+        self._pool.submit(task)
+        self._in_pool += 1
+        return self._pool
+
+    def _take(self) -> None:
+        if self._pool is None:
+            return
+        task, outcomes = self._pool.next()
+        self._in_pool -= 1
+        if outcomes is not None:
+            self._put(outcomes)
+        elif len(task) > 1:
+            half = len(task) // 2
+            self._halves += [Task(part, task.options) for part in (task.jobs[:half], task.jobs[half:])]
+        else:
+            self._suspects.append(task)
+
+    def _try_alone(self, task: Task) -> None:
+        _, outcomes = self._submit(task).next()
+        self._in_pool -= 1
+        self._put(outcomes or [Outcome(each, "poisoned", "poisoned", POISONED) for each in task.jobs])
+
+    def _tasks(self, jobs: Iterable[Job]) -> Iterator[Task]:
+        """Tasks of the jobs that have to be computed."""
+        waiting: list[KeyedJob] = []
+        jobs = iter(jobs)
+        while block := list(islice(jobs, PER_TASK)):
+            waiting += self._new_ones(block)
+            size = self._task_size()
+            while len(waiting) >= size:
+                yield Task(tuple(waiting[:size]), self._options)
+                del waiting[:size]
+        if waiting:
+            yield Task(tuple(waiting), self._options)
+
+    def _task_size(self) -> int:
+        most = PER_TASK_WITH_GAP if self._options.gap else PER_TASK
+        if self._total is None:
+            return most
+        if self._pool is None:
+            self._pool = self._make_pool()
+        return max(1, min(most, self._total // (TASKS_PER_PROCESS * self._pool.processes)))
+
+    def _new_ones(self, jobs: Sequence[Job]) -> list[KeyedJob]:
+        """The jobs that are not in the store; the others are told."""
+        readable = [each for job in jobs if (each := self._keyed(job)) is not None]
+        known = self._store.known([each.key for each in readable])
+        again = [key for key, found in known.items() if self._is_tried_again(found)]
+        if again:
+            self._store.forget(again)
+        old = [each for each in readable if each.key in known.keys() - set(again)]
+        if old:
+            self._store.describe(old)
+        for each in old:
+            found = known[each.key]
+            self._tally.skipped += 1
+            self._count(each.job, found.verdict, found.code, found.message)
+        new = []
+        for each in readable:
+            if each.key in known.keys() - set(again):
+                continue
+            if each.key in self._pending:
+                self._tally.skipped += 1
+                self._tell(each.job, "skipped", "given_twice", "the same files are given twice for this unit")
+                continue
+            self._pending.add(each.key)
+            new.append(each)
+        return new
+
+    def _is_tried_again(self, found: Known) -> bool:
+        if found.code in TRANSIENT:
+            return True
+        return self._retry and found.verdict in ("failed", "poisoned")
+
+    def _keyed(self, job: Job) -> KeyedJob | None:
+        """The job with its key; None, and its failure is stored, if a file cannot be read."""
+        try:
+            return keyed(job, self._text)
+        except ImucalError as error:
+            message = failure_of(error)[1]
+            self._store.put([_unread(job, message, self._text)], self._text)
+            self._tally.unreadable += 1
+            self._count(job, "failed", "file_missing", message)
+            return None
+
+    def _put(self, outcomes: Sequence[Outcome]) -> None:
+        self._store.put(outcomes, self._text)
+        for outcome in outcomes:
+            self._pending.discard(outcome.keyed.key)
+            self._tally.done += 1
+            self._count(outcome.keyed.job, outcome.verdict, outcome.code, outcome.message)
+
+    def _count(self, job: Job, verdict: str, code: str | None, message: str | None) -> None:
+        self._tally.verdicts[verdict] += 1
+        if code is not None:
+            self._tally.codes[code] += 1
+        self._tell(job, verdict, code, message)
+
+
+def _unread(job: Job, message: str, options: str) -> Outcome:
+    """The failure of a job whose files have no hash; its key is that of their paths."""
+    place = "unread:" + "\0".join((job.serial, *job.files, "", *job.control, options))
+    return Outcome(KeyedJob(job, place, place, ()), "failed", "file_missing", message)

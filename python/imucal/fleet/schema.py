@@ -1,0 +1,204 @@
+"""The tables of a store, and how a store of an older version of imucal becomes one of this version.
+
+    units -- jobs -- results -- documents
+                |
+             options
+
+A job is one recording of a unit, or several that are calibrated together, with the options of its run. Every
+job in the store has its outcome in the same row: a verdict, or why there is none. The version of the tables
+is SQLite's `user_version`.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from imucal.errors import FormatError, InputError
+
+__all__ = ["BASE_NAMES", "FIGURES", "MIGRATIONS", "connect_reading", "connect_writing", "disk_error"]
+
+# `application_id` of a store, the letters IMUF, by which `file` and this package recognise it.
+APPLICATION: Final = 0x494D5546
+# A process waits for this time, s, for another one that is writing to the store.
+BUSY_S: Final = 60.0
+
+_PAIRS: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
+# The 21 parameters of both triads in the symmetric frame, in the order of a calibration. Each is a column of
+# the table results, and NAME_sigma its standard deviation.
+BASE_NAMES: Final = (
+    *(f"accel_bias_{axis}" for axis in "xyz"),
+    *(f"accel_sensitivity_{entry}" for entry in ("xx", "yy", "zz", "xy", "xz", "yz")),
+    *(f"gyro_bias_{axis}" for axis in "xyz"),
+    *(f"gyro_sensitivity_{entry}" for entry in _PAIRS),
+)
+_SETS: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg", "rests", "moves")
+# Figures of the calibration recordings, and with `control_` those of the control recordings.
+FIGURES: Final = (*_SETS, *(f"control_{name}" for name in _SETS))
+
+
+def _first(connection: sqlite3.Connection) -> None:
+    """Version 1: all tables."""
+    numbers = ", ".join(f"{name} REAL" for name in FIGURES)
+    parameters = ", ".join(f"{name} REAL, {name}_sigma REAL" for name in BASE_NAMES)
+    for statement in (
+        "CREATE TABLE units (id INTEGER PRIMARY KEY, serial TEXT NOT NULL UNIQUE)",
+        "CREATE TABLE options (id INTEGER PRIMARY KEY, options TEXT NOT NULL UNIQUE)",
+        "CREATE TABLE names (id INTEGER PRIMARY KEY, names TEXT NOT NULL UNIQUE)",
+        """CREATE TABLE jobs (
+            id INTEGER PRIMARY KEY,
+            key TEXT NOT NULL UNIQUE,
+            recording TEXT NOT NULL,
+            unit INTEGER NOT NULL REFERENCES units (id),
+            date TEXT, station TEXT, operator TEXT, batch TEXT, role TEXT,
+            files TEXT NOT NULL,
+            control TEXT NOT NULL,
+            options INTEGER NOT NULL REFERENCES options (id),
+            version TEXT NOT NULL,
+            verdict TEXT NOT NULL CHECK (verdict IN ('good', 'incomplete', 'poor', 'failed', 'poisoned')),
+            code TEXT,
+            message TEXT,
+            seconds REAL,
+            stored_at TEXT NOT NULL,
+            current INTEGER NOT NULL CHECK (current IN (0, 1)))""",
+        "CREATE INDEX jobs_recording ON jobs (recording)",
+        "CREATE INDEX jobs_unit ON jobs (unit)",
+        "CREATE INDEX jobs_verdict ON jobs (verdict, date)",
+        f"""CREATE TABLE results (
+            job INTEGER PRIMARY KEY REFERENCES jobs (id),
+            reasons TEXT NOT NULL,
+            findings TEXT NOT NULL,
+            accel_unit TEXT NOT NULL, gyro_unit TEXT NOT NULL,
+            temperature_low_degc REAL, temperature_high_degc REAL,
+            {numbers},
+            gap_verdict TEXT, gap_effects TEXT,
+            {parameters},
+            other_figures TEXT NOT NULL,
+            other_parameters TEXT NOT NULL,
+            names INTEGER NOT NULL REFERENCES names (id),
+            parameter_values BLOB NOT NULL, sigmas BLOB NOT NULL, covariance BLOB)""",
+        "CREATE TABLE documents (job INTEGER PRIMARY KEY REFERENCES jobs (id), document BLOB NOT NULL)",
+        """CREATE VIEW measurements AS SELECT units.serial, jobs.*, results.*
+            FROM jobs JOIN units ON units.id = jobs.unit LEFT JOIN results ON results.job = jobs.id
+            WHERE jobs.current""",
+    ):
+        connection.execute(statement)
+
+
+# Each function changes the tables of the version before it; their number is the version of this package.
+MIGRATIONS: Final[tuple[Callable[[sqlite3.Connection], None], ...]] = (_first,)
+
+
+def connect_writing(
+    path: str | os.PathLike[str],
+    migrations: tuple[Callable[[sqlite3.Connection], None], ...] = MIGRATIONS,
+) -> sqlite3.Connection:
+    """A connection that writes; the store is made, or brought to this version, if it has to be.
+
+    Raises InputError if the file cannot be opened, and FormatError if it is no store of this or an older
+    version.
+    """
+    connection = _open(path, f"{_uri(path)}?mode=rwc")
+    try:
+        connection.execute("PRAGMA journal_mode = WAL")
+        # With FULL a commit is on the disk when it returns, also at a power failure.
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA foreign_keys = ON")
+        # Two processes may open a new store at once; one makes the tables, the other waits for them.
+        connection.execute("BEGIN IMMEDIATE")
+        version = _version(connection, path, len(migrations), may_be_new=True)
+        for number in range(version, len(migrations)):
+            migrations[number](connection)
+        connection.execute(f"PRAGMA user_version = {len(migrations)}")
+        connection.execute(f"PRAGMA application_id = {APPLICATION}")
+        connection.execute("COMMIT")
+    except sqlite3.Error as error:
+        connection.close()
+        raise disk_error(path, error) from None
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def connect_reading(path: str | os.PathLike[str]) -> sqlite3.Connection:
+    """A connection that only reads and can attach no other file.
+
+    Raises InputError if the file cannot be opened, and FormatError if it is no store of this version.
+    """
+    if not Path(path).is_file():
+        raise InputError(f"{os.fspath(path)}: there is no such store: `imucal fleet run` makes one")
+    connection = _open(path, f"{_uri(path)}?mode=ro")
+    try:
+        version = _version(connection, path, len(MIGRATIONS), may_be_new=False)
+    except sqlite3.Error as error:
+        connection.close()
+        raise disk_error(path, error) from None
+    except BaseException:
+        connection.close()
+        raise
+    if version < len(MIGRATIONS):
+        connection.close()
+        connect_writing(path).close()
+        return connect_reading(path)
+    connection.execute("PRAGMA query_only = ON")
+    connection.set_authorizer(_only_reading)
+    return connection
+
+
+def disk_error(path: str | os.PathLike[str], error: sqlite3.Error, stored: str = "") -> InputError:
+    """The error of a store that cannot be read or written, with what is in it."""
+    reason, name = str(error), os.fspath(path)
+    if "locked" in reason:
+        way_out = "another process holds it; wait for that process, or end it"
+    elif "full" in reason or "I/O" in reason:
+        way_out = "free space on its disk, and run the same command again: it goes on"
+    elif "not a database" in reason or "malformed" in reason:
+        way_out = "it is no store, or is damaged: give another file"
+    else:
+        way_out = "check its path and its permissions"
+    return InputError(f"{name} cannot be used as a store: {reason}{stored}: {way_out}")
+
+
+def _open(path: str | os.PathLike[str], uri: str) -> sqlite3.Connection:
+    try:
+        # Without implicit transactions: each writer begins and ends its own.
+        connection = sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)
+    except sqlite3.Error as error:
+        raise disk_error(path, error) from None
+    return connection
+
+
+def _uri(path: str | os.PathLike[str]) -> str:
+    return Path(path).absolute().as_uri()
+
+
+def _version(
+    connection: sqlite3.Connection, path: str | os.PathLike[str], known: int, *, may_be_new: bool
+) -> int:
+    """The version of the tables; 0 for a new file."""
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if may_be_new and not tables and not version and not application:
+        return 0
+    if application != APPLICATION:
+        raise FormatError(
+            f"{os.fspath(path)} is a database of another program: give the path of a store of `imucal fleet "
+            "run`, or of a new file"
+        )
+    if version > known:
+        raise FormatError(
+            f"{os.fspath(path)} is a store of version {version}, and this imucal knows versions to {known}: "
+            "install a newer imucal"
+        )
+    return int(version)
+
+
+def _only_reading(action: int, *_: object) -> int:
+    """Refuses statements that attach or detach another file."""
+    refused = (sqlite3.SQLITE_ATTACH, sqlite3.SQLITE_DETACH)
+    return sqlite3.SQLITE_DENY if action in refused else sqlite3.SQLITE_OK

@@ -1,0 +1,287 @@
+"""Writing to a store: one process at a time, and a commit is on the disk when it returns."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+import imucal._core as _core
+from imucal.document.json_document import now
+from imucal.fleet.job import KeyedJob
+from imucal.fleet.outcome import TRANSIENT, Outcome
+from imucal.fleet.schema import BASE_NAMES, FIGURES, connect_reading, connect_writing, disk_error
+
+__all__ = ["Known", "Store"]
+
+JOB_COLUMNS: Final = (
+    *(
+        "key",
+        "recording",
+        "unit",
+        "date",
+        "station",
+        "operator",
+        "batch",
+        "role",
+        "files",
+        "control",
+        "options",
+    ),
+    *("version", "verdict", "code", "message", "seconds", "stored_at", "current"),
+)
+RESULT_COLUMNS: Final = (
+    *(
+        "job",
+        "reasons",
+        "findings",
+        "accel_unit",
+        "gyro_unit",
+        "temperature_low_degc",
+        "temperature_high_degc",
+    ),
+    *FIGURES,
+    *("gap_verdict", "gap_effects"),
+    *(column for name in BASE_NAMES for column in (name, f"{name}_sigma")),
+    *("other_figures", "other_parameters", "names", "parameter_values", "sigmas", "covariance"),
+)
+# What a manifest says about a job besides its files; a later manifest may correct it.
+ABOUT: Final = ("date", "station", "operator", "batch", "role")
+
+
+def _insert(table: str, columns: Sequence[str]) -> str:
+    return f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
+
+
+INSERT_JOB: Final = _insert("jobs", JOB_COLUMNS) + " ON CONFLICT (key) DO NOTHING"
+INSERT_RESULT: Final = _insert("results", RESULT_COLUMNS)
+# Of several jobs of one recording, with other options or versions, the last one is current.
+SET_CURRENT: Final = """UPDATE jobs SET current = id = (
+    SELECT id FROM jobs WHERE recording = :r ORDER BY stored_at DESC, id DESC LIMIT 1) WHERE recording = :r"""
+
+
+@dataclass(frozen=True)
+class Known:
+    """The outcome of a job that is in the store."""
+
+    verdict: str
+    code: str | None
+    message: str | None
+
+
+class Store:
+    """A store that is open for writing; use it in a `with` block.
+
+    Raises InputError, with the number of outcomes that this object has stored, if the disk is full or fails.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = os.fspath(path)
+        self.stored = 0
+        self._connection = connect_writing(path)
+        # Identifiers of texts that many rows share: serial numbers are too many to keep.
+        self._ids: dict[tuple[str, str], int] = {}
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(sqlite3.Error):
+            self._connection.close()
+
+    def known(self, keys: Sequence[str]) -> dict[str, Known]:
+        """The jobs with these keys that are in the store."""
+        with self._failing():
+            rows = self._connection.execute(
+                "SELECT key, verdict, code, message FROM jobs WHERE key IN (SELECT value FROM json_each(?))",
+                [json.dumps(list(keys))],
+            ).fetchall()
+        return {key: Known(*rest) for key, *rest in rows}
+
+    def put(self, outcomes: Sequence[Outcome], options: str) -> None:
+        """Store outcomes in one transaction: after a crash it has all of them or none.
+
+        An outcome whose key is in the store already is left as it is.
+        """
+        with self._transaction():
+            number = self._id("options", "options", options)
+            for outcome in outcomes:
+                self._put(outcome, number, str(_core.__version__), now())
+        self.stored += len(outcomes)
+
+    def describe(self, jobs: Sequence[KeyedJob]) -> None:
+        """Correct date, station, operator, batch and role of jobs in the store to those of their manifest."""
+        changes = ", ".join(f"{name} = ifnull(?, {name})" for name in ABOUT)
+        with self._transaction():
+            self._connection.executemany(
+                f"UPDATE jobs SET {changes} WHERE key = ?",
+                [(*(getattr(keyed.job, name) for name in ABOUT), keyed.key) for keyed in jobs],
+            )
+
+    def forget(self, keys: Sequence[str]) -> None:
+        """Remove jobs without a result, so that they are tried again."""
+        with self._transaction():
+            self._connection.executemany(
+                "DELETE FROM jobs WHERE key = ? AND verdict IN ('failed', 'poisoned')",
+                [(key,) for key in keys],
+            )
+
+    def take_from(self, path: str | os.PathLike[str]) -> int:
+        """Copy all jobs of another store that are not in this one; returns their number."""
+        source, taken = connect_reading(path), 0
+        try:
+            source.row_factory = sqlite3.Row
+            rows = source.execute(
+                "SELECT jobs.*, units.serial, options.options AS option_text FROM jobs "
+                "JOIN units ON units.id = jobs.unit JOIN options ON options.id = jobs.options ORDER BY "
+                "jobs.id"
+            )
+            while block := rows.fetchmany(COPIED_AT_ONCE):
+                with self._transaction():
+                    taken += sum(self._copy(source, row) for row in block)
+        except sqlite3.Error as error:
+            raise disk_error(path, error) from None
+        finally:
+            source.close()
+        return taken
+
+    def _put(self, outcome: Outcome, options: int, version: str, moment: str) -> None:
+        job, keyed = outcome.keyed.job, outcome.keyed
+        self._forget_failures_of(keyed)
+        code, message = outcome.code, outcome.message
+        row = (
+            *(keyed.key, keyed.recording, self._unit(job.serial)),
+            *(getattr(job, name) for name in ABOUT),
+            *(json.dumps(job.files), json.dumps(job.control), options, version),
+            *(
+                outcome.verdict,
+                code,
+                None if message is None else _valid(message),
+                outcome.seconds,
+                moment,
+                1,
+            ),
+        )
+        number = self._insert_job(row, keyed.recording)
+        if number is None or outcome.measured is None:
+            return
+        given = outcome.measured
+        values = dict(zip((name for name, _ in given.names), np.frombuffer(given.values), strict=True))
+        sigmas = dict(zip(values, np.frombuffer(given.sigmas), strict=True))
+        pairs = {name: (_number(values[name]), _number(sigmas[name])) for name in values}
+        low, high = given.temperature_degc or (None, None)
+        others = {name: pair for name, pair in pairs.items() if name not in BASE_NAMES}
+        other_figures = {name: value for name, value in given.figures.items() if name not in FIGURES}
+        result = (
+            *(
+                number,
+                json.dumps(given.reasons),
+                json.dumps(given.findings),
+                given.accel_unit,
+                given.gyro_unit,
+            ),
+            *(low, high),
+            *(given.figures.get(name) for name in FIGURES),
+            *(given.gap_verdict, json.dumps(given.gap_effects)),
+            *(each for name in BASE_NAMES for each in pairs.get(name, (None, None))),
+            *(json.dumps(other_figures), json.dumps(others)),
+            self._id("names", "names", json.dumps(given.names)),
+            *(given.values, given.sigmas, given.covariance),
+        )
+        self._connection.execute(INSERT_RESULT, result)
+        self._connection.execute("INSERT INTO documents VALUES (?, ?)", (number, given.document))
+
+    def _insert_job(self, row: Sequence[Any], recording: str) -> int | None:
+        """The identifier of the new row; None if its key is in the store already."""
+        cursor = self._connection.execute(INSERT_JOB, row)
+        if cursor.rowcount != 1:
+            return None
+        self._connection.execute(SET_CURRENT, {"r": recording})
+        return cursor.lastrowid
+
+    def _forget_failures_of(self, keyed: KeyedJob) -> None:
+        """Remove the failures of the same files that another run may not have."""
+        self._connection.execute(
+            f"DELETE FROM jobs WHERE unit = ? AND files = ? AND code IN ({', '.join('?' * len(TRANSIENT))})",
+            (self._unit(keyed.job.serial), json.dumps(keyed.job.files), *TRANSIENT),
+        )
+
+    def _copy(self, source: sqlite3.Connection, row: sqlite3.Row) -> bool:
+        number = row["id"]
+        values = {name: row[name] for name in JOB_COLUMNS}
+        values["unit"] = self._unit(row["serial"])
+        values["options"] = self._id("options", "options", row["option_text"])
+        copied = self._insert_job([values[name] for name in JOB_COLUMNS], row["recording"])
+        if copied is None:
+            return False
+        for table, columns in (("results", RESULT_COLUMNS), ("documents", ("job", "document"))):
+            found = source.execute(
+                f"SELECT {', '.join(columns)} FROM {table} WHERE job = ?", [number]
+            ).fetchone()
+            if found is None:
+                continue
+            fields = dict(zip(columns, found, strict=True)) | {"job": copied}
+            if "names" in fields:
+                (names,) = source.execute(
+                    "SELECT names FROM names WHERE id = ?", [fields["names"]]
+                ).fetchone()
+                fields["names"] = self._id("names", "names", names)
+            self._connection.execute(_insert(table, columns), list(fields.values()))
+        return True
+
+    def _unit(self, serial: str) -> int:
+        self._connection.execute("INSERT INTO units (serial) VALUES (?) ON CONFLICT DO NOTHING", [serial])
+        (number,) = self._connection.execute("SELECT id FROM units WHERE serial = ?", [serial]).fetchone()
+        return int(number)
+
+    def _id(self, table: str, column: str, text: str) -> int:
+        """The identifier of a text that many rows share; it is inserted if it is new."""
+        if (table, text) not in self._ids:
+            self._connection.execute(
+                f"INSERT INTO {table} ({column}) VALUES (?) ON CONFLICT DO NOTHING", [text]
+            )
+            found = self._connection.execute(f"SELECT id FROM {table} WHERE {column} = ?", [text]).fetchone()
+            self._ids[table, text] = int(found[0])
+        return self._ids[table, text]
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        with self._failing():
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+                self._connection.execute("COMMIT")
+            except BaseException:
+                # A failed statement may have ended the transaction.
+                with suppress(sqlite3.Error):
+                    self._connection.execute("ROLLBACK")
+                # Identifiers of rows that are rolled back do not exist.
+                self._ids.clear()
+                raise
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise disk_error(self.path, error, f"; {self.stored} outcomes of this run are stored") from None
+
+
+# Rows of another store that are copied in one transaction.
+COPIED_AT_ONCE: Final = 500
+
+
+def _number(value: float) -> float | None:
+    """A number for SQLite, which has no NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _valid(text: str) -> str:
+    """Text that UTF-8 can hold: names of files may have characters that it cannot."""
+    return text.encode("utf-8", "backslashreplace").decode()
