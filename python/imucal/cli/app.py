@@ -54,11 +54,12 @@ SUMMARIES = {
     "demo": "Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",
     "limits": "Limits for units: write a first limits file from good units, and check units against it.",
     "stand": "Move a stand, record the unit on it, and calibrate.",
+    "fleet": "Many units: calibrate all recordings into one store, and ask it.",
 }
 # Commands whose module and function have another name, as theirs is a word of Python.
 OTHER_NAMES = {"import": "import_calibration"}
 # Commands whose module has a group, `app`, instead of a function.
-GROUPS = ("demo", "limits", "stand")
+GROUPS = ("demo", "fleet", "limits", "stand")
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:

@@ -37,6 +37,14 @@ class Stage:
         self._done += 1
         self._update()
 
+    def line(self, text: str) -> None:
+        """Print a line on standard error, above the display."""
+        with self._lock:
+            if self._shown is not None:
+                self._shown[0].console.print(text, markup=False, highlight=False, soft_wrap=True)
+                return
+        print(text, file=sys.stderr, flush=True)
+
     def show(self) -> None:
         """Start the display."""
         progress = _progress(self._steps is not None)

@@ -21,8 +21,9 @@ from imucal.calibration.calibration import Calibration
 from imucal.errors import InputError
 from imucal.fleet.cluster import DaskPool
 from imucal.fleet.job import Job, Options, as_date
+from imucal.fleet.judging import Judging
 from imucal.fleet.local import LocalPool, Pool
-from imucal.fleet.manifest import jobs_of_manifest
+from imucal.fleet.manifest import is_manifest, jobs_of_manifest
 from imucal.fleet.measurements import Measurements
 from imucal.fleet.naming import files_of, naming_of
 from imucal.fleet.reading import batches_of, conditions, documents, measurements, query
@@ -39,7 +40,7 @@ __all__ = ["Fleet"]
 
 
 @dataclass(frozen=True)
-class Fleet:
+class Fleet(Judging):
     """The store of many units: one SQLite file, which `run` makes.
 
     The object holds nothing but the path, so it can be sent to other processes. Every method opens the file,
@@ -110,6 +111,15 @@ class Fleet:
         docs/fleet.md describes the tables. Raises InputError for a statement that is wrong or would write.
         """
         with self._reading() as connection:
+            return query(connection, sql, arguments)
+
+    def rows(
+        self, columns: Sequence[str], **selection: str | None
+    ) -> tuple[list[str], list[tuple[Any, ...]]]:
+        """Names and values of some columns of the view measurements, in order of dates."""
+        where, arguments = _selected(selection)
+        with self._reading() as connection:
+            sql = f"SELECT {', '.join(columns)} FROM measurements WHERE {where} ORDER BY date, id"
             return query(connection, sql, arguments)
 
     def count(self, **selection: str | None) -> dict[str, int]:
@@ -183,23 +193,13 @@ class Fleet:
 
 def _jobs_of(what: Any, names: str | None) -> Iterable[Job]:
     if isinstance(what, (str, os.PathLike)):
-        if Path(what).suffix.lower() == ".csv" and _is_manifest(what):
+        if is_manifest(what):
             return jobs_of_manifest(what)
         what = [what]
     items = list(what) if isinstance(what, Sequence) else what
     if isinstance(items, list) and items and not isinstance(items[0], Job):
         return naming_of(names).jobs(files_of([os.fspath(item) for item in items]))
     return items
-
-
-def _is_manifest(path: str | os.PathLike[str]) -> bool:
-    """Whether a CSV file begins like a manifest instead of a recording."""
-    try:
-        with Path(path).open("rb") as file:
-            head = file.readline(1000).decode("utf-8-sig", "replace")
-    except OSError:
-        return False
-    return {"serial", "files"} <= {name.strip().strip('"') for name in head.split(",")}
 
 
 def _selected(given: Mapping[str, str | None]) -> tuple[str, list[str]]:

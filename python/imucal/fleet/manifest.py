@@ -12,7 +12,7 @@ from typing import Final
 from imucal.errors import FormatError, InputError
 from imucal.fleet.job import Job, path_text
 
-__all__ = ["COLUMNS", "count_of_manifest", "jobs_of_manifest", "shard", "shard_of"]
+__all__ = ["COLUMNS", "count_of_manifest", "is_manifest", "jobs_of_manifest", "shard", "shard_of"]
 
 # Columns of a manifest; serial and files are required.
 COLUMNS: Final = ("serial", "date", "station", "operator", "batch", "files", "control", "role")
@@ -37,6 +37,19 @@ def jobs_of_manifest(path: str | os.PathLike[str]) -> Iterator[Job]:
             yield Job(serial, files, _paths(given.get("control"), folder), **others)
         except InputError as error:
             raise FormatError(f"{os.fspath(path)}, line {line}: {error}") from None
+
+
+def is_manifest(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a CSV file that begins like a manifest instead of a recording."""
+    if Path(path).suffix.lower() != ".csv":
+        return False
+    try:
+        with Path(path).open("rb") as file:
+            head = file.readline(1000).decode("utf-8-sig", "replace")
+    except OSError:
+        return False
+    # One of the names is enough, so that a manifest without the other gets the message about it.
+    return bool({"serial", "files"} & {name.strip().strip('"') for name in head.split(",")})
 
 
 def count_of_manifest(path: str | os.PathLike[str]) -> int:

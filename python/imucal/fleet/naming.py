@@ -38,8 +38,8 @@ class Naming:
 
     pattern: str = ""
 
-    def jobs(self, files: Iterable[str]) -> list[Job]:
-        """The jobs of files, one for all files of a unit in a folder; InputError for a file without serial."""
+    def jobs(self, files: Iterable[str], *, with_lone_controls: bool = True) -> list[Job]:
+        """The jobs of files, one for all files of a unit in a folder; InputError for one without serial."""
         groups: dict[tuple[str | None, ...], tuple[list[str], list[str]]] = {}
         for file in files:
             fields = self._fields(file)
@@ -53,6 +53,8 @@ class Naming:
             (controls if is_control else runs).append(path_text(file))
         jobs = []
         for (_, serial, *others), (runs, controls) in groups.items():
+            if not runs and not with_lone_controls:
+                continue
             if not runs:
                 raise InputError(
                     f"{controls[0]} is a control recording, and unit {serial} has no other recording in its "
@@ -91,7 +93,7 @@ def naming_of(pattern: str | None) -> Naming:
     return Naming(pattern or "")
 
 
-def files_of(patterns: Sequence[str]) -> list[str]:
+def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
     """The files of paths, folders and glob patterns, sorted; InputError for one without any file."""
     found: dict[str, None] = {}
     for pattern in patterns:
@@ -101,9 +103,10 @@ def files_of(patterns: Sequence[str]) -> list[str]:
         elif Path(pattern).exists():
             names = [pattern]
         else:
-            found_names = glob.glob(pattern, recursive=True)  # noqa: PTH207 (Path.glob takes no absolute pattern)
-            names = sorted(name for name in found_names if Path(name).is_file())
-        if not names:
+            # Path.glob takes no absolute pattern.
+            matching = glob.glob(pattern, recursive=True)  # noqa: PTH207
+            names = sorted(name for name in matching if Path(name).is_file())
+        if not names and not or_none:
             raise InputError(f"{pattern}: there is no such file: check the path or the pattern")
         found |= dict.fromkeys(names)
     return list(found)

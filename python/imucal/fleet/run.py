@@ -74,6 +74,14 @@ class Tally:
             return "no_result"
         return next((each for each in ("poor", "incomplete") if self.verdicts[each]), "good")
 
+    def add(self, other: Tally) -> None:
+        """Add the counts of another run."""
+        self.done += other.done
+        self.skipped += other.skipped
+        self.unreadable += other.unreadable
+        self.verdicts += other.verdicts
+        self.codes += other.codes
+
     def to_dict(self) -> dict[str, Any]:
         """The counts of `imucal fleet run --json`."""
         return {

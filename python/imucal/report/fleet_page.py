@@ -50,7 +50,7 @@ def write_fleet_page(
 
     Raises ImucalError without plotly, and InputError for a store without a calibration.
     """
-    measured = fleet.measurements(**selection)
+    measured = fleet.measurements(covariances=False, **selection)
     if not len(measured):
         raise InputError(f"{fleet.path} has no selected calibration: there is nothing to report")
     counts = fleet.count(**selection)

@@ -57,7 +57,7 @@ def capability(
     fleet = store_of(store, csv=csv, json=json, output=output)
     result = fleet.capability(_limits(limits), **selection.given)
     if output is not None:
-        proposed_limits(result, fleet.measurements(**selection.given)).save(output)
+        proposed_limits(result, fleet.measurements(covariances=False, **selection.given)).save(output)
     headings = (
         *("parameter", "units", "mean", "spread", "low", "high", "noise", "cp", "cpk", "ppk", "ppk_low"),
         *("ppk_high", "out_measured", "out_true", "proposed_min", "proposed_max", "unit"),

@@ -1,0 +1,48 @@
+"""`imucal fleet`: many units in one store."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from imucal.cli.group import Commands, Lazy
+
+__all__ = ["app"]
+
+# Commands by the module in which they are, each with the first sentence of its help.
+MODULES: Final = {
+    "fleet_run": {"run": "Calibrate the recordings of many units into a store; only new ones are computed."},
+    "fleet_store": {
+        "list": "List the units of a store, also those without a result.",
+        "show": "Show all calibrations of a unit, or write the last one to a calibration file.",
+        "query": "Query a store by SQL, which only reads.",
+        "export": "Write all units of a store to a Parquet file.",
+        "merge": "Merge the stores of several stations, or of the parts of a run, into one.",
+    },
+    "fleet_judging": {
+        "drift": "Test whether parameters change over the dates of a unit, or of all units.",
+        "spc": "Control charts by station, and shifts that its units have in common.",
+        "outliers": "Odd units, with the parameter that decides.",
+    },
+    "fleet_quality": {
+        "capability": "Capability indices against limits, without the noise of measuring.",
+        "grr": "Gauge study: repeatability and reproducibility of operators or stations.",
+    },
+    "fleet_gap": {"gap": "Search one effect over all units together."},
+    "fleet_pages": {
+        "report": "Write one page about all units.",
+        "certificate": "Write the certificate of a unit.",
+    },
+}
+# Commands whose functions have another name, as theirs is one of Python.
+OTHER_NAMES: Final = {"list": "list_units"}
+
+app = Commands(
+    "fleet",
+    {
+        name: Lazy(f"imucal.cli.commands.{module}", OTHER_NAMES.get(name, name), summary)
+        for module, summaries in MODULES.items()
+        for name, summary in summaries.items()
+    },
+    help="Many units: calibrate all recordings into one store, and ask it.",
+    epilog="Example: imucal fleet list units.sqlite",
+)

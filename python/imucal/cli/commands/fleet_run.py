@@ -1,0 +1,268 @@
+"""`imucal fleet run`: the recordings of many units into a store."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from click.exceptions import Exit
+
+import imucal.cli.completion as completion
+from imucal.cli.options import (
+    MIN_REST_S,
+    ExcludeSaturated,
+    HoldOption,
+    JsonPath,
+    LimitsPath,
+    MinRest,
+    ModelOption,
+    Require,
+    Required,
+    effect_option,
+    options_of,
+    unit_option,
+)
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
+from imucal.cli.parameters import argument, option
+from imucal.cli.reading import Reading, reading_options
+from imucal.cli.working import Stage, working
+from imucal.errors import InputError
+
+if TYPE_CHECKING:
+    from imucal.fleet.fleet import Fleet
+    from imucal.fleet.job import Job
+    from imucal.fleet.run import Tally
+
+__all__ = ["run"]
+
+SCHEMA: Final = "imucal.fleet-run/1"
+PANEL: Final = "Calibration"
+# A watched folder is looked at after this time, s. A file whose size has not changed since then is complete.
+WATCH_S: Final = 2.0
+
+
+@dataclass(frozen=True)
+class Calibrating:
+    """Options of the calibration of each unit; the fields are the arguments of `imucal.calibrate`."""
+
+    gravity_mps2: Annotated[
+        float | None, option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.", panel=PANEL)
+    ] = None
+    gravity_sigma_mps2: Annotated[
+        float | None,
+        option("--gravity-sigma", metavar="MPS2", help="Its standard deviation.", panel=PANEL),
+    ] = None
+    latitude_deg: Annotated[
+        float | None,
+        option("--latitude", metavar="DEG", help="For normal gravity instead of --gravity.", panel=PANEL),
+    ] = None
+    height_m: Annotated[
+        float | None, option("--height", metavar="M", help="Height, with --latitude.", panel=PANEL)
+    ] = None
+    clock_ppm: Annotated[
+        float | None,
+        option("--clock-ppm", metavar="PPM", help="Standard deviation of the clocks' rates.", panel=PANEL),
+    ] = None
+    min_rest_s: MinRest = MIN_REST_S
+    exclude_saturated: ExcludeSaturated = False
+    effects: Annotated[
+        list[str] | None,
+        effect_option("Also estimate this effect; may be repeated.", completion.effects_to_estimate, PANEL),
+    ] = None
+    model: ModelOption = "full"
+    hold: HoldOption = None
+    unit: Annotated[str | None, unit_option("Unit file, as in `imucal calibrate`.")] = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The arguments of `imucal.calibrate`."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+@options_of("calibrating", Calibrating)
+@reading_options
+def run(
+    store: Annotated[Path, argument(metavar="STORE", help="Store to make, or to go on with.")],
+    reading: Reading,
+    calibrating: Calibrating,
+    recordings: Annotated[
+        list[str] | None,
+        argument(
+            metavar="PATTERN|MANIFEST.CSV",
+            help="Recordings, folders or patterns such as 'day/*.csv'; or a manifest with the columns "
+            "serial, date, station, operator, batch, files (separated by ;), control and role.",
+        ),
+    ] = None,
+    names: Annotated[
+        str | None,
+        option(
+            "--names",
+            metavar="PATTERN",
+            help="Where paths have the serial number: '{date}/{serial}-{role}.csv'. Fields: serial, date, "
+            "station, operator, batch, role; the role control is that of a control recording.",
+        ),
+    ] = None,
+    limits: LimitsPath = None,
+    gap: Annotated[bool, option("--gap", help="Also search for a missing effect of each unit.")] = False,
+    workers: Annotated[
+        int | None, option("--workers", help="Processes on this computer; one per processor if not given.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        option("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler, instead of --workers."),
+    ] = None,
+    shard: Annotated[
+        str | None, option("--shard", metavar="I/N", help="Only part I of N, such as 3/16, for batch queues.")
+    ] = None,
+    watch: Annotated[
+        Path | None,
+        option("--watch", metavar="FOLDER", help="Also take new files of this folder, until Ctrl-C."),
+    ] = None,
+    retry: Annotated[bool, option("--retry", help="Compute units again that have no result.")] = False,
+    require: Require = Required.incomplete,
+    json: JsonPath = None,
+) -> None:
+    """Calibrate the recordings of many units into a store; only new ones are computed.
+
+    A unit is not computed again if the contents of its files, the options and the version of imucal are those
+    of a row in the store. A killed run goes on when it is started again. The exit code is 1 if a unit has no
+    result, else 2 if one is poor.
+
+    Example: imucal fleet run units.sqlite run.csv control.csv
+
+    Example: imucal fleet run units.sqlite manifest.csv --limits limits.json --workers 2
+    """
+    import imucal
+    from imucal.document.json_document import now
+    from imucal.fleet.manifest import shard_of
+
+    if not recordings and watch is None:
+        raise InputError("no recording is given: give files, a folder, a manifest, or --watch FOLDER")
+    if watch is not None and (not watch.is_dir() or shard is not None):
+        raise InputError(f"--watch {watch}: give a folder that exists, and no --shard with it")
+    require_apart([store, limits], {"--json": json})
+    part = None if shard is None else shard_of(shard)
+    fleet = imucal.Fleet(store)
+    given: dict[str, Any] = {
+        "limits": None if limits is None else imucal.Limits.load(limits),
+        "gap": gap,
+        "read": {field.name: getattr(reading, field.name) for field in fields(reading)},
+        "calibrate": calibrating.given,
+        "workers": workers,
+        "scheduler": scheduler,
+        "retry": retry,
+    }
+    out = Output(json)
+    start_s = time.monotonic()
+    tally = None
+    if recordings:
+        jobs, count = _jobs(out, recordings, names, part)
+        with working("calibrating", count) as stage:
+            tally = fleet.run(jobs, total=count, tell=_Teller(stage).tell, **given)
+    if watch is not None:
+        tally = _watched(out, fleet, watch, names, tally, given)
+    if tally is not None:
+        out.document(
+            {"schema": SCHEMA, **tally.to_dict(), "imucal_version": imucal.__version__, "date": now()}
+        )
+        _finish(out, tally, time.monotonic() - start_s, require)
+
+
+def _jobs(
+    out: Output, recordings: list[str], names: str | None, part: tuple[int, int] | None
+) -> tuple[Iterable[Job], int]:
+    """The jobs and their number; says how serial numbers follow from paths before anything runs."""
+    from imucal.fleet.manifest import count_of_manifest, is_manifest, jobs_of_manifest, shard
+    from imucal.fleet.naming import files_of, naming_of
+
+    if len(recordings) == 1 and is_manifest(recordings[0]):
+        count = count_of_manifest(recordings[0])
+        jobs: Iterable[Job] = jobs_of_manifest(recordings[0])
+    else:
+        naming = naming_of(names)
+        found = naming.jobs(files_of(recordings))
+        out.line(f"{len(found)} units; {naming.words(found[0])}")
+        jobs, count = found, len(found)
+    if part is not None:
+        jobs, count = shard(jobs, part), len(range(part[0] - 1, count, part[1]))
+    return jobs, count
+
+
+class _Teller:
+    """Counts units on the display, and prints one line for each without a result."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage, self._start_s, self._told, self._without = stage, time.monotonic(), 0, 0
+
+    def tell(self, job: Job, verdict: str, code: str | None, message: str | None) -> None:
+        """Called for each unit."""
+        from imucal.cli.as_typed import as_typed
+        from imucal.cli.streams import printable
+
+        self._told += 1
+        if verdict in ("failed", "poisoned", "skipped"):
+            self._without += verdict != "skipped"
+            self._stage.line(printable(as_typed(f"{job.serial}: {verdict}: [{code}] {message}")))
+        rate = self._told / max(time.monotonic() - self._start_s, 1e-3)
+        self._stage(f"{rate:.3g} units/s, {self._without} without a result")
+        self._stage.step()
+
+
+def _watched(
+    out: Output, fleet: Fleet, folder: Path, names: str | None, tally: Tally | None, given: dict[str, Any]
+) -> Tally:
+    """Take the files of a folder as they come, until the user interrupts."""
+    from imucal.fleet.naming import files_of, naming_of
+    from imucal.fleet.run import Tally as NewTally
+
+    naming, total = naming_of(names), tally or NewTally()
+    before: dict[str, tuple[int, int]] = {}
+    taken: dict[str, tuple[int, int]] = {}
+    out.line(f"watching {folder}; end with Ctrl-C")
+    try:
+        while True:
+            found = {name: _state(name) for name in (files_of([str(folder)], or_none=True))}
+            ready = [n for n, state in found.items() if before.get(n) == state and taken.get(n) != state]
+            before = found
+            if ready:
+                folders = {str(Path(name).parent) for name in ready}
+                # A control recording belongs to a run that may have come before.
+                together = [name for name in found if str(Path(name).parent) in folders]
+                jobs = naming.jobs(together, with_lone_controls=False)
+                taken |= {name: found[name] for name in together}
+                with working("calibrating", len(jobs)) as stage:
+                    total.add(fleet.run(jobs, total=len(jobs), tell=_Teller(stage).tell, **given))
+                out.line(f"{total.units} units, {total.failed + total.poisoned} without a result")
+            time.sleep(WATCH_S)
+    except KeyboardInterrupt:
+        return total
+
+
+def _state(name: str) -> tuple[int, int]:
+    try:
+        state = Path(name).stat()
+    except OSError:
+        return 0, 0
+    return state.st_size, state.st_mtime_ns
+
+
+def _finish(out: Output, tally: Tally, elapsed_s: float, require: Required) -> None:
+    counts = tally.to_dict()
+    order = ("good", "incomplete", "poor", "failed", "poisoned")
+    out.table(("verdict", "units"), [(name, str(tally.verdicts[name])) for name in order])
+    if tally.codes:
+        out.table(("without a result", "units"), [(code, str(n)) for code, n in counts["codes"].items()])
+    rate = f", {tally.done / elapsed_s:.3g} units/s" if tally.done else ""
+    out.line(
+        f"{tally.units} units: {tally.done} computed in {elapsed_s:.1f} s{rate}, {tally.skipped} were in the "
+        f"store, {tally.unreadable} could not be read"
+    )
+    out.line(f"verdict: {tally.verdict}")
+    if tally.verdict == "no_result":
+        raise Exit(NO_RESULT)
+    if tally.verdict == "poor" or (tally.verdict == "incomplete" and require == "good"):
+        raise Exit(POOR_VERDICT)
