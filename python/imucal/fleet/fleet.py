@@ -119,7 +119,7 @@ class Fleet(Judging):
         """Names and values of some columns of the view measurements, in order of dates."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
-            sql = f"SELECT {', '.join(columns)} FROM measurements WHERE {where} ORDER BY date, id"
+            sql = f"SELECT {', '.join(columns)} FROM measurements WHERE {where} ORDER BY date, serial, id"
             return query(connection, sql, arguments)
 
     def count(self, **selection: str | None) -> dict[str, int]:

@@ -111,7 +111,7 @@ def measurements(
     Raises InputError if the rows differ in the units of their parameters.
     """
     selected = f"FROM measurements WHERE names IS NOT NULL AND ({where})"
-    order = "ORDER BY date, id"
+    order = "ORDER BY date, serial, id"
     sets = connection.execute(
         f"SELECT n.id, n.names, count(*) FROM (SELECT names {selected}) s JOIN names n ON n.id = s.names "
         "GROUP BY n.id",
@@ -154,7 +154,7 @@ def documents(
     """Serial number and document of each current row with a result: calibration, judgement and gap."""
     rows = connection.execute(
         "SELECT m.serial, d.document, m.covariance FROM measurements m JOIN documents d ON d.job = m.id "
-        f"WHERE {where} ORDER BY m.date, m.id",
+        f"WHERE {where} ORDER BY m.date, m.serial, m.id",
         arguments,
     )
     for serial, document, covariance in rows:
