@@ -186,7 +186,7 @@ def test_page_of_noise_prints_what_it_shows(tmp_path):
 
 @pytest.mark.slow
 def test_page_of_exports_prints_what_it_shows(tmp_path):
-    assert run_page("docs/export.md", tmp_path) == 9
+    assert run_page("docs/export.md", tmp_path) == 11
 
 
 @pytest.mark.slow

@@ -19,20 +19,23 @@ from typing import TYPE_CHECKING, Any, Final
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import figures_text
-from imucal.document.atomic import write_text
+from imucal.document.atomic import write_atomically, write_text
 from imucal.errors import InputError
 from imucal.estimation.evaluate import Evaluation, evaluate
 from imucal.exporting.ardupilot import ARDUPILOT
 from imucal.exporting.basalt import BASALT
+from imucal.exporting.board_rotation import board_rotation
 from imucal.exporting.c_header import C_HEADER
 from imucal.exporting.format import Format, header, require_sensors_of, require_si
 from imucal.exporting.fusion import FUSION
 from imucal.exporting.gazebo import GAZEBO
+from imucal.exporting.inav import ACCEL_LSB_PER_G, GYRO_LSB_PER_DPS, INAV
 from imucal.exporting.kalibr import KALIBR, KALIBR_IMU
 from imucal.exporting.matlab import MATLAB
 from imucal.exporting.model import along_columns, axes_note
+from imucal.exporting.openvins import OPENVINS
 from imucal.exporting.px4 import PX4
-from imucal.exporting.realsense import REALSENSE
+from imucal.exporting.realsense import REALSENSE, REALSENSE_TABLE
 from imucal.exporting.ros import ROS
 from imucal.exporting.rust import RUST
 from imucal.recording.axes import UNCHANGED, Axes
@@ -51,12 +54,15 @@ FORMATS: Final[dict[str, Format]] = {
         MATLAB,
         KALIBR,
         KALIBR_IMU,
+        OPENVINS,
         BASALT,
         ROS,
         PX4,
         ARDUPILOT,
+        INAV,
         FUSION,
         REALSENSE,
+        REALSENSE_TABLE,
         GAZEBO,
     )
 }
@@ -97,7 +103,8 @@ class Export:
     """A calibration written in the format of another program.
 
     form          the format
-    text          contents of the file
+    text          contents of the file; of a binary file its header, which that file does not contain
+    binary        contents of a binary file, None for a text
     lost          description of each part of the calibration that the file does not contain
     same_as       calibration equivalent to the correction that the other program computes from the file; None
                   if the format describes noise and corrects nothing
@@ -109,10 +116,15 @@ class Export:
     lost: tuple[str, ...]
     same_as: Calibration | None
     calibration: Calibration
+    binary: bytes | None = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the file atomically. Raises InputError if it cannot be written."""
-        write_text(path, self.text)
+        if self.binary is None:
+            write_text(path, self.text)
+            return
+        with write_atomically(path) as file:
+            file.write(self.binary)
 
     def residual(
         self, control: Recording | Sequence[Recording], *, min_rest_s: float = _core.MIN_REST_S
@@ -134,25 +146,49 @@ class Export:
 
 
 def export(
-    calibration: Calibration, format: str, *, noise: NoiseResult | None = None, name: str | None = None
+    calibration: Calibration,
+    format: str,
+    *,
+    noise: NoiseResult | None = None,
+    name: str | None = None,
+    board_orientation: int | str | None = None,
+    accel_lsb_per_g: float | None = None,
+    gyro_lsb_per_dps: float | None = None,
 ) -> Export:
     """Write the calibration in `format`, which is a name of `FORMATS`.
 
     noise   noise figures of a recording at rest, corrected by this calibration; required by kalibr-imu and
-            gazebo, ignored by the other formats
+            gazebo, included by openvins, ignored by the other formats
     name    prefix of all C names in the formats c-header (default "imucal") and fusion (default: no prefix).
             Two units in one program need two prefixes.
+    board_orientation   ardupilot: AHRS_ORIENTATION of the log that was calibrated, a number or the angles
+                        "ROLL,PITCH,YAW" in deg. ArduPilot's parameters apply before this rotation, its logs
+                        are after it. Default: no rotation.
+    accel_lsb_per_g, gyro_lsb_per_dps   inav: resolution of the sensor's driver, counts per g and per deg/s
 
     Raises InputError for an unknown format, for an accelerometer alone if the format needs both sensors, for
     a calibration of raw counts if the other program only corrects SI units, for left-handed sensor axes or a
     large rotation between the sensors if the format cannot represent them, for missing noise figures, and for
-    a `name` that is not a C identifier or that the format does not use.
+    an option that has no valid value or that the format does not use.
     """
     form = find_format(format)
     if name is not None:
         if form.named is None:
             raise InputError(f"{form.name} files contain no names with a prefix: remove --name")
         form = form.named(name)
+    if board_orientation is not None:
+        if form.oriented is None:
+            raise InputError(f"{form.name} has no board orientation: remove --board-orientation")
+        form = form.oriented(board_rotation(board_orientation))
+    if accel_lsb_per_g is not None or gyro_lsb_per_dps is not None:
+        if form.scaled is None:
+            raise InputError(
+                f"{form.name} does not use the resolution: remove --accel-lsb-per-g and --gyro-lsb-per-dps"
+            )
+        form = form.scaled(
+            ACCEL_LSB_PER_G if accel_lsb_per_g is None else accel_lsb_per_g,
+            GYRO_LSB_PER_DPS if gyro_lsb_per_dps is None else gyro_lsb_per_dps,
+        )
     require_si(calibration, form)
     able = [each.name for each in FORMATS.values() if not each.needs_gyroscope]
     require_sensors_of(calibration, form, able)
@@ -177,6 +213,7 @@ def export(
         written.lost,
         written.same_as,
         calibration,
+        written.binary,
     )
 
 

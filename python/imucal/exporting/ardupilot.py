@@ -6,18 +6,26 @@
 
 Sources in ArduPilot: AP_InertialSensor_Backend.cpp (_rotate_and_correct_accel, _rotate_and_correct_gyro) and
 AP_InertialSensor_tempcal.cpp (correct_sensor, polynomial_eval).
+
+ArduPilot then rotates both by AHRS_ORIENTATION, R, and logs the result: raw_log = R raw. So a calibration of
+a log is rotated back to the axes of the sensor, in which the parameters apply.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 import imucal._core as _core
+from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
 from imucal.exporting.autopilot import PerAxis, per_axis_model
 from imucal.exporting.format import SI, Format, Written, line_comments, number
-from imucal.exporting.model import FRAMES
+from imucal.exporting.model import FRAMES, turned_axes
 
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
@@ -34,9 +42,13 @@ PER_UNIT: Final = 1e6
 RANGE_DEGC: Final = (0.0, 70.0)
 
 
-def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The parameters of the first accelerometer and the first gyroscope, one per line."""
-    model = per_axis_model(calibration)
+def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatArray | None = None) -> Written:
+    """The parameters of the first accelerometer and the first gyroscope, one per line.
+
+    rotation   (3, 3), from the sensor to the recording; None if the recording has the axes of the sensor
+    """
+    back = np.eye(3) if rotation is None else rotation.T
+    model = per_axis_model(turned_axes(calibration, back))
     rows: list[tuple[str, float]] = []
     for name, values in (
         ("INS_ACCOFFS", model.accel_offset),
@@ -47,6 +59,12 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
             rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = (
+        "The recording has the axes of the sensor. Parameters apply before AHRS_ORIENTATION, but logs are "
+        "after it: "
+        "if it was not 0 in the log that was calibrated, export with --board-orientation AHRS_ORIENTATION."
+        if rotation is None
+        else "The recording was turned by AHRS_ORIENTATION; the parameters are for the axes of the sensor, "
+        "before it.",
         "Raw samples are samples without ArduPilot's corrections: record with INS_ACCOFFS and INS_GYROFFS 0, "
         "INS_ACCSCAL 1 and INS_TCAL1_ENABLE 0.",
         "The parameters are for the first sensors. INS_ACC_ID and INS_GYR_ID are not in this file. They must "
@@ -59,8 +77,9 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     return Written(
         body="\n".join(f"{name},{number(value, single=True)}" for name, value in rows) + "\n",
         lost=model.lost,
-        same_as=model.same_as,
-        frame=FRAMES["symmetric"] + ", along the sensor's axes",
+        same_as=turned_axes(model.same_as, back.T),
+        frame=FRAMES["symmetric"]
+        + (", along the sensor's axes" if rotation is None else ", turned by AHRS_ORIENTATION"),
         notes=(
             *notes,
             *model.thermal_notes,
@@ -92,6 +111,11 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
                 yield f"INS_TCAL1_{name}{power}_{axis}", PER_UNIT * value
 
 
+def oriented(rotation: FloatArray) -> Format:
+    """The format for recordings after a board rotation."""
+    return replace(ARDUPILOT, write=partial(write, rotation=rotation))
+
+
 ARDUPILOT = Format(
     name="ardupilot",
     title="ArduPilot parameters",
@@ -104,4 +128,5 @@ ARDUPILOT = Format(
     layout=line_comments("#"),
     write=write,
     needs_gyroscope=False,
+    oriented=oriented,
 )

@@ -16,6 +16,7 @@ from imucal.document.name import shown
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
+    from imucal.arrays import FloatArray
     from imucal.calibration.calibration import Calibration
     from imucal.noise_analysis.noise import NoiseResult
 
@@ -50,6 +51,7 @@ class Written:
                the format describes noise and corrects nothing
     frame      body frame of the corrected samples
     notes      further information for the user of the file
+    binary     contents of the file if it is not a text; `body` is then empty
     """
 
     body: str
@@ -57,6 +59,7 @@ class Written:
     same_as: Calibration | None
     frame: str
     notes: tuple[str, ...] = ()
+    binary: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,9 @@ class Format:
     needs_noise      noise figures of a recording at rest are required
     needs_gyroscope  a calibration of an accelerometer alone cannot be written
     named            returns the format with a prefix for its C names; None if its files contain no C names
+    oriented         returns the format for recordings after a board rotation (3, 3); None if it takes none
+    scaled           returns the format for a resolution, counts per g and per deg/s; None if it needs none
+    is_binary        the file is not a text, so its header is only in the output of the export
     """
 
     name: str
@@ -92,6 +98,9 @@ class Format:
     needs_noise: bool = False
     needs_gyroscope: bool = True
     named: Callable[[str], Format] | None = None
+    oriented: Callable[[FloatArray], Format] | None = None
+    scaled: Callable[[float, float], Format] | None = None
+    is_binary: bool = False
 
 
 def header(calibration: Calibration, form: Format, written: Written) -> list[str]:

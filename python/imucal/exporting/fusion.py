@@ -2,8 +2,13 @@
 
     calibrated = misalignment * hadamard(uncalibrated - offset, sensitivity)
 
-Source: FusionCalibrationInertial in FusionCalibration.h, `imufusion.model_inertial` in Python. Fusion's AHRS
-takes deg/s and g, so the sensitivities also convert the raw unit to these.
+Sources: FusionModelInertial in FusionModel.h (Fusion 1.3; FusionCalibrationInertial in FusionCalibration.h
+before), `imufusion.model_inertial` in Python. Fusion's AHRS takes deg/s and g, so the sensitivities also
+convert the raw unit to these.
+
+The initialisers use the member names. FusionMatrix is a union whose first member was float[3][3] before
+version 1.3 and is float[9] since, so a list without names has another meaning in each version. The member
+`element` has the same nine names in both.
 """
 
 from __future__ import annotations
@@ -37,11 +42,10 @@ def write(calibration: Calibration, noise: NoiseResult | None, prefix: str | Non
         triad = getattr(calibration, sensor)
         gain = np.linalg.norm(triad.sensitivity, axis=1)
         misalignment = np.linalg.inv(triad.sensitivity / gain[:, None])
-        rows = ",\n    ".join(_row(row) for row in misalignment)
         lines += [
-            f"static const FusionMatrix {start}{sensor}Misalignment = {{{{\n    {rows},\n}}}};",
-            f"static const FusionVector {start}{sensor}Sensitivity = {{{_row(PER_SI_UNIT[sensor] / gain)}}};",
-            f"static const FusionVector {start}{sensor}Offset = {{{_row(triad.bias)}}};",
+            f"static const FusionMatrix {start}{sensor}Misalignment = {_matrix(misalignment)};",
+            f"static const FusionVector {start}{sensor}Sensitivity = {_vector(PER_SI_UNIT[sensor] / gain)};",
+            f"static const FusionVector {start}{sensor}Offset = {_vector(triad.bias)};",
             "",
         ]
     return Written(
@@ -53,8 +57,17 @@ def write(calibration: Calibration, noise: NoiseResult | None, prefix: str | Non
     )
 
 
-def _row(values: FloatArray) -> str:
-    return f"{{{', '.join(number(value, single=True) + 'f' for value in values)}}}"
+def _matrix(matrix: FloatArray) -> str:
+    rows = (
+        ", ".join(f".{i}{j} = {number(value, single=True)}f" for j, value in zip("xyz", row, strict=True))
+        for i, row in zip("xyz", matrix, strict=True)
+    )
+    return "{.element = {\n    " + ",\n    ".join(rows) + ",\n}}"
+
+
+def _vector(values: FloatArray) -> str:
+    entries = (f".{i} = {number(value, single=True)}f" for i, value in zip("xyz", values, strict=True))
+    return f"{{.axis = {{{', '.join(entries)}}}}}"
 
 
 def named(prefix: str) -> Format:
@@ -68,7 +81,7 @@ FUSION = Format(
     title="x-io Fusion constants",
     suffix=".h",
     formula="calibrated = misalignment * ((raw - offset) .* sensitivity)",
-    source="xioTechnologies/Fusion, FusionCalibration.h, FusionCalibrationInertial",
+    source="xioTechnologies/Fusion, FusionModel.h, FusionModelInertial (before 1.3: FusionCalibration.h)",
     units="g and deg/s, float32",
     includes="bias, scale and misalignment of both sensors",
     omits="all effects, noise figures",

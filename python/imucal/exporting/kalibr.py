@@ -10,7 +10,7 @@ IccScaledMisalignedImu.addAccelerometerErrorTerms and addGyroscopeErrorTerms.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,34 +26,26 @@ from imucal.noise_analysis.files import kalibr_yaml
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
 
-__all__ = ["G_SENSITIVITY", "KALIBR", "KALIBR_IMU"]
+__all__ = ["G_SENSITIVITY", "KALIBR", "KALIBR_IMU", "matrix_text", "triangular_model"]
 
 G_SENSITIVITY = "gyro_g_sensitivity"
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     """The block `imu0`, in the triangular frame."""
-    moved, rotation = rotated(calibration, "triangular")
+    model = triangular_model(calibration)
+    moved, rotation, gyro, to_gyro = model.same_as, model.rotation, model.gyro, model.to_gyro
     accelerometer, gyroscope = moved.both()
-    from_body = gyroscope.sensitivity
-    gyro, to_gyro = _lower_times_rotation(from_body)
-    effects = [values for values in calibration.effects if values.name == G_SENSITIVITY]
-    # Kalibr's g-sensitivity adds to the raw rate, in the gyroscope frame; ours to the true rate, in the body
-    # frame.
-    sensitivity = np.zeros((3, 3))
-    for values in effects:
-        sensitivity = rotation @ values.values.reshape(3, 3) @ rotation.T
-    in_gyro = from_body @ sensitivity @ to_gyro.T
-    moved = replace(moved, effects=tuple(EffectValues(G_SENSITIVITY, sensitivity.ravel()) for _ in effects))
+    in_gyro = model.from_force @ to_gyro.T
     body = [
         "imu0:",
         "  model: scale-misalignment",
         "  accelerometers:",
-        f"    M: {_matrix(moved.accelerometer.sensitivity)}",
+        f"    M: {matrix_text(moved.accelerometer.sensitivity)}",
         "  gyroscopes:",
-        f"    M: {_matrix(gyro)}",
-        f"    A: {_matrix(in_gyro)}  # rad/s per m/s^2",
-        f"    C_gyro_i: {_matrix(to_gyro)}",
+        f"    M: {matrix_text(gyro)}",
+        f"    A: {matrix_text(in_gyro)}  # rad/s per m/s^2",
+        f"    C_gyro_i: {matrix_text(to_gyro)}",
         "  T_i_b: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]",
         "",
     ]
@@ -69,8 +61,44 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         notes=(
             "The formula gives raw samples from true values: solve it for f_i first, then for w_i.",
             "Add rostopic, update_rate and the noise figures: imucal noise REC --kalibr imu.yaml",
+            "OpenVINS has other names, and its Tg is A C_gyro_i instead of A: use --to openvins for it.",
         ),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class TriangularModel:
+    """The calibration with a lower triangular matrix for each sensor, in the triangular body frame.
+
+        raw_accel = M_a f + b_a
+        raw_gyro  = gyro to_gyro w + from_force f + b_g
+
+    same_as       the calibration in that frame, with the g-sensitivity as its only effect; M_a, b_a and b_g
+                  are its sensitivity and biases
+    rotation      (3, 3), from the body frame of the calibration to the triangular one
+    gyro, to_gyro (3, 3), lower triangular with a positive diagonal, and a rotation
+    from_force    (3, 3), rad/s per m/s^2
+    """
+
+    same_as: Calibration
+    rotation: FloatArray
+    gyro: FloatArray
+    to_gyro: FloatArray
+    from_force: FloatArray
+
+
+def triangular_model(calibration: Calibration) -> TriangularModel:
+    """The model of Kalibr and OpenVINS. Raises InputError for left-handed axes."""
+    moved, rotation = rotated(calibration, "triangular")
+    from_body = moved.both()[1].sensitivity
+    gyro, to_gyro = _lower_times_rotation(from_body)
+    effects = [values for values in calibration.effects if values.name == G_SENSITIVITY]
+    # The g-sensitivity of these programs adds to the raw rate; ours to the true rate, in the body frame.
+    sensitivity = np.zeros((3, 3))
+    for values in effects:
+        sensitivity = rotation @ values.values.reshape(3, 3) @ rotation.T
+    moved = replace(moved, effects=tuple(EffectValues(G_SENSITIVITY, sensitivity.ravel()) for _ in effects))
+    return TriangularModel(moved, rotation, gyro, to_gyro, from_body @ sensitivity)
 
 
 def _lower_times_rotation(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -86,7 +114,8 @@ def _lower_times_rotation(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.tril(lower), (upper_rotation * signs).T
 
 
-def _matrix(matrix: FloatArray) -> str:
+def matrix_text(matrix: FloatArray) -> str:
+    """A matrix as a list of rows in YAML."""
     return "[" + ", ".join(f"[{', '.join(map(number, row))}]" for row in matrix) + "]"
 
 

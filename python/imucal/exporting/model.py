@@ -30,6 +30,7 @@ __all__ = [
     "rotated",
     "temperature_note",
     "turned",
+    "turned_axes",
 ]
 
 FRAMES: Final[dict[Frame, str]] = {
@@ -118,6 +119,33 @@ def _is_in(frame: Frame, sensitivity: FloatArray) -> bool:
         return np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all())
     # A rotation by 180 deg is symmetric as well, so the eigenvalues must be positive too.
     return np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all())
+
+
+def turned_axes(calibration: Calibration, rotation: FloatArray) -> Calibration:
+    """The calibration for raw and corrected samples that are both rotated: v_new = rotation v_old.
+
+    Of the effects only the thermal ones of the biases are rotated, because no other is exported with this.
+    """
+    if np.array_equal(rotation, np.eye(3)):
+        return calibration
+
+    def after(triad: Triad) -> Triad:
+        return Triad(rotation @ triad.sensitivity @ rotation.T, rotation @ triad.bias)
+
+    def rotated_values(values: EffectValues) -> EffectValues:
+        if not values.name.endswith("_bias_temperature"):
+            return values
+        vectors = np.reshape(values.values, (-1, 3)) @ rotation.T
+        return EffectValues(values.name, np.asarray(vectors.ravel(), dtype=np.float64))
+
+    return replace(
+        calibration,
+        accelerometer=after(calibration.accelerometer),
+        gyroscope=None if calibration.gyroscope is None else after(calibration.gyroscope),
+        effects=tuple(map(rotated_values, calibration.effects)),
+        covariance=None,
+        covariance_names=(),
+    )
 
 
 def turned(rotation: FloatArray) -> str:

@@ -1,16 +1,25 @@
-"""RealSense: calibration.json of rs-imu-calibration, with the 24 numbers of the camera's calibration table.
+"""RealSense: calibration.json of rs-imu-calibration, and the camera's own calibration table.
 
     corrected = sensitivity raw - bias
 
-Source: correct_motion_helper in motion-transform.cpp of librealsense. `scale_and_alignment` holds the
-sensitivity column by column: the tool solves raw^T X = corrected^T and writes X row by row
-(rs-imu-calibration.py).
+Source: correct_motion_helper in motion-transform.cpp of librealsense. Both files hold the sensitivity column
+by column (float3x3 in float3.h). The bias of the gyroscope is in rad/s in calibration.json, as the tool
+writes it, and in deg/s in the table, because librealsense multiplies that by pi / 180
+(dm_v2_imu_calib_parser::get_intrinsic in ds-calib-parsers.cpp).
+
+The table is the EEPROM image of 520 bytes that rs-imu-calibration.py writes to the camera: dm_v2_eeprom in
+ds-private.h, three nested tables, each with a header of 16 bytes that has its CRC-32.
 """
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+import struct
+import zlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from imucal.calibration.calibration import Calibration
 from imucal.exporting.format import SI, Format, Written, in_json
@@ -19,7 +28,24 @@ from imucal.exporting.model import FRAMES, inverse, linear, lost_effects
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
 
-__all__ = ["REALSENSE"]
+__all__ = ["REALSENSE", "REALSENSE_TABLE"]
+
+
+RECORD: Final = (
+    "Record with motion correction switched off (enable_motion_correction 0), in the frame of the depth "
+    "sensor, "
+    "which is librealsense's default."
+)
+# Layout of the table, in bytes, and the values of its headers (ds-private.h and rs-imu-calibration.py).
+EEPROM_SIZE: Final = 520
+HEADER_SIZE: Final = 16
+EXTRINSIC_SIZE: Final = 48
+RESERVED_SIZE: Final = 96
+SERIAL_NUMBER_SIZE: Final = 32
+EEPROM_VERSION, MODULE_VERSION, IMU_VERSION = b"\x01\x01", b"\x02\x00", b"\x02\x01"
+EEPROM_TYPE, IMU_TYPE = 0x09, 0x20
+UNUSED: Final = b"\xff"
+NOT_VALID, VALID = 0, 1
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
@@ -38,10 +64,55 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         same_as=linear(calibration),
         frame=FRAMES[calibration.frame],
         notes=(
-            "Record with motion correction switched off (enable_motion_correction 0), in the frame of the "
-            "depth sensor, which is librealsense's default. The camera stores float32.",
+            RECORD,
+            "The biases are in m/s^2 and rad/s, as rs-imu-calibration writes them. The camera does not "
+            "read this "
+            "file, and its own table has the bias of the gyroscope in deg/s: use --to realsense-table for "
+            "it.",
         ),
     )
+
+
+def write_table(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The EEPROM image."""
+    numbers = []
+    for sensor, per_si in (("accelerometer", 1.0), ("gyroscope", 180 / np.pi)):
+        triad = getattr(calibration, sensor)
+        correction = inverse(triad)
+        # Column by column, then the bias.
+        numbers += [*correction.T.ravel(), *(per_si * (correction @ triad.bias))]
+    flags = bytes([NOT_VALID, VALID, 0, 0])
+    imu = flags + UNUSED * EXTRINSIC_SIZE + struct.pack("<24f", *numbers) + UNUSED * RESERVED_SIZE
+    module = _table(IMU_VERSION, IMU_TYPE, imu) + UNUSED * SERIAL_NUMBER_SIZE
+    image = _table(MODULE_VERSION, IMU_TYPE, module)
+    image += UNUSED * (EEPROM_SIZE - HEADER_SIZE - len(image))
+    return Written(
+        body="",
+        lost=lost_effects(calibration),
+        same_as=linear(calibration),
+        frame=FRAMES[calibration.frame],
+        notes=(
+            RECORD,
+            "The numbers are float32. The bias of the gyroscope is in deg/s, because librealsense "
+            "multiplies it by "
+            "pi / 180.",
+            "Write it to the camera by write_eeprom_to_camera(numpy.fromfile(FILE, numpy.uint8)) of "
+            "rs-imu-calibration.py. This replaces the camera's calibration table of the IMU, and its "
+            "extrinsics "
+            "by those of the drawing, as that tool does.",
+        ),
+        binary=_table(EEPROM_VERSION, EEPROM_TYPE, image),
+    )
+
+
+def _table(version: bytes, kind: int, content: bytes) -> bytes:
+    """A table: table_header of ds-private.h with version, type, size and CRC-32, then the content."""
+    return version + struct.pack("<HIII", kind, len(content), 0xFFFFFFFF, zlib.crc32(content)) + content
+
+
+def header_alone(lines: Sequence[str], body: str) -> str:
+    """The header as text; the table has no place for it."""
+    return "\n".join(lines) + "\n"
 
 
 REALSENSE = Format(
@@ -55,4 +126,19 @@ REALSENSE = Format(
     omits="all effects, noise figures",
     layout=in_json,
     write=write,
+)
+
+REALSENSE_TABLE: Final = Format(
+    name="realsense-table",
+    title="RealSense calibration table, EEPROM image of D435i, D455 and later",
+    suffix=".bin",
+    formula="corrected = S raw - bias for both sensors; the table has the bias of the gyroscope in deg/s",
+    source="librealsense, ds-private.h, ds-calib-parsers.cpp, motion-transform.cpp and "
+    "tools/rs-imu-calibration",
+    units=SI + ", float32",
+    includes="bias, scale and misalignment of both sensors",
+    omits="all effects, noise figures",
+    layout=header_alone,
+    write=write_table,
+    is_binary=True,
 )

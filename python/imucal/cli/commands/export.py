@@ -44,6 +44,22 @@ def export(
             help="c-header, fusion: prefix of all names; two units in one program need two prefixes.",
         ),
     ] = None,
+    board_orientation: Annotated[
+        str | None,
+        option(
+            "--board-orientation",
+            metavar="N|R,P,Y",
+            help="ardupilot: AHRS_ORIENTATION of the log that was calibrated, or its angles in deg.",
+        ),
+    ] = None,
+    accel_lsb_per_g: Annotated[
+        float | None,
+        option("--accel-lsb-per-g", metavar="X", help="inav: acc_1G of the sensor's driver; default 2048."),
+    ] = None,
+    gyro_lsb_per_dps: Annotated[
+        float | None,
+        option("--gyro-lsb-per-dps", metavar="X", help="inav: counts per deg/s of the driver; default 16.4."),
+    ] = None,
     min_rest_s: MinRest = MIN_REST_S,
     show_formats: Annotated[
         bool, option("--list", help="List the formats with what they include and omit.")
@@ -85,13 +101,23 @@ def export(
         )
     require_apart([calibration, *(control or ()), noise], {"--output": output, "--json": json})
     form = find_format(to)
+    if output is None and form.is_binary:
+        raise InputError(f"{form.name} is not a text: give a file for it (-o FILE)")
     with working("reading"):
         unit = imucal.Calibration.load(calibration)
         verdict, reasons = unit.judged
         judges = reading.each(control or [])
         figures = None if noise is None else _noise(unit, reading, noise, min_rest_s)
     with working("exporting"):
-        exported = imucal.export(unit, to, noise=figures, name=name)
+        exported = imucal.export(
+            unit,
+            to,
+            noise=figures,
+            name=name,
+            board_orientation=board_orientation,
+            accel_lsb_per_g=accel_lsb_per_g,
+            gyro_lsb_per_dps=gyro_lsb_per_dps,
+        )
         residual = exported.residual(judges, min_rest_s=min_rest_s) if judges else None
     if output is None:
         print(exported.text, end="")
@@ -113,6 +139,9 @@ def export(
     )
     if output is not None:
         out.line(f"{output}: {form.title}")
+    if form.is_binary:
+        # A binary file has no place for its header.
+        print(printable(exported.text.rstrip()), file=sys.stderr)
     for reason in reasons:
         print(printable(f"warning: this calibration is {verdict}: {reason}"), file=sys.stderr)
     for loss in exported.lost:

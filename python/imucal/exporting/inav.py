@@ -1,0 +1,158 @@
+"""INAV: CLI commands that set accelerometer zero and gain, and the zero of the gyroscope.
+
+    accel = (raw - acczero) * accgain / 4096 / acc_1G     in g, raw in counts, for each axis
+    gyro  = (raw - gyro_zero) * scale                     in deg/s
+
+Source: iNavFlight/inav, applyAccelerationZero and accUpdate in sensors/acceleration.c,
+gyroUpdateAndCalibrate in sensors/gyro.c. All settings are integers: docs/Settings.md has their ranges.
+acc_1G and scale are constants of the sensor's driver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Triad
+from imucal.errors import InputError
+from imucal.exporting.format import Format, Written, line_comments
+from imucal.exporting.model import FRAMES, lost_effects, misalignment, off_scale, per_axis, rotated
+from imucal.units import STANDARD_GRAVITY_MPS2
+
+if TYPE_CHECKING:
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["ACCEL_LSB_PER_G", "GYRO_LSB_PER_DPS", "INAV"]
+
+# acc_1G, counts per g, of INAV's drivers for 16 g, such as those of ICM-42605, MPU-6000, BMI160 and BMI270.
+ACCEL_LSB_PER_G: Final = 2048.0
+# Counts per deg/s of INAV's drivers, all of which use 2000 deg/s.
+GYRO_LSB_PER_DPS: Final = 16.4
+# Value of accgain that means 1.
+UNIT_GAIN: Final = 4096
+GAIN_RANGE: Final = (1, 8192)
+ZERO_RANGE: Final = (-32768, 32767)
+RANGES: Final = {"accgain": GAIN_RANGE, "acczero": ZERO_RANGE, "gyro_zero": ZERO_RANGE}
+
+
+def write(
+    calibration: Calibration,
+    noise: NoiseResult | None,
+    accel_lsb_per_g: float = ACCEL_LSB_PER_G,
+    gyro_lsb_per_dps: float = GYRO_LSB_PER_DPS,
+) -> Written:
+    """The commands, one per line, with the values rounded to integers."""
+    moved, _ = rotated(calibration, "symmetric")
+    accel, gyro = moved.accelerometer, moved.gyroscope
+    in_counts = calibration.accel_unit == "lsb", calibration.gyro_unit == "lsb"
+    # Counts of INAV's driver per raw unit of the calibration.
+    accel_counts = 1.0 if in_counts[0] else accel_lsb_per_g / STANDARD_GRAVITY_MPS2
+    gyro_counts = 1.0 if in_counts[1] else gyro_lsb_per_dps * 180 / np.pi
+    # Counts of the driver per m/s^2 and per rad/s of a perfect sensor.
+    accel_per_si = accel_lsb_per_g / STANDARD_GRAVITY_MPS2
+    gyro_per_si = gyro_lsb_per_dps * 180 / np.pi
+    gain = _whole("accgain", UNIT_GAIN * accel_per_si / (accel_counts * per_axis(accel.sensitivity)))
+    zero = _whole("acczero", accel_counts * accel.bias)
+    settings = {"acczero": zero, "accgain": gain}
+    sensitivity = np.diag(UNIT_GAIN * accel_per_si / (accel_counts * gain))
+    same_gyro = None
+    if gyro is not None:
+        settings["gyro_zero"] = _whole("gyro_zero", gyro_counts * gyro.bias)
+        same_gyro = Triad(np.eye(3) * gyro_per_si / gyro_counts, settings["gyro_zero"] / gyro_counts)
+    lines = [
+        f"set {name}_{axis} = {value}"
+        for name, values in settings.items()
+        for axis, value in zip("xyz", values, strict=True)
+    ]
+    if gyro is not None:
+        lines.insert(-3, "set init_gyro_cal = OFF")
+    kept = replace(
+        moved, accelerometer=Triad(sensitivity, zero / accel_counts), gyroscope=same_gyro, effects=()
+    )
+    return Written(
+        body="\n".join([*lines, "save", ""]),
+        lost=(
+            *_rounded(moved, kept),
+            *misalignment("accelerometer", accel.sensitivity),
+            *(() if gyro is None else off_scale("gyroscope", gyro.sensitivity * gyro_counts / gyro_per_si)),
+            *(() if gyro is None else misalignment("gyroscope", gyro.sensitivity)),
+            *lost_effects(calibration),
+        ),
+        same_as=kept,
+        frame=FRAMES["symmetric"] + ", along the sensor's axes",
+        notes=(
+            f"acc_1G is {accel_lsb_per_g:g} counts per g, the gyroscope has {gyro_lsb_per_dps:g} counts "
+            f"per deg/s: if "
+            "the driver of your sensor has others, export with --accel-lsb-per-g and --gyro-lsb-per-dps.",
+            "Raw samples are those of the sensor, along its own axes, before acczero, accgain and any "
+            "alignment "
+            "(align_*): record with acczero 0 and accgain 4096.",
+            *(
+                ()
+                if gyro is None
+                else ("init_gyro_cal OFF keeps gyro_zero; otherwise INAV measures it at each start.",)
+            ),
+            "Paste the commands into the CLI. INAV also truncates each corrected accelerometer sample to "
+            "counts.",
+        ),
+    )
+
+
+def _whole(name: str, values: FloatArray) -> FloatArray:
+    """The values rounded to integers. Raises InputError for a value outside the range of the setting."""
+    low, high = RANGES[name]
+    found = np.rint(values)
+    if not ((found >= low) & (found <= high)).all():
+        raise InputError(
+            f"{name} is {found.tolist()}, outside of {low} to {high}: give the resolution of the driver, "
+            "--accel-lsb-per-g and --gyro-lsb-per-dps"
+        )
+    return found.astype(np.int64)
+
+
+def _rounded(whole: Calibration, kept: Calibration) -> tuple[str, ...]:
+    """Description of the rounding to integers, with its largest errors; empty if there is none."""
+    gain = per_axis(whole.accelerometer.sensitivity) / np.diag(kept.accelerometer.sensitivity) - 1
+    errors = [
+        (np.abs(whole.accelerometer.bias - kept.accelerometer.bias).max(), whole.accel_unit),
+        (100 * np.abs(gain).max(), f"% (accgain in steps of 1/{UNIT_GAIN})"),
+    ]
+    if whole.gyroscope is not None and kept.gyroscope is not None:
+        errors.insert(1, (np.abs(whole.gyroscope.bias - kept.gyroscope.bias).max(), whole.gyro_unit))
+    sizes = ", ".join(f"{size:.2g} {unit}" for size, unit in errors)
+    # 1e-12 is rounding of float64.
+    return (
+        (f"fractions, as INAV stores integers: up to {sizes}",) if max(e for e, _ in errors) > 1e-12 else ()
+    )
+
+
+def scaled(accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> Format:
+    """The format for a driver's resolution. Raises InputError for a resolution that is not positive."""
+    for name, value in (("accel_lsb_per_g", accel_lsb_per_g), ("gyro_lsb_per_dps", gyro_lsb_per_dps)):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value}: a positive number is needed")
+    return replace(
+        INAV, write=partial(write, accel_lsb_per_g=accel_lsb_per_g, gyro_lsb_per_dps=gyro_lsb_per_dps)
+    )
+
+
+INAV = Format(
+    name="inav",
+    title="INAV CLI commands",
+    suffix=".txt",
+    formula="accel = (raw - acczero) * accgain / 4096 / acc_1G, gyro = (raw - gyro_zero) * scale, per axis",
+    source="iNavFlight/inav, sensors/acceleration.c, sensors/gyro.c, docs/Settings.md",
+    units="g and deg/s",
+    includes="bias of both sensors, scale of the accelerometer, as integers",
+    omits="misalignment of both, scale of the gyroscope, all effects",
+    layout=line_comments("#"),
+    write=write,
+    takes_counts=True,
+    needs_gyroscope=False,
+    scaled=scaled,
+)
