@@ -21,6 +21,7 @@ PROMISED = {
         "detection limit in these recordings",
     ],
     "judge_and_apply.py": ["verdict: good", r"calibrated:   0\.0\d\d deg", r"\|f\| at rest: 9\.80\d\d"],
+    "openhtf_station.py": ["0007 PASS", "gyro_bias_y PASS -0.016", "verdict PASS", r"\['0007.json'\]"],
     "own_effect.py": [r"after: 0\.03\d deg", r"gyro_bias_supply_x: 0\.0(19|20)\d+ \+- 0\.0002"],
     "simulate_your_program.py": ["on the stand, 25 rests", "accel_bias_x"],
 }

@@ -28,7 +28,6 @@ __all__ = ["calibration_hash", "write_certificate"]
 
 # Entries of a sensitivity off its diagonal are angles in a datasheet.
 ANGLE: Final = (1e3, "mrad")
-BIAS: Final = {"rad/s": (3600.0 * 180.0 / math.pi, "deg/h"), **SHOWN}
 
 
 def write_certificate(
@@ -107,7 +106,7 @@ def _parameters(parameters: Sequence[Parameter], judgement: Judgement | None) ->
         row = [
             parameter.name,
             rounded_to((parameter.value - offset) * factor, std),
-            "-" if parameter.std is None else f"{std:.2g}",
+            "-" if parameter.std is None else rounded_to(std, std),
             unit,
         ]
         if judgement is not None:
@@ -121,7 +120,8 @@ def _parameters(parameters: Sequence[Parameter], judgement: Judgement | None) ->
         rows.append(row)
     header = ["parameter", "value", "1 σ", "unit", *([] if judgement is None else ["limits", ""])]
     failed = [] if judgement is None else [check.reason for check in judgement.failed]
-    return table(header, rows) + "".join(f"<p>{escape(reason)}</p>" for reason in failed)
+    note = "<p>A diagonal sensitivity in ppm is its deviation from 1.</p>"
+    return table(header, rows) + note + "".join(f"<p>{escape(reason)}</p>" for reason in failed)
 
 
 def _shown(parameter: Parameter) -> tuple[float, float, str]:
@@ -130,9 +130,7 @@ def _shown(parameter: Parameter) -> tuple[float, float, str]:
     if unit == "1" and "_sensitivity_" in name and name.startswith(("accel_sens", "gyro_sens")):
         on_diagonal = name[-1] == name[-2]
         return (1e6, 1.0, "ppm") if on_diagonal else (ANGLE[0], 0.0, ANGLE[1])
-    factor, shown = (
-        BIAS.get(unit, (1.0, unit)) if name.startswith("gyro_bias_") else SHOWN.get(unit, (1.0, unit))
-    )
+    factor, shown = SHOWN.get(unit, (1.0, unit))
     return factor, 0.0, shown
 
 

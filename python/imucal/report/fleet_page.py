@@ -12,6 +12,7 @@ import numpy as np
 import imucal.plot.fleet as plot
 from imucal.errors import InputError
 from imucal.fleet.statistics.shifts import days_of
+from imucal.plot.style import shown_unit
 from imucal.report.page import Shown, Tab, Verdict, write_page
 from imucal.report.tables import heading, item_list, paragraph, table
 from imucal.report.unit_section import unit_section
@@ -143,7 +144,7 @@ def _parameters(
             *(["-"] * 3 if row.spread is None else [f"{n:.4g}" for n in _of_spread(row.spread)]),
             *_indices(row.indices),
             "-" if row.out_true is None else f"{100 * row.out_true:.2g}",
-            row.unit,
+            shown_unit(row.unit) or "1",
         ]
         for row in capability.rows
     ]

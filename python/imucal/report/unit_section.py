@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucal.plot.style import shown_unit
 from imucal.report.tables import rounded_to, table
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def unit_section(measured: Measurements, serial: str, distance: UnitDistance | N
             rounded_to(own.values_si[-1, column], own.sigmas_si[-1, column]),
             f"{own.sigmas_si[-1, column]:.2g}",
             f"{median[column]:.4g}",
-            unit,
+            shown_unit(unit) or "1",
         ]
         for column, (name, unit) in enumerate(zip(own.names, own.units, strict=True))
         if np.isfinite(own.values_si[-1, column])
