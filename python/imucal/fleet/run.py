@@ -11,13 +11,14 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
+from pathlib import Path
 from typing import Any, Final
 
 from imucal.errors import ImucalError
 from imucal.fleet.job import Job, KeyedJob, Options, keyed
 from imucal.fleet.local import Pool
 from imucal.fleet.outcome import TRANSIENT, Outcome
-from imucal.fleet.store import Known, Store
+from imucal.fleet.store import UNREAD, Known, Store
 from imucal.fleet.task import Task, failure_of
 
 __all__ = ["Tally", "run_jobs"]
@@ -249,10 +250,12 @@ class _Run:
         try:
             return keyed(job, self._text)
         except ImucalError as error:
-            message = failure_of(error)[1]
-            self._store.put([_unread(job, message, self._text)], self._text)
+            code, message = failure_of(error)
+            if not all(Path(path).exists() for path in (*job.files, *job.control)):
+                code = "file_missing"
+            self._store.put([_unread(job, code, message, self._text)], self._text)
             self._tally.unreadable += 1
-            self._count(job, "failed", "file_missing", message)
+            self._count(job, "failed", code, message)
             return None
 
     def _put(self, outcomes: Sequence[Outcome]) -> None:
@@ -269,7 +272,7 @@ class _Run:
         self._tell(job, verdict, code, message)
 
 
-def _unread(job: Job, message: str, options: str) -> Outcome:
+def _unread(job: Job, code: str, message: str, options: str) -> Outcome:
     """The failure of a job whose files have no hash; its key is that of their paths."""
-    place = "unread:" + "\0".join((job.serial, *job.files, "", *job.control, options))
-    return Outcome(KeyedJob(job, place, place, ()), "failed", "file_missing", message)
+    place = UNREAD + "\0".join((job.serial, *job.files, "", *job.control, options))
+    return Outcome(KeyedJob(job, place, place, ()), "failed", code, message)

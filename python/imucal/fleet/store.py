@@ -18,7 +18,7 @@ from imucal.fleet.job import KeyedJob
 from imucal.fleet.outcome import TRANSIENT, Outcome
 from imucal.fleet.schema import BASE_NAMES, FIGURES, connect_reading, connect_writing, disk_error
 
-__all__ = ["Known", "Store"]
+__all__ = ["UNREAD", "Known", "Store"]
 
 JOB_COLUMNS: Final = (
     *(
@@ -51,6 +51,8 @@ RESULT_COLUMNS: Final = (
     *(column for name in BASE_NAMES for column in (name, f"{name}_sigma")),
     *("other_figures", "other_parameters", "names", "parameter_values", "sigmas", "covariance"),
 )
+# Start of the key of a job whose files cannot be read, which has their paths in the place of a hash.
+UNREAD: Final = "unread:"
 # What a manifest says about a job besides its files; a later manifest may correct it.
 ABOUT: Final = ("date", "station", "operator", "batch", "role")
 
@@ -208,8 +210,9 @@ class Store:
     def _forget_failures_of(self, keyed: KeyedJob) -> None:
         """Remove the failures of the same files that another run may not have."""
         self._connection.execute(
-            f"DELETE FROM jobs WHERE unit = ? AND files = ? AND code IN ({', '.join('?' * len(TRANSIENT))})",
-            (self._unit(keyed.job.serial), json.dumps(keyed.job.files), *TRANSIENT),
+            f"DELETE FROM jobs WHERE unit = ? AND files = ? AND (code IN ({', '.join('?' * len(TRANSIENT))}) "
+            "OR substr(key, 1, ?) = ?)",
+            (self._unit(keyed.job.serial), json.dumps(keyed.job.files), *TRANSIENT, len(UNREAD), UNREAD),
         )
 
     def _copy(self, source: sqlite3.Connection, row: sqlite3.Row) -> bool:
