@@ -15,6 +15,7 @@
 #   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
 #   make fuzz      damaged files of every format for MINUTES=30, then arbitrary recordings with cargo-fuzz
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
+#   make test-firmware  faults of a stand on a simulator of GRBL or grblHAL: GRBL_SIM=path, see docs/stand.md
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
@@ -170,6 +171,12 @@ test-python: $(VENV)/.installed
 test-python-fast: $(VENV)/.installed
 	$(call say,Python: tests that are not slow)
 	$(PY) -m pytest --numprocesses auto --dist loadfile -m 'not slow'
+
+# Waits most of the time, so several at once.
+.PHONY: test-firmware
+test-firmware: $(VENV)/.installed
+	$(call say,Stand: faults on the firmware of a controller)
+	GRBL_SIM="$(GRBL_SIM)" $(PY) -m pytest tests/stand/test_firmware.py --numprocesses 4
 
 # --- pages -------------------------------------------------------------------------------------------------------
 

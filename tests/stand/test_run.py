@@ -130,14 +130,20 @@ def test_a_unit_that_falls_silent_ends_the_run_and_keeps_what_it_sent(tmp_path):
         columns = stand.columns
         start, events, counts, close = stand.start, stand.events, stand.counts, stand.close
 
+        def arrivals(self):
+            return stand.arrivals()[: self.taken]
+
         def read(self, wait_s):
             rows = stand.read(wait_s)
-            return rows if rows.size and rows[-1, 0] < 3.0 else rows[:0]
+            rows = rows if rows.size and rows[-1, 0] < 3.0 else rows[:0]
+            self.taken = len(rows)
+            return rows
 
     class Patient:
         """A driver whose program does not end."""
 
         start, observe, positions, events, close = (lambda *_: (),) * 5
+        progress = staticmethod(lambda: None)
         poll = staticmethod(lambda: imucal.stand.driver.Status("moving", 1))
 
     done = record(Patient(), Mute(), tmp_path / "run.csv", steps=3, silent_s=0.3, clock=clock)

@@ -228,6 +228,9 @@ class Idle:
     def observe(self, samples):
         self.count -= len(samples)
 
+    def progress(self):
+        return None
+
     def poll(self):
         from imucal.stand.driver import Status
 

@@ -13,11 +13,14 @@ from imucal.errors import InputError
 
 if TYPE_CHECKING:
     from imucal.rig.motion import Program
-    from imucal.stand.driver import Driver, Source
+    from imucal.stand.clock import Clock
+    from imucal.stand.driver import Driver, Progress, Source
 
 __all__ = ["Equipment", "equipment_options"]
 
 DRIVERS = ("simulated", "grbl", "manual")
+# Drivers whose runs can be resumed.
+RESUMED = ("grbl",)
 # Headings of the options in the help.
 SIMULATED = "Simulated driver"
 GRBL = "Controller"
@@ -81,6 +84,20 @@ class Equipment:
     axes: Annotated[str, _option("--axes", "grbl: axis letters of the motors, outermost first.", GRBL)] = (
         "XYZ"
     )
+    home: Annotated[
+        bool, _option("--home", "grbl: run the homing cycle ($H) first; its end is the zero.", GRBL)
+    ] = False
+    unlock: Annotated[
+        bool, _option("--unlock", "grbl: unlock a controller that is locked by an alarm ($X).", GRBL)
+    ] = False
+    start_here: Annotated[
+        bool, _option("--start-here", "grbl: the position of the motors at the start is the zero.", GRBL)
+    ] = False
+    unwind: Annotated[bool, _option("--unwind", "grbl: turn the motors back to zero first.", GRBL)] = False
+    resume_hold: Annotated[
+        bool,
+        _option("--resume-hold", "grbl: end a feed hold or a closed safety door without waiting.", GRBL),
+    ] = False
     source: Annotated[
         str | None,
         _option(
@@ -109,14 +126,35 @@ class Equipment:
         float | None, _option("--sample-rate", "Sampling rate of a unit that sends no time, Hz.", UNIT)
     ] = None
 
+    def to_dict(self) -> dict[str, Any]:
+        """The options as in a journal, from which `stand resume` opens the same equipment."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
+
+    @classmethod
+    def of_dict(cls, values: dict[str, Any], **changes: Any) -> Equipment:
+        """The equipment of a journal; unknown options of another version are ignored."""
+        known = {field.name for field in fields(cls)}
+        given = {name: value for name, value in values.items() if name in known} | changes
+        packet = given.get("packet")
+        return cls(**{**given, "packet": None if packet is None else Path(packet)})
+
     @property
     def files(self) -> tuple[str | Path | None, ...]:
         """Input files of these options, including names of built-in units and stands."""
         return (self.unit, self.stand, self.packet)
 
-    def open(self, program: Program, seed: int) -> tuple[Driver, Source]:
-        """The driver and the source for a run; `seed` is the seed of simulated noise."""
+    def open(
+        self, program: Program, seed: int, *, resume: Progress | None = None, clock: Clock | None = None
+    ) -> tuple[Driver, Source]:
+        """The driver and the source for a run; `seed` is the seed of simulated noise.
+
+        resume  where an interrupted run continues
+        clock   clock of the run, by default that of the computer
+        """
         self._require_own_options()
+        if resume is not None and self.driver not in RESUMED:
+            raise InputError(f"a run with the driver {self.driver} cannot be resumed: run it again")
         if self.driver == "simulated":
             from imucal.stand.faults import SimulatedUnit
             from imucal.stand.simulated import SimulatedStand
@@ -125,13 +163,26 @@ class Equipment:
             simulated = SimulatedStand(program, mounted, seed=seed, speed=self.speed)
             return simulated, simulated
         if self.driver == "grbl":
+            from imucal.stand.clock import SYSTEM_CLOCK
             from imucal.stand.gcode import Axes
             from imucal.stand.grbl import GrblDriver
+            from imucal.stand.grbl_start import Consent
 
             if self.port is None:
                 raise InputError("the driver grbl needs the serial port of the controller: give --port")
             axes = Axes(self.axes.upper())
-            return GrblDriver(program, self.port, baud=self.baud, axes=axes), self._unit()
+            clock = clock or SYSTEM_CLOCK
+            driver = GrblDriver(
+                program,
+                self.port,
+                baud=self.baud,
+                axes=axes,
+                consent=Consent(self.home, self.unlock, self.start_here, self.unwind),
+                resume_hold=self.resume_hold,
+                resume=resume,
+                clock=clock,
+            )
+            return driver, self._unit(clock)
         if self.driver == "manual":
             from imucal.stand.manual import ManualDriver
 
@@ -155,9 +206,10 @@ class Equipment:
                     f"{' or '.join(drivers)}, or leave it out"
                 )
 
-    def _unit(self) -> Source:
+    def _unit(self, clock: Clock | None = None) -> Source:
         import numpy as np
 
+        from imucal.stand.clock import SYSTEM_CLOCK
         from imucal.stand.lines import LineDecoder
         from imucal.stand.link import link_to
         from imucal.stand.packet import PacketDecoder, PacketFormat
@@ -174,7 +226,7 @@ class Equipment:
             if self.packet is None
             else PacketDecoder(PacketFormat.read(self.packet))
         )
-        source = StreamSource(link, decoder, rate_hz=self.sample_rate_hz)
+        source = StreamSource(link, decoder, rate_hz=self.sample_rate_hz, clock=clock or SYSTEM_CLOCK)
         # Checks the columns before the stand moves, and not when the run is calibrated.
         recording_of(source.columns, np.zeros((0, len(source.columns))), "the data of the unit")
         return source

@@ -7,11 +7,20 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias
 
 from imucal.arrays import FloatArray
+from imucal.stand.journal import Logged
 
-__all__ = ["Driver", "Event", "Position", "Source", "Status"]
+__all__ = ["Driver", "Event", "Position", "Progress", "Source", "Status"]
 
 # Host time, s, and the angles of the three motors, deg.
 Position: TypeAlias = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Number of steps that are done, and the zero of the motors as the controller counts it, deg."""
+
+    steps_done: int
+    zero_deg: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -59,6 +68,9 @@ class Driver(Protocol):
     def events(self) -> Sequence[Event]:
         """Events since the last call."""
 
+    def progress(self) -> Progress | None:
+        """What is needed to resume the run; None if it cannot be resumed."""
+
     def close(self) -> None:
         """Stop the stand if it moves, and disconnect. Must not raise."""
 
@@ -77,8 +89,14 @@ class Source(Protocol):
     def read(self, wait_s: float) -> FloatArray:
         """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first one."""
 
+    def arrivals(self) -> FloatArray:
+        """Host time of arrival of each sample of the last `read`, (N,), s."""
+
     def events(self) -> Sequence[Event]:
         """Events since the last call."""
+
+    def resume_after(self, logged: Logged) -> None:
+        """Continue the times of an interrupted run. Raises InputError if the source cannot."""
 
     def counts(self) -> dict[str, int]:
         """Counts of received, lost and damaged data by stable names, such as packets_damaged."""

@@ -1,31 +1,34 @@
-"""Driver of a stand whose motors are controlled by GRBL 1.1 (docs/stand.md).
+"""Driver of a stand whose motors are controlled by GRBL 1.1 or grblHAL (docs/stand.md).
 
-Lines are sent ahead as long as the unanswered characters fit into the controller's buffer. A move is sent
-only after the motors were reported at rest in the pose of the step before it, because a byte lost in
-transmission can change the target angle of a move. A step is done when its `G4` is answered and its pose was
-reported.
+The motors never move to a target that the controller might have misread. For each step the driver sets the
+origin of the work coordinates to the target (`G92`; `G43.1` with grblHAL, which stores G92), waits until a
+report confirms this offset, and then commands a move to 0, 0, 0. A byte lost on the way can prevent or
+shorten a move, but cannot send the motors past the target. The confirmed offset also proves that the
+controller has not restarted, because a restart clears it.
 
-All faults (a reset, an error, a lost byte, a silent or disconnected cable) have the same recovery: stop the
-motors, reset and unlock the controller, read its position, and continue with the first step that is not done.
-Angles are absolute, so a repeated step only adds another rest in the same pose.
+A step is done when its pose was reported at rest for its hold time. After a fault of the line (a refused
+line, a lost cable, a silent controller) the step is repeated from the reported position. An alarm, a locked
+controller or a lost position ends the run: the stand is not moved again without the user.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Final
 
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError
 from imucal.rig.motion import Program, Step
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
-from imucal.stand.driver import Event, Position, Status
-from imucal.stand.gcode import Axes, Block, MotorLimits, blocks_of
-from imucal.stand.grbl_port import ALARMS, ERRORS, RESET, RX_BUFFER, GrblPort, Report
-from imucal.stand.grbl_session import GrblSession, Timeouts, Triple
+from imucal.stand.driver import Event, Position, Progress, Status
+from imucal.stand.gcode import ANGLE_DECIMALS, Axes, Block, MotorLimits, blocks_of
+from imucal.stand.grbl_pause import Pause
+from imucal.stand.grbl_port import RESET, GrblPort
+from imucal.stand.grbl_report import Parser, Report, Triple
+from imucal.stand.grbl_session import GrblSession, StoppedError, Timeouts, TroubleError, Waiting
+from imucal.stand.grbl_start import Consent, Ready, prepared, require_zero
+from imucal.stand.grbl_track import Track
 from imucal.stand.link import LinkLostError, serial_port
 
 __all__ = ["GrblDriver"]
@@ -34,37 +37,45 @@ __all__ = ["GrblDriver"]
 PAUSE_S: Final = 0.01
 # Pause before a lost port is opened again, s.
 REOPEN_S: Final = 0.3
-# Rate at which the motors return to zero after the program, deg/s.
+# Rate at which the motors return to zero, deg/s.
 RETURN_DPS: Final = 60.0
-# Largest deviation of each motor from its target, deg, at which a pose counts as reached.
-NEAR_DEG: Final = 0.5
+# Rest at zero after the last move, s, in which its last angles are reported.
+END_S: Final = 0.3
 # Number of consecutive recoveries without progress after which the run fails.
 MOST_RECOVERIES: Final = 4
-# Alarms that end a run because the stand is not free to move: unknown, limit switch (1), soft limit (2).
-UNKNOWN_ALARM: Final = 0
-FINAL_ALARMS: Final = (UNKNOWN_ALARM, 1, 2)
-# Modes of all lines: millimetres (degrees here), absolute positions, feed per minute.
-SETUP: Final = b"G21G90G94\n"
-
-
-@dataclass(frozen=True)
-class _Line:
-    """A line of G-code; `done` is the number of steps completed once it is answered, None for a move."""
-
-    text: bytes
-    step: int
-    done: int | None
+# Attempts of a move that ends at rest elsewhere, before the controller is reset.
+MOST_MOVES: Final = 4
+# Deviation, deg, at which a motor is at its target: twice the last digit of a report.
+AT_TARGET_DEG: Final = 0.02
+# Deviation, deg, of a confirmed offset from the requested one: half of the last digit of a report, and
+# rounding.
+SAME_DEG: Final = 0.0015
+# A target is displaced by this angle, deg, if its offset equals that of a restarted controller.
+MARK_DEG: Final = 0.004
+# A move may take this multiple of its duration, in addition to `Timeouts.stall_s`.
+SLOW_FACTOR: Final = 1.5
+# Modes of all lines: millimetres (degrees here), absolute positions, feed per minute. Without a motion mode
+# (G80) a line whose command is lost is refused instead of moving the motors.
+SETUP: Final = "G21G90G94G80"
+# grblHAL refuses G43.1 after G80.
+SETUP_HAL: Final = "G21G90G94"
+# Zeros with a decimal point: a single damaged bit changes them by less than a degree.
+MOVE: Final = "G1{}.0{}.0{}.0"
+FINAL: Final = "free the stand, bring its motors to zero, and run the program again"
 
 
 class GrblDriver:
     """Runs a program with a GRBL controller on a serial port.
 
-    Zero is the position of the motors at the start. After the last step the motors return to zero, so that
-    cables are unwound and the next program starts from the same position.
+    Zero is the zero of the controller, or the position at the start with `Consent.start_here` or
+    `Consent.home`. After the last step the motors return to zero, so that cables are unwound.
 
     port       name of the serial port
     baud       baud rate
     axes       axis letters of the three motors, outermost motor first
+    consent    what the user allows at the start
+    resume_hold  end a feed hold, or a hold by a closed safety door, without waiting for the user
+    resume     continue an interrupted run
     open_port  opens the serial port with a name and a baud rate; raises LinkLostError if that fails
     """
 
@@ -75,6 +86,9 @@ class GrblDriver:
         *,
         baud: int = 115200,
         axes: Axes | None = None,
+        consent: Consent | None = None,
+        resume_hold: bool = False,
+        resume: Progress | None = None,
         timeouts: Timeouts | None = None,
         clock: Clock = SYSTEM_CLOCK,
         open_port: Callable[[str, int], Any] = serial_port,
@@ -82,27 +96,29 @@ class GrblDriver:
         self._program, self._axes = _with_return(program), axes or Axes()
         self._last_step = len(program.steps) - 1
         self._timeouts = timeouts or Timeouts()
+        self._consent, self._resume = consent or Consent(), resume
         self._clock = clock
-        self._session = GrblSession(GrblPort(port, baud, open_port), self._timeouts, clock)
+        letters = self._axes.letters
+        self._session = GrblSession(
+            GrblPort(port, baud, open_port, clock), Parser(letters), self._timeouts, clock
+        )
+        self._pause = Pause(self._session, self._timeouts, clock, resumes=resume_hold)
+        self._move_line = MOVE.format(*letters)
         self._blocks: list[Block] = blocks_of(self._program, MotorLimits())
         # Controller position of the stand's zero, deg: angle = position - zero.
-        self._zero: Triple = (0.0, 0.0, 0.0)
-        self._to_send: deque[_Line] = deque()
-        self._sent: deque[_Line] = deque()
-        # Number of steps that were sent, whose pose was reported at rest, whose dwell was answered, and that
-        # are done.
-        self._begun = self._seen = self._held = self._done = 0
+        self.zero_deg: Triple = (0.0, 0.0, 0.0)
+        self._ready: Ready | None = None
+        self._track: Track | None = None
+        # Offset that the controller has confirmed, and a reported one that contradicts it.
+        self._offset_deg: Triple | None = None
+        self._contradicting: Triple | None = None
+        self._latest: Report | None = None
+        self._done = 0
         self._recoveries = 0
-        self._answered_s = 0.0
-        # Angles at the last (re)start, and reported angles at rest that belong to no recent step.
-        self._start_deg: Triple = (0.0, 0.0, 0.0)
-        self._unexpected_deg: Triple | None = None
-        # Last position before a fault; positions reported after it may refer to another zero.
-        self._last_position_deg: Triple | None = None
-        self._fault: Event | None = None
         self._reconnect_until_s: float | None = None
-        self._alarm: int | None = None
-        self._recovery: Generator[None, None, None] | None = None
+        self._lost_reason = ""
+        self._work: Waiting | None = None
+        self._phase = "moving"
         self._failed: Status | None = None
         self._readings: list[Position] = []
         self._events: list[Event] = []
@@ -111,29 +127,36 @@ class GrblDriver:
         """Open the port, check the controller, and read the motor limits and the position."""
         try:
             self._session.port.open()
-            for _ in self._session.handshake():
-                self._session.receive()
-                self._clock.sleep(PAUSE_S)
-        except LinkLostError as error:
+            ready = self._wait_for(prepared(self._session, self._consent, self._blocks))
+            self._ready = ready
+            self._blocks = blocks_of(self._program, ready.limits)
+            self._track = Track(ready.position_deg, max(ready.limits.max_rate_dps) * 3**0.5)
+            self.zero_deg, self._done = self._start_from(ready.position_deg)
+        except (LinkLostError, StoppedError, TroubleError) as error:
             self._session.port.close()
             raise ImucalError(f"the stand cannot be driven: {error}") from None
-        self._zero = self._session.position_deg or self._zero
-        self._blocks = blocks_of(self._program, self._session.motor_limits)
-        self._queue_steps()
+        except BaseException:
+            self._session.port.close()
+            raise
+        self._work = self._program_steps()
 
     def poll(self) -> Status:
-        """Process received lines, run a recovery if there is a fault, and send the next lines."""
-        if self._failed is None and self._done < len(self._blocks):
+        """Process received lines, continue the program or a recovery, and return the state."""
+        if self._failed is None and self._work is not None:
             try:
-                for received in self._session.receive() if self._session.port.is_open else ():
-                    self._handle(received)
-                if self._recovery is not None:
-                    next(self._recovery, None)
-                else:
-                    self._check_connection()
-                    self._send()
+                self._require_reconnection()
+                self._receive()
+                if not self._pause.is_active():
+                    next(self._work)
+            except StopIteration:
+                self._work = None
+            except StoppedError as error:
+                self._fail(error.code, f"{error.message}: {FINAL}")
             except LinkLostError as error:
                 self._lost(str(error))
+            self._events += self._pause.take_events()
+            self._events += self._session.events
+            self._session.events = []
         return self._status()
 
     def observe(self, samples: FloatArray) -> None:
@@ -149,192 +172,294 @@ class GrblDriver:
         events, self._events = self._events, []
         return events
 
+    def progress(self) -> Progress | None:
+        """Number of steps that are done, and the zero of the motors."""
+        return Progress(min(self._done, self._last_step + 1), self.zero_deg)
+
     def close(self) -> None:
-        """Stop the motors and close the port."""
-        with suppress(LinkLostError):
-            if self._done < len(self._blocks):
-                for _ in self._session.halt():
-                    self._session.receive()
-                    self._clock.sleep(PAUSE_S)
+        """Stop the motors and close the port. A controller that is locked is left as it is."""
+        with suppress(LinkLostError, StoppedError):
+            moves = self._work is not None and self._failed is None and self._session.port.is_open
+            if moves and self._wait_for(self._session.halt()):
                 self._session.port.send(RESET)
         self._session.port.close()
+
+    def _wait_for(self, waiting: Waiting) -> Any:
+        """Run an exchange to its end, without recording; its result."""
+        while True:
+            try:
+                self._receive()
+                next(waiting)
+            except StopIteration as end:
+                return end.value
+            self._clock.sleep(PAUSE_S)
 
     def _status(self) -> Status:
         step = min(self._done, self._last_step)
         if self._failed is not None:
             return self._failed
-        if self._done == len(self._blocks):
+        if self._work is None:
             return Status("finished", step)
+        if self._pause.message:
+            return Status("moving", step, message=self._pause.message)
         if self._done > self._last_step:
             return Status("moving", step, message="returning to zero")
-        if self._recovery is not None:
-            return Status("moving", step, message="recovering from a fault")
-        report = self._session.report
-        holds = report is not None and report.state == "Idle" and self._near(self._blocks[step].angles_deg)
-        return Status("holding" if holds else "moving", step)
+        if self._phase == "holding":
+            return Status("holding", step)
+        return Status("moving", step, message="" if self._phase == "moving" else self._phase)
 
-    # --- received lines ---
-
-    def _handle(self, received: str | Report) -> None:
-        if isinstance(received, Report):
-            self._handle_report(received)
-        elif received == "ok":
-            self._handle_ok()
-        elif received.startswith("error:"):
-            code = _code(received)
-            self._start_recovery(
-                "error", f"the controller answered error {code}: {ERRORS.get(code, 'see its manual')}"
+    def _start_from(self, position_deg: Triple) -> tuple[Triple, int]:
+        """The zero of the motors, and the number of steps that are done."""
+        if self._resume is None:
+            require_zero(position_deg, self._consent)
+            return ((0.0, 0.0, 0.0) if self._consent.unwind else position_deg), 0
+        if self._consent.start_here or self._consent.home:
+            # The motors are at zero, so the steps are repeated along the path of the program, without holds.
+            return position_deg, 0
+        zero, step = self._resume.zero_deg, self._resume.steps_done
+        poses = [(0.0, 0.0, 0.0), *(block.angles_deg for block in self._blocks)]
+        track = Track(_sum(zero, poses[step]), RETURN_DPS)
+        track.command(_sum(zero, poses[min(step + 1, len(poses) - 1)]), RETURN_DPS)
+        if track.judge(position_deg, 0.0) != "accepted":
+            raise ImucalError(
+                f"the motors are at {_text(position_deg)} deg, not where the interrupted run has left them: "
+                "the controller has restarted, or they were moved. Bring the motors to zero by hand, and "
+                "give --start-here"
             )
-        elif received.startswith("ALARM:"):
-            self._alarm = _code(received)
-            self._start_recovery("alarm", f"alarm {self._alarm}: {ALARMS.get(self._alarm, 'see its manual')}")
-        elif received.startswith("Grbl "):
-            self._start_recovery("reset", "the controller has restarted")
+        return zero, step
 
-    def _handle_report(self, report: Report) -> None:
-        angles = self._angles()
-        if angles is None:
+    # --- received reports ---
+
+    def _receive(self) -> None:
+        for report in self._session.receive():
+            self._latest = report
+            if self._track is not None:
+                self._check_offset(report)
+                self._judge(report)
+
+    def _judge(self, report: Report) -> None:
+        """Record a plausible position; three reports of an impossible one end the run."""
+        position, track = report.position_deg, self._track
+        if position is None or track is None or self._session.starting:
             return
-        self._readings.append((self._session.reported_s, *angles))
-        if self._recovery is not None:
+        if self._session.is_late(report):
             return
-        self._last_position_deg = self._session.position_deg
-        steps = self._blocks[max(self._done - 1, 0) : self._done + 2]
-        # Includes the previous step, because a lost answer makes the done count lag by one.
-        known = [self._start_deg, *(step.angles_deg for step in steps)]
-        ranges = [(min(motor) - NEAR_DEG, max(motor) + NEAR_DEG) for motor in zip(*known, strict=True)]
-        if report.state == "Idle":
-            self._unexpected_deg = None if any(map(self._near, known)) else angles
-            if self._seen < len(self._blocks) and self._near(self._blocks[self._seen].angles_deg):
-                self._seen += self._seen < self._begun
-            self._update_done()
-        elif not all(low <= angle <= high for angle, (low, high) in zip(angles, ranges, strict=True)):
-            # A damaged digit can cause a move of many turns, so the recovery does not wait for the pose.
-            self._start_recovery(
-                "wrong_pose", f"the motors are outside the commanded range, at {_text(angles)} deg"
+        found = track.judge(position, report.instant_s)
+        if found == "jumped":
+            raise StoppedError(
+                "position_lost",
+                f"the reported position has jumped from {_text(track.last_deg)} to {_text(position)} deg, "
+                "which is not possible: the controller has restarted",
+            )
+        if found == "elsewhere":
+            self._phase = "elsewhere"
+        if found != "accepted":
+            return
+        x, y, z = _difference(position, self.zero_deg)
+        self._readings.append((report.instant_s, x, y, z))
+
+    def _check_offset(self, report: Report) -> None:
+        """A controller without the confirmed offset has restarted, although its message did not arrive."""
+        if self._offset_deg is None or report.offset_deg is None:
+            return
+        if _near(report.offset_deg, self._offset_deg, SAME_DEG):
+            self._contradicting = None
+            return
+        before, self._contradicting = self._contradicting, report.offset_deg
+        if before == report.offset_deg:
+            raise StoppedError(
+                "position_lost",
+                "the controller has lost its work offset, so it has restarted, and the position of the "
+                "motors is not known",
             )
 
-    def _handle_ok(self) -> None:
-        """Handle an `ok`: answers come in the order of the lines."""
-        self._answered_s = self._clock.now_s()
-        if self._recovery is not None or self._fault is not None or not self._sent:
-            return
-        self._held = self._sent.popleft().done or self._held
-        self._update_done()
+    # --- the program ---
 
-    def _update_done(self) -> None:
-        """Count a step as done once its dwell is answered and its pose was reported."""
-        if self._held > self._done and self._unexpected_deg is not None:
-            at = _text(self._unexpected_deg)
-            self._start_recovery("wrong_pose", f"the motors are at rest at {at} deg in step {self._held}")
-        elif min(self._held, self._seen) > self._done:
-            self._done, self._recoveries = min(self._held, self._seen), 0
+    def _program_steps(self) -> Waiting:
+        """All steps that are not done, each repeated after a fault of the line."""
+        if self._consent.unwind and self._done == 0:
+            yield from self._recovered(lambda: self._reach((0.0, 0.0, 0.0), RETURN_DPS * 60.0, None))
+        first = self._done
+        if self._resume is not None and first < self._resume.steps_done:
+            for block in self._blocks[: self._resume.steps_done]:
+                yield from self._recovered(lambda b=block: self._reach(b.angles_deg, b.feed_dpm, b))  # type: ignore[misc]
+            self._done = self._resume.steps_done
+        while self._done < len(self._blocks):
+            block = self._blocks[self._done]
+            yield from self._recovered(lambda b=block: self._step(b))  # type: ignore[misc]
+            self._done += 1
 
-    def _angles(self) -> Triple | None:
-        position = self._session.position_deg
-        if position is None:
-            return None
-        x, y, z = (p - zero for p, zero in zip(position, self._zero, strict=True))
+    def _recovered(self, work: Callable[[], Waiting]) -> Waiting:
+        """Do a piece of work, and again after a recovery from a fault."""
+        self._recoveries = 0
+        while True:
+            try:
+                yield from work()
+            except TroubleError as trouble:
+                yield from self._recover(trouble)
+            else:
+                return
+
+    def _step(self, block: Block) -> Waiting:
+        yield from self._reach(block.angles_deg, block.feed_dpm, block)
+        self._phase = "holding"
+        yield from self._hold(block)
+        self._phase = "moving"
+
+    def _reach(self, angles_deg: Sequence[float], feed_dpm: float | None, block: Block | None) -> Waiting:
+        """Set and confirm the target, and move to it until the motors are reported at rest there."""
+        self._phase = "moving"
+        target = self._marked(_sum(self.zero_deg, angles_deg))
+        yield from self._session.command(SETUP_HAL if self._ready and self._ready.is_hal else SETUP)
+        yield from self._set_offset(target)
+        feed = feed_dpm or RETURN_DPS * 60.0
+        for _ in range(MOST_MOVES):
+            if self._rests_at(target):
+                return
+            # Without a decimal point, whose loss would multiply the rate.
+            yield from self._session.command(f"F{max(round(feed), 1)}")
+            assert self._track is not None
+            self._track.command(target, feed / 60.0)
+            duration_s = self._duration_s(target, feed)
+            yield from self._session.command(self._move_line)
+            yield from self._arrive(target, duration_s)
+        if not self._rests_at(target):
+            at = _text(self._track.last_deg) if self._track else ""
+            raise TroubleError("wrong_pose", f"the motors are at rest at {at} deg in step {self._done + 1}")
+
+    def _arrive(self, target: Triple, duration_s: float) -> Waiting:
+        """Wait until the motors rest, at the target or elsewhere."""
+        begun_s = self._session.now_s()
+        has_moved = False
+        while True:
+            yield
+            waited_s = self._session.now_s() - begun_s
+            if self._phase == "elsewhere":
+                assert self._track is not None
+                at = _text(_difference(self._track.last_deg, self.zero_deg))
+                raise TroubleError("wrong_pose", f"the motors are off the commanded path, at {at} deg")
+            if self._rests_at(target):
+                return
+            report = self._latest
+            is_idle = report is not None and report.state == "Idle"
+            has_moved = has_moved or not is_idle
+            if is_idle and waited_s > (self._timeouts.stall_s / 3 if has_moved else self._timeouts.stall_s):
+                return
+            if waited_s > SLOW_FACTOR * duration_s + self._timeouts.stall_s:
+                raise TroubleError(
+                    "stalled", f"a move of {duration_s:.1f} s has not ended after {waited_s:.1f} s"
+                )
+
+    def _hold(self, block: Block) -> Waiting:
+        """Wait until the pose was reported at rest for the hold time."""
+        assert self._track is not None
+        target = self._track.target_deg
+        since_s: float | None = None
+        away_s: float | None = None
+        while True:
+            report = self._latest
+            if report is not None and report.position_deg is not None:
+                if report.state == "Idle" and _near(report.position_deg, target, AT_TARGET_DEG):
+                    since_s = report.arrived_s if since_s is None else since_s
+                    away_s = None
+                    if report.arrived_s - since_s >= block.dwell_s:
+                        return
+                else:
+                    away_s = report.arrived_s if away_s is None else away_s
+                    if report.arrived_s - away_s > self._timeouts.stall_s / 3:
+                        raise TroubleError(
+                            "wrong_pose",
+                            f"the motors have left the pose of step {self._done + 1} in its hold",
+                        )
+            yield
+
+    def _set_offset(self, target: Triple) -> Waiting:
+        """Make the target the origin of the work coordinates, and wait for the report that confirms it."""
+        assert self._ready is not None and self._track is not None
+        # A report that contradicts the offset of the step before is damaged, or the controller has restarted.
+        yield from self._session.until(lambda: self._contradicting is None, self._timeouts.boot_s)
+        self._offset_deg = self._contradicting = None
+        for _ in range(MOST_MOVES):
+            # G92 names the present position in the new coordinates; G43.1 adds to the offset at the start.
+            code, words = (
+                ("G43.10", _difference(target, self._ready.offset_deg))
+                if self._ready.is_hal
+                else ("G92", _difference(self._track.last_deg, target))
+            )
+            self._session.offset_deg = None
+            yield from self._session.command(f"{code}{self._axes.words(words)}")
+            yield from self._session.until(
+                lambda: (
+                    self._session.offset_deg is not None and _near(self._session.offset_deg, target, SAME_DEG)
+                )
+            )
+            if self._session.offset_deg is not None and _near(self._session.offset_deg, target, SAME_DEG):
+                self._offset_deg = target
+                return
+        raise TroubleError("error", f"the controller does not confirm the target {_text(target)} deg")
+
+    def _marked(self, target: Triple) -> Triple:
+        """The target, displaced if its offset would not tell a controller that has restarted."""
+        assert self._ready is not None
+        x, y, z = (round(angle, ANGLE_DECIMALS - 1) for angle in target)
+        if _near((x, y, z), self._ready.offset_deg, MARK_DEG / 2) or not any((x, y, z)):
+            x += MARK_DEG
         return (x, y, z)
 
-    def _near(self, angles_deg: Sequence[float]) -> bool:
-        at = self._angles()
-        return at is not None and all(
-            abs(angle - target) < NEAR_DEG for angle, target in zip(at, angles_deg, strict=True)
+    def _rests_at(self, target: Triple) -> bool:
+        report = self._latest
+        return (
+            report is not None
+            and report.state == "Idle"
+            and report.position_deg is not None
+            and _near(report.position_deg, target, AT_TARGET_DEG)
         )
 
-    # --- sent lines ---
-
-    def _queue_steps(self) -> None:
-        """Queue the lines of all steps that are not done."""
-        self._sent.clear()
-        self._to_send = deque([_Line(SETUP, self._done, None)])
-        for number, block in enumerate(self._blocks[self._done :], start=self._done):
-            if block.feed_dpm is not None:
-                move = block.move_line(self._axes, "G53G1", self._zero).encode() + b"\n"
-                self._to_send.append(_Line(move, number, None))
-            self._to_send.append(_Line(block.dwell_line().encode() + b"\n", number, number + 1))
-        self._begun = self._seen = self._held = self._done
-        self._answered_s = self._clock.now_s()
-        self._start_deg = self._angles() or self._start_deg
-        self._fault = self._alarm = self._unexpected_deg = self._reconnect_until_s = None
-
-    def _send(self) -> None:
-        """Send lines that fit into the buffer, but no move before the preceding pose is reported."""
-        while self._to_send and self._to_send[0].step <= self._seen:
-            line = self._to_send[0]
-            if sum(len(sent.text) for sent in self._sent) + len(line.text) > RX_BUFFER - 1:
-                return
-            self._session.port.send(line.text)
-            self._sent.append(line)
-            self._to_send.popleft()
-            self._begun = max(self._begun, line.done or 0)
+    def _duration_s(self, target: Triple, feed_dpm: float) -> float:
+        """Duration of the move from the last position, s."""
+        assert self._ready is not None and self._track is not None
+        turn = _difference(target, self._track.last_deg)
+        if not any(turn):
+            return 0.0
+        length = sum(angle**2 for angle in turn) ** 0.5
+        highest, acceleration = self._ready.limits.along(turn)
+        rate = min(feed_dpm / 60.0, highest)
+        return float(length / rate + rate / acceleration)
 
     # --- faults and recovery ---
-
-    def _check_connection(self) -> None:
-        """Detect an alarm, a silent port, and motors at rest while a line stays unanswered."""
-        now_s = self._clock.now_s()
-        report = self._session.report
-        if report is not None and report.state == "Alarm":
-            self._alarm = UNKNOWN_ALARM
-            self._start_recovery("alarm", "the controller is locked by an alarm whose number did not arrive")
-        silent_s = now_s - max(self._session.reported_s, self._answered_s)
-        if silent_s > self._timeouts.stall_s:
-            raise LinkLostError(f"{self._session.port.name} has been silent for {silent_s:.1f} s")
-        at_rest_s = now_s - max(self._answered_s, self._session.busy_s)
-        if self._sent and at_rest_s > self._blocks[self._done].hold_s + self._timeouts.stall_s:
-            self._start_recovery(
-                "stalled", f"the motors are at rest and a line has not been answered for {at_rest_s:.1f} s"
-            )
-
-    def _start_recovery(self, code: str, message: str) -> None:
-        if self._fault is not None or self._recovery is not None:
-            return
-        self._fault = Event(code, message)
-        if code == "alarm" and self._alarm in FINAL_ALARMS:
-            self._fail(
-                "alarm", f"{message}: free the stand, bring its motors to zero, and run the program again"
-            )
-            return
-        self._events.append(self._fault)
-        self._recovery = self._recover(self._fault)
 
     def _fail(self, code: str, message: str) -> None:
         self._failed = Status("failed", min(self._done, self._last_step), code, message)
 
-    def _recover(self, fault: Event) -> Generator[None, None, None]:
-        """Recover: stop, reset, unlock, and queue the remaining steps."""
+    def _recover(self, fault: TroubleError) -> Waiting:
+        """Stop the motors and reset the controller, whose position must survive this."""
         self._recoveries += 1
+        self._events.append(Event(fault.code, fault.message))
         if self._recoveries > MOST_RECOVERIES:
-            self._fail(
+            raise StoppedError(
                 fault.code,
-                f"{fault.message}; step {self._done + 1} is not done after {MOST_RECOVERIES} recoveries: "
+                f"{fault.message}; step {self._done + 1} is not done after {MOST_RECOVERIES} recoveries, "
                 "check the controller, its cable and its supply",
             )
-            return
-        if fault.code != "reset":
-            yield from self._session.halt()
-        yield from self._session.handshake()
-        self._restore_zero()
+        self._phase = "recovering from a fault"
+        yield from self._session.halt()
+        yield from self._restart()
         self._events.append(Event("resumed", f"with step {self._done + 1} of {len(self._blocks)}"))
-        self._queue_steps()
-        self._recovery = None
 
-    def _restore_zero(self) -> None:
-        """Correct the zero after a power loss, which resets the controller's position without a move."""
-        before, now = self._last_position_deg, self._session.position_deg
-        self._last_position_deg = now
-        if before is None or now is None or any(now) or max(map(abs, before)) < NEAR_DEG:
-            return
-        x, y, z = (zero - angle for zero, angle in zip(self._zero, before, strict=True))
-        self._zero = (x, y, z)
-        self._events.append(
-            Event(
-                "position_lost",
-                "the controller has reset its position to zero: angles continue from the last report",
-            )
+    def _restart(self) -> Waiting:
+        """Reset the controller; its position at rest must survive this, and it must not be locked."""
+        assert self._track is not None
+        self._offset_deg = self._contradicting = None
+        yield from self._session.reset()
+        self._track.command(self._track.last_deg, 0.0)
+        idle = yield from self._session.until(
+            lambda: self._session.report is not None and self._session.report.state == "Idle"
         )
+        if not idle:
+            state = self._session.report.state if self._session.report else "silent"
+            raise StoppedError("alarm", f"the controller is locked after a reset (state {state})")
+        # Three reports decide whether the position has survived.
+        yield from self._session.pause(self._timeouts.answer_s / 4)
 
     def _lost(self, reason: str) -> None:
         """Close a lost or silent port and reconnect until `reconnect_s` has passed."""
@@ -343,33 +468,60 @@ class GrblDriver:
         if self._reconnect_until_s is None:
             self._reconnect_until_s = now_s + self._timeouts.reconnect_s
             self._events.append(Event("controller_lost", reason))
-        if now_s > self._reconnect_until_s:
-            self._fail(
-                "controller_lost",
-                f"{reason}; no reconnection within {self._timeouts.reconnect_s:.0f} s: check cable and "
-                "supply, bring the motors to zero, and run the program again",
-            )
-        self._recovery = self._reconnect(reason)
+        self._lost_reason = reason
+        self._pause.forget()
+        self._phase = "reconnecting"
+        self._work = self._reconnect()
 
-    def _reconnect(self, reason: str) -> Generator[None, None, None]:
+    def _require_reconnection(self) -> None:
+        """End the run if a lost port has not come back in time."""
+        if self._reconnect_until_s is not None and self._clock.now_s() > self._reconnect_until_s:
+            raise StoppedError(
+                "controller_lost",
+                f"{self._lost_reason}; no reconnection within {self._timeouts.reconnect_s:.0f} s: check "
+                "cable and supply",
+            )
+
+    def _reconnect(self) -> Waiting:
         again_s = self._clock.now_s() + REOPEN_S
         while self._clock.now_s() < again_s:
             yield
         self._session.port.open()
-        yield from self._recover(Event("controller_lost", reason))
+        self._session.reported_s = self._clock.now_s()
+        self._session.report = None
+        if (yield from self._session.until(lambda: self._session.report is not None)):
+            # The offset must be the confirmed one, which a controller that has restarted has lost.
+            self._session.offset_deg = None
+            yield from self._session.until(
+                lambda: self._session.offset_deg is not None, self._timeouts.boot_s
+            )
+        else:
+            yield from self._restart()
+        self._reconnect_until_s = None
+        self._events.append(Event("resumed", f"with step {self._done + 1} of {len(self._blocks)}"))
+        yield from self._program_steps()
 
 
 def _with_return(program: Program) -> Program:
     """The program with a final move back to its start."""
     x, y, z = (-sum(step.turn_deg[axis] for step in program.steps) for axis in range(3))
-    back = Step((x, y, z), max(abs(x), abs(y), abs(z)) / RETURN_DPS, 0.0)
+    back = Step((x, y, z), max(abs(x), abs(y), abs(z)) / RETURN_DPS, END_S)
     return Program((*program.steps, back), program.stand)
+
+
+def _sum(a: Sequence[float], b: Sequence[float]) -> Triple:
+    x, y, z = (first + second for first, second in zip(a, b, strict=True))
+    return (x, y, z)
+
+
+def _difference(a: Sequence[float], b: Sequence[float]) -> Triple:
+    x, y, z = (first - second for first, second in zip(a, b, strict=True))
+    return (x, y, z)
+
+
+def _near(a: Sequence[float], b: Sequence[float], within_deg: float) -> bool:
+    return all(abs(first - second) < within_deg for first, second in zip(a, b, strict=True))
 
 
 def _text(angles: Sequence[float]) -> str:
     return ", ".join(f"{angle:.2f}" for angle in angles)
-
-
-def _code(line: str) -> int:
-    digits = line.partition(":")[2].strip()
-    return int(digits) if digits.isdigit() else 0

@@ -1,132 +1,154 @@
-"""Serial port of a GRBL 1.1 controller: splits bytes into lines and parses status reports."""
+"""Serial port of a GRBL controller: a thread receives lines, stamps each on arrival, and queries the status.
+
+The thread continues while the recording waits for the disk or the processor, so that the times of the
+reports do not depend on the load of the computer.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Final
 
+from imucal.stand.clock import Clock
 from imucal.stand.link import LinkLostError
 
-__all__ = ["ALARMS", "ERRORS", "RX_BUFFER", "GrblPort", "Report", "report_of"]
+__all__ = ["HOLD", "RESET", "RESUME", "STATUS", "TRIPS", "GrblPort"]
 
-# Size of the controller's receive buffer, characters.
-RX_BUFFER: Final = 128
-# Reset three times: if a single reset byte were lost, the answers to old lines would be taken for new
-# answers.
-RESET, HOLD, STATUS = b"\x18" * 3, b"!", b"?"
-NUMBERS: Final = r"(-?\d+\.\d+),(-?\d+\.\d+),(-?\d+\.\d+)"
-STATES: Final = "Idle|Run|Hold|Jog|Alarm|Door|Check|Home|Sleep"
-REPORT: Final = re.compile(rf"<({STATES})(?::(\d))?\|([MW])Pos:{NUMBERS}(?:,[-\d.,]*)?(\|.*)?>")
-OFFSET: Final = re.compile(rf"\|WCO:{NUMBERS}")
+# Characters that the controller executes at once, also within a line.
+RESET, HOLD, RESUME, STATUS = b"\x18", b"!", b"~", b"?"
+# Shortest interval between two status queries, s: between two reports the angles are interpolated linearly,
+# and at an acceleration of 1000 deg/s^2 an interval of 0.04 s gives an error of 0.2 deg.
+QUERY_S: Final = 0.04
+# Longest report, characters; queries use at most a third of the line.
+REPORT_LENGTH: Final = 90
+# Longest wait for a byte, s: the thread then checks whether a query is due.
+WAIT_S: Final = 0.01
 # Length above which a line without an end is treated as damaged, characters; longer than any line of GRBL.
 LONGEST: Final = 512
-
-# Meaning of GRBL's alarm and error codes.
-ALARMS: Final = {
-    1: "a limit switch was hit: the position is lost",
-    2: "the target is beyond the travel of an axis ($130 to $132, soft limits)",
-    3: "a reset while motors turned: the position is uncertain",
-    6: "homing was reset",
-    7: "a safety door opened while homing",
-    8: "homing could not move off the limit switch",
-    9: "homing did not find the limit switch",
-}
-ERRORS: Final = {
-    1: "a command letter was expected",
-    2: "a number is missing or in a wrong format",
-    3: "a $ command is unknown",
-    8: "a $ command needs an idle controller",
-    9: "the controller is locked by an alarm",
-    11: "a line is too long",
-    15: "a jog exceeds the travel",
-    20: "a command is unknown",
-    22: "the feed rate is missing",
-}
-
-
-@dataclass(frozen=True)
-class Report:
-    """A status report: state, substate (`Hold:0` means that the motors are at rest), and position, deg."""
-
-    state: str
-    part: str | None
-    position_deg: tuple[float, float, float] | None
-
-    @property
-    def stands(self) -> bool:
-        """Whether all motors are at rest."""
-        return self.state in ("Idle", "Alarm") or (self.state, self.part) == ("Hold", "0")
+# Number of consecutive late reports after which a query counts as lost.
+LOST_AFTER: Final = 4
+# Number of latest reports whose shortest time between query and arrival is the delay of the line.
+TRIPS: Final = 50
+# Time that a thread may take to end, s.
+JOIN_S: Final = 1.0
 
 
 class GrblPort:
-    """An open serial port. Every method except `close` raises LinkLostError once the device is gone."""
+    """A port with its listening thread. Methods except `close` raise LinkLostError once the device is gone.
 
-    def __init__(self, port: str, baud: int, open_port: Callable[[str, int], Any]) -> None:
+    queries  whether the thread sends status queries
+    """
+
+    def __init__(self, port: str, baud: int, open_port: Callable[[str, int], Any], clock: Clock) -> None:
         self.name = port
-        self._baud, self._open_port = baud, open_port
+        self.queries = True
+        self._baud, self._open_port, self._clock = baud, open_port, clock
+        self._query_s = max(QUERY_S, 3 * REPORT_LENGTH * 10 / baud)
         self._port: Any = None
-        self._left = b""
+        self._lost: str | None = None
+        self._lines: deque[tuple[float, float | None, str]] = deque()
+        # Host times of the queries that are not answered.
+        self._asked: deque[float] = deque()
+        # Times between the latest queries and the arrival of their reports, s.
+        self._trips_s: deque[float] = deque(maxlen=TRIPS)
+        self._shifted = 0
+        # Status queries of the thread and lines of the driver must not interleave within a write.
+        self._writing = threading.Lock()
+        self._closing = threading.Event()
+        self._thread: threading.Thread | None = None
 
     @property
     def is_open(self) -> bool:
         """Whether the port is open on the host."""
-        return self._port is not None and bool(self._port.is_open)
+        return self._port is not None and self._lost is None
 
     def open(self) -> None:
-        """Open or reopen the port."""
+        """Open or reopen the port and start to listen."""
         self.close()
-        self._left = b""
+        self._lines.clear()
+        self._asked.clear()
+        self._lost = None
         self._port = self._open_port(self.name, self._baud)
+        self._port.timeout = WAIT_S
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._listen, args=(self._closing,), daemon=True)
+        self._thread.start()
 
     def send(self, data: bytes) -> None:
         """Send all bytes."""
-        self._guarded(lambda: self._port.write(data))
+        port = self._port
+        if port is None or self._lost is not None:
+            raise LinkLostError(f"{self.name} is lost: {self._lost or 'it is closed'}")
+        try:
+            with self._writing:
+                port.write(data)
+        # pyserial passes on other exceptions for a lost device, such as those of termios.
+        except Exception as error:
+            self._lost = str(error)
+            raise LinkLostError(f"{self.name} is lost: {error}") from None
 
-    def lines(self) -> list[str]:
-        """Complete lines received since the last call, without line ends and empty lines."""
-        data: bytes = self._guarded(lambda: self._port.read(self._port.in_waiting or 1))
-        *lines, self._left = (self._left + data).split(b"\n")
-        if len(self._left) > LONGEST:
-            lines, self._left = [*lines, self._left], b""
-        texts = [line.decode("ascii", "replace").strip() for line in lines]
-        return [text for text in texts if text]
+    def received(self) -> Sequence[tuple[float, float | None, str]]:
+        """Complete lines since the last call: host time of arrival, that of the query of a report, text."""
+        lines = []
+        while self._lines:
+            lines.append(self._lines.popleft())
+        if not lines and self._lost is not None:
+            raise LinkLostError(f"{self.name} is lost: {self._lost}")
+        return lines
 
     def close(self) -> None:
         """Close the port; never raises."""
+        self._closing.set()
+        if self._port is not None:
+            with suppress(Exception):
+                self._port.cancel_read()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(JOIN_S)
         if self._port is not None:
             # pyserial may raise when it closes a port whose device is gone.
             with suppress(Exception):
                 self._port.close()
+        self._port = self._thread = self._lost = None
 
-    def _guarded(self, work: Any) -> Any:
+    def _listen(self, closing: threading.Event) -> None:
+        port, left, queried_s = self._port, b"", -self._query_s
         try:
-            return work()
-        # pyserial passes on other exceptions for a lost device, such as those of termios.
+            while not closing.is_set():
+                data = port.read(1)
+                now_s = self._clock.now_s()
+                if data:
+                    data += port.read(port.in_waiting) if port.in_waiting else b""
+                    *lines, left = (left + data).split(b"\n")
+                    if len(left) > LONGEST:
+                        lines, left = [*lines, left], b""
+                    for line in lines:
+                        text = line.decode("ascii", "replace").strip()
+                        if text:
+                            asked_s = self._query_of(now_s) if text.endswith(">") else None
+                            self._lines.append((now_s, asked_s, text))
+                if self.queries and now_s - queried_s >= self._query_s and not closing.is_set():
+                    queried_s = now_s
+                    self._asked.append(now_s)
+                    with self._writing:
+                        port.write(STATUS)
         except Exception as error:
-            raise LinkLostError(f"{self.name} is lost: {error}") from None
+            self._lost = str(error)
 
-
-def report_of(
-    line: str, offset_deg: tuple[float, ...] | None
-) -> tuple[Report, tuple[float, ...] | None] | None:
-    """The report in a line, and the work offset known after it; None if the line is no complete report.
-
-    With bit 0 of setting $10 cleared, the controller reports work positions. The machine position is then
-    known only after a report with the offset, which the controller includes from time to time.
-    """
-    match = REPORT.fullmatch(line)
-    if match is None:
-        return None
-    commanded = OFFSET.search(match[7] or "")
-    if commanded is not None:
-        offset_deg = tuple(float(commanded[i]) for i in (1, 2, 3))
-    x, y, z = (float(match[i]) for i in (4, 5, 6))
-    if match[3] == "M":
-        return Report(match[1], match[2], (x, y, z)), offset_deg
-    if offset_deg is None:
-        return Report(match[1], match[2], None), None
-    dx, dy, dz = offset_deg
-    return Report(match[1], match[2], (x + dx, y + dy, z + dz)), offset_deg
+    def _query_of(self, now_s: float) -> float | None:
+        """The query that a report answers: queries are answered in their order, unless one is lost."""
+        if not self._asked:
+            return None
+        asked_s = self._asked.popleft()
+        shortest_s = min(self._trips_s, default=now_s - asked_s)
+        # If a query was lost, all later answers seem to be late by one interval, although a query that is
+        # just as old as usual is outstanding.
+        seems_late = now_s - asked_s > shortest_s + 0.75 * self._query_s
+        is_other = bool(self._asked) and now_s - self._asked[0] > 0.8 * shortest_s
+        self._shifted = self._shifted + 1 if seems_late and is_other else 0
+        if self._shifted > LOST_AFTER:
+            self._shifted, asked_s = 0, self._asked.popleft()
+        self._trips_s.append(now_s - asked_s)
+        return asked_s

@@ -1,152 +1,269 @@
-"""A session with a GRBL 1.1 controller: its last state, and the exchanges for stop, reset and settings.
+"""A session with a GRBL controller: its last state, and the exchanges of commands, stop and reset.
 
-Exchanges that wait for answers are generators that yield while they wait, so that recording continues.
+Exchanges that wait for answers are generators that yield while they wait, so that recording continues. One
+line is sent at a time. A line that is refused or not answered is sent again, which is safe because no line
+of the driver has another effect when it is repeated.
 """
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from imucal.stand.clock import Clock
-from imucal.stand.gcode import MotorLimits
-from imucal.stand.grbl_port import HOLD, RESET, STATUS, GrblPort, Report, report_of
+from imucal.stand.driver import Event
+from imucal.stand.grbl_port import HOLD, RESET, TRIPS, GrblPort
+from imucal.stand.grbl_report import (
+    ALARMS,
+    ERRORS,
+    LOCKED_ERROR,
+    Parser,
+    Report,
+    Triple,
+    is_alarm,
+    is_lock,
+    is_welcome,
+    number_in,
+)
 from imucal.stand.link import LinkLostError
 
-__all__ = ["GrblSession", "Timeouts", "Triple"]
+__all__ = ["GrblSession", "StoppedError", "Timeouts", "TroubleError"]
 
-Triple: TypeAlias = tuple[float, float, float]
-Waiting: TypeAlias = Generator[None, None, bool]
+Waiting: TypeAlias = Generator[None, None, Any]
 
-# Interval between status queries, s.
-QUERY_S: Final = 0.1
-# Attempts of a handshake.
-TRIES: Final = 4
-# Numbers of GRBL's settings for the first motor: highest rate, deg/min, and acceleration, deg/s^2. The next
-# two numbers are those for the other motors.
-FIRST_RATE, FIRST_ACCELERATION = 110, 120
+# Attempts of a command, of a reset, and of reading the settings.
+TRIES: Final = 6
+# Time after a failed command in which late answers are discarded, s.
+QUIET_S: Final = 0.3
+# Interval between repeated requests to stop, s, because a single character may be lost.
+STOP_EVERY_S: Final = 0.3
+# Time within which moving motors must have stopped, s.
+STOP_S: Final = 6.0
+# Additional delay of a report, s, above which the instant of its position is not known well enough: at 60
+# deg/s an error of half of this time is 0.9 deg.
+LATE_S: Final = 0.03
+# A setting is known once this number of readings agree, because the text has no checksum.
+AGREEING: Final = 2
+
+
+class StoppedError(Exception):
+    """The run has to end: the stand must not be moved without the user. `code` is a stable identifier."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code, self.message = code, message
+
+
+class TroubleError(Exception):
+    """A step failed and may be repeated after the motors were stopped. `code` is a stable identifier."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code, self.message = code, message
 
 
 @dataclass(frozen=True)
 class Timeouts:
     """Timeouts of the driver, s.
 
-    answer_s     for the answer to a query
-    stall_s      for the answer to a line, in addition to the duration of the line
+    answer_s     for the answer to a line or a query
+    stall_s      without a report of the controller, or without motion after a line that starts it
     reconnect_s  for a lost port to reappear
+    pause_s      for a feed hold or an open safety door to be ended
+    boot_s       for a controller that restarts when its port is opened
     """
 
     answer_s: float = 2.0
     stall_s: float = 3.0
     reconnect_s: float = 15.0
+    pause_s: float = 15.0
+    boot_s: float = 5.0
 
 
 class GrblSession:
     """State of a session with a controller.
 
-    report      last status report, None if there was none since the last reset
-    reported_s  host time of the last report, s
-    busy_s      host time of the last report with moving motors, s
+    report     last status report, None if there was none since the last reset
+    offset_deg last offset of work coordinates, None if there was none since the last reset
+    is_locked  text of the alarm or lock that was received while the session started
+    starting   alarms and locks do not end the session, because the start decides about them
+    is_stopping  the driver is stopping the motors, so a feed hold is its own
+    events     repeated lines, for the journal
     """
 
-    def __init__(self, port: GrblPort, timeouts: Timeouts, clock: Clock) -> None:
-        self.port = port
+    def __init__(self, port: GrblPort, parser: Parser, timeouts: Timeouts, clock: Clock) -> None:
+        self.port, self.parser, self.timeouts = port, parser, timeouts
         self._clock = clock
         self.report: Report | None = None
-        self.reported_s = self.busy_s = 0.0
-        self._timeouts = timeouts
-        self._queried_s = 0.0
-        self._wco: tuple[float, ...] | None = None
+        self.offset_deg: Triple | None = None
+        self._trips_s: deque[float] = deque(maxlen=TRIPS)
+        self.starting = True
+        self.is_stopping = False
+        self.is_locked = ""
+        self.events: list[Event] = []
+        self.reported_s = clock.now_s()
+        self.answers: list[str] = []
+        self._expects_welcome = True
         self._is_welcomed = False
-        self._oks = 0
-        self._settings: dict[int, float] = {}
+        self._settings: dict[int, Counter[str]] = {}
+        # Time spent in pauses, s, by which all timeouts are extended.
+        self.paused_s = 0.0
 
-    def receive(self) -> Sequence[str | Report]:
-        """Received reports and other lines; also queries the status when a query is due."""
-        now_s = self._clock.now_s()
-        if now_s - self._queried_s >= QUERY_S:
-            self._queried_s = now_s
-            self.port.send(STATUS)
-        received: list[str | Report] = []
-        for line in self.port.lines():
-            reported = report_of(line, self._wco)
-            if reported is not None:
-                self.report, self._wco = reported
-                self.reported_s = now_s
-                self.busy_s = self.busy_s if self.report.state == "Idle" else now_s
-                received.append(self.report)
+    def now_s(self) -> float:
+        """Time, s, that stands still during a pause."""
+        return self._clock.now_s() - self.paused_s
+
+    def receive(self) -> Sequence[Report]:
+        """The reports since the last call; raises StoppedError for an alarm, a lock or a restart."""
+        reports = []
+        for arrived_s, asked_s, line in self.port.received():
+            report = self.parser.report(line, arrived_s, asked_s)
+            if report is None:
+                self._take(line)
                 continue
-            self._is_welcomed = self._is_welcomed or line.startswith("Grbl ")
-            self._oks += line == "ok"
-            number, equals, value = line.removeprefix("$").partition("=")
-            if line.startswith("$") and equals:
-                with suppress(ValueError, IndexError):
-                    self._settings[int(number)] = float(value.split()[0])
-            received.append(line)
-        return received
+            self.report, self.reported_s = report, arrived_s
+            self.offset_deg = report.offset_deg or self.offset_deg
+            if asked_s is not None:
+                self._trips_s.append(arrived_s - asked_s)
+            reports.append(report)
+        return reports
 
-    @property
-    def position_deg(self) -> Triple | None:
-        """Machine position in the last report, deg."""
-        return None if self.report is None else self.report.position_deg
+    def is_late(self, report: Report) -> bool:
+        """Whether a report was delayed, on the line or by a busy computer."""
+        if report.asked_s is None:
+            return True
+        return report.arrived_s - report.asked_s > min(self._trips_s) + LATE_S
 
-    @property
-    def motor_limits(self) -> MotorLimits:
-        """The motor limits in the controller's settings."""
-        rates = [self._settings[FIRST_RATE + axis] / 60.0 for axis in range(3)]
-        accelerations = [self._settings[FIRST_ACCELERATION + axis] for axis in range(3)]
-        return MotorLimits(
-            (rates[0], rates[1], rates[2]), (accelerations[0], accelerations[1], accelerations[2])
-        )
+    def _take(self, line: str) -> None:
+        """Handle a line that is no report."""
+        number, equals, value = line.removeprefix("$").partition("=")
+        if line == "ok":
+            self.answers.append(line)
+        elif line.startswith("$") and equals and number.isdigit():
+            self._settings.setdefault(int(number), Counter())[value.split(" ")[0]] += 1
+        elif is_alarm(line):
+            self._lock(_alarm_text(number_in(line)))
+        elif is_lock(line):
+            self._lock(f"the controller says {line}")
+        elif is_welcome(line):
+            if not self._expects_welcome:
+                raise StoppedError(
+                    "position_lost",
+                    f"the controller has restarted ({line}), so the position of the motors is not known",
+                )
+            self._is_welcomed = True
+        elif "r:" in line or line.startswith("err"):
+            code = number_in(line)
+            if code == LOCKED_ERROR:
+                self._lock("the controller is locked: it answered error 9")
+            self.answers.append(f"error {code}: {ERRORS.get(code, 'see the manual of the controller')}")
 
-    def halt(self) -> Waiting:
-        """Stop the motors; returns whether they are at rest."""
-        self.report = None
-        self.port.send(HOLD)
-        return (yield from self.until(lambda: self.report is not None and self.report.stands))
+    def _lock(self, text: str) -> None:
+        self.is_locked = self.is_locked or text
+        if not self.starting:
+            raise StoppedError("alarm", text)
 
-    def handshake(self) -> Waiting:
-        """Reset the controller and wait until it is unlocked and idle with known position and settings.
-
-        A damaged welcome line is tolerated, as a status report gives the same information. Raises
-        LinkLostError after `TRIES` attempts.
-        """
-        for _ in range(TRIES):
-            self.report, self._is_welcomed = None, False
-            self.port.send(RESET)
-            yield from self.until(lambda: self._is_welcomed, self._timeouts.answer_s / 2)
-            # Answers to lines sent before the reset have arrived by now; count from here.
-            self.report, self._oks = None, 0
-            self.port.send(b"$X\n")
-            if not (yield from self.until(lambda: self._oks == 1 and self._is_ready())):
-                continue
-            # Wait for the complete answer; a late part would be taken for the answer to the next line.
-            self.port.send(b"$$\n")
-            if (yield from self.until(lambda: self._oks == 2 and self._has_settings())):
-                return True
-        raise LinkLostError(
-            f"{self.port.name}: no GRBL 1.1 controller becomes ready: check port, baud rate and supply"
-        )
+    # --- exchanges ---
 
     def until(self, condition: Callable[[], bool], longest_s: float | None = None) -> Waiting:
         """Wait for a condition; returns whether it came true within `longest_s` (default: `answer_s`)."""
-        deadline_s = self._clock.now_s() + (self._timeouts.answer_s if longest_s is None else longest_s)
+        deadline_s = self.now_s() + (self.timeouts.answer_s if longest_s is None else longest_s)
         while not condition():
-            if self._clock.now_s() > deadline_s:
+            if self.now_s() > deadline_s:
                 return False
             yield
         return True
 
-    def _is_ready(self) -> bool:
-        return (
-            self.report is not None and self.report.state == "Idle" and self.report.position_deg is not None
-        )
+    def pause(self, duration_s: float) -> Waiting:
+        """Wait for a time."""
+        yield from self.until(lambda: False, duration_s)
 
-    def _has_settings(self) -> bool:
-        return all(
-            self._settings.get(first + axis, 0.0) > 0.0
-            for first in (FIRST_RATE, FIRST_ACCELERATION)
-            for axis in range(3)
-        )
+    def command(self, text: str) -> Waiting:
+        """Send a line until it is accepted. Raises TroubleError after `TRIES` attempts."""
+        answer = ""
+        for attempt in range(TRIES):
+            if attempt:
+                self.events.append(Event("line_repeated", f"{text}: {answer}; sent again"))
+                # If the end of the line was lost, this ends it, so that the next attempt is a line of its
+                # own.
+                self.port.send(b"\n")
+                yield from self.pause(QUIET_S)
+            self.answers.clear()
+            self.port.send(text.encode() + b"\n")
+            if not (yield from self.until(lambda: bool(self.answers))):
+                answer = f"no answer within {self.timeouts.answer_s:g} s"
+                continue
+            answer = self.answers[0]
+            if answer == "ok":
+                return
+        raise TroubleError("error", f"the controller does not accept {text}: {answer}")
+
+    def halt(self) -> Waiting:
+        """Stop the motors; returns whether they are at rest."""
+        self.is_stopping = True
+        asked_s = self._clock.now_s()
+        sent_s = asked_s - STOP_EVERY_S
+        while (now_s := self._clock.now_s()) - asked_s < STOP_S:
+            if now_s - sent_s >= STOP_EVERY_S:
+                sent_s = now_s
+                self.port.send(HOLD)
+            report = self.report
+            if report is not None and (
+                (report.state == "Hold" and report.stands)
+                or (report.state in ("Door", "Sleep", "Alarm") and report.arrived_s > asked_s)
+                or (report.state == "Idle" and now_s - asked_s > self.timeouts.answer_s)
+            ):
+                return True
+            yield
+        return False
+
+    def reset(self) -> Waiting:
+        """Reset the controller, and wait until it answers. Raises LinkLostError if it does not.
+
+        A damaged welcome line is tolerated, as a status report gives the same information. The controller may
+        be locked afterwards, which the caller checks.
+        """
+        for _ in range(TRIES):
+            self.report, self.offset_deg = None, None
+            self._is_welcomed, self._expects_welcome = False, True
+            self.port.send(RESET)
+            yield from self.until(lambda: self._is_welcomed, self.timeouts.answer_s / 2)
+            if not (yield from self.until(lambda: self.report is not None and self.report.state != "Hold")):
+                continue
+            yield from self.pause(QUIET_S)
+            self.answers.clear()
+            self.port.send(b"\n")
+            answered = yield from self.until(lambda: bool(self.answers))
+            self.is_stopping = False
+            if answered or self.is_locked or (self.report is not None and self.report.state == "Alarm"):
+                self._expects_welcome = False
+                return
+        raise LinkLostError(f"{self.port.name}: the controller does not answer after a reset")
+
+    def settings(self, needed: Sequence[int]) -> Waiting:
+        """The settings of these numbers; a setting whose readings never agree is left out."""
+        for _ in range(TRIES):
+            self.answers.clear()
+            self.port.send(b"$$\n")
+            yield from self.until(lambda: bool(self.answers))
+            yield from self.pause(QUIET_S / 3)
+            if all(self._agreed(number) is not None for number in needed):
+                break
+        return {number: value for number in self._settings if (value := self._agreed(number)) is not None}
+
+    def _agreed(self, number: int) -> float | None:
+        values = self._settings.get(number, Counter()).most_common(1)
+        if not values or values[0][1] < AGREEING:
+            return None
+        try:
+            return float(values[0][0])
+        except ValueError:
+            return None
+
+
+def _alarm_text(code: int) -> str:
+    if code == 0:
+        return "the controller reports an alarm whose number did not arrive"
+    return f"alarm {code}: {ALARMS.get(code, 'see the manual of the controller')}"

@@ -7,6 +7,7 @@ and the payload) and a payload, little-endian:
     S  samples: rows of float64, the columns of the header followed by the host time of arrival, s
     P  motor positions: rows of float64, host time, s, and three angles, deg
     E  event, JSON
+    D  progress, JSON: number of steps that are done, and the controller's position of the motors' zero, deg
 
 Blocks are only appended, each with one write. If the process is killed, the file ends with complete blocks
 and at most one partial block. Data written before the last `sync` survive a power failure.
@@ -34,7 +35,7 @@ __all__ = ["Journal", "Logged", "read_journal"]
 SCHEMA: Final = "imucal.journal/1"
 MAGIC: Final = b"\x89imJ"
 HEAD: Final = struct.Struct("<4sc3xIII")
-HEADER, SAMPLES, POSITIONS, EVENT = b"H", b"S", b"P", b"E"
+HEADER, SAMPLES, POSITIONS, EVENT, PROGRESS = b"H", b"S", b"P", b"E", b"D"
 POSITION_COLUMNS: Final = 4
 
 
@@ -73,17 +74,38 @@ class Journal:
             self.path.unlink(missing_ok=True)
             raise
 
+    @classmethod
+    def continued(cls, logged: Logged) -> Journal:
+        """The journal of an interrupted run, open for writing after its last complete block.
+
+        Raises InputError if another process is writing it, or if it cannot be written.
+        """
+        journal = cls.__new__(cls)
+        journal.path, journal.columns = Path(logged.path), logged.columns
+        journal.written, journal._number = len(logged.samples), logged.next_number
+        if _is_locked(journal.path):
+            raise journal._there_already()
+        try:
+            journal._file = os.open(journal.path, os.O_RDWR | getattr(os, "O_BINARY", 0))
+            with suppress(OSError):
+                _lock(journal._file)
+            os.ftruncate(journal._file, logged.end)
+            os.lseek(journal._file, 0, os.SEEK_END)
+        except OSError as error:
+            raise journal._unwritable(error) from error
+        return journal
+
     def __enter__(self) -> Journal:
         return self
 
     def __exit__(self, *_: object) -> None:
         os.close(self._file)
 
-    def samples(self, rows: FloatArray, host_s: float) -> None:
-        """Append samples, (N, columns), that arrived by the host time `host_s`."""
+    def samples(self, rows: FloatArray, host_s: FloatArray | float) -> None:
+        """Append samples, (N, columns), with their host times of arrival, (N,), or one for all, s."""
         if len(rows) == 0:
             return
-        stamped = np.column_stack([rows, np.full(len(rows), host_s)])
+        stamped = np.column_stack([rows, np.broadcast_to(host_s, len(rows))])
         self._append(SAMPLES, stamped.astype("<f8").tobytes())
         self.written += len(rows)
 
@@ -91,6 +113,11 @@ class Journal:
         """Append motor positions, (N, 4): host time, s, and three angles, deg."""
         if rows:
             self._append(POSITIONS, np.asarray(rows, dtype="<f8").tobytes())
+
+    def progress(self, steps_done: int, zero_deg: Sequence[float]) -> None:
+        """Append the progress of the program, with which an interrupted run can be resumed."""
+        progress = {"steps_done": steps_done, "zero_deg": list(zero_deg)}
+        self._append(PROGRESS, json.dumps(progress).encode())
 
     def event(self, host_s: float, code: str, message: str) -> None:
         """Append an event; `code` is a stable identifier."""
@@ -139,6 +166,8 @@ class Logged:
     host_s      (N,)    host time of arrival of each sample, s
     positions   (M, 4)  host time, s, and motor angles, deg
     events      events with host_s, code and message
+    steps_done  number of steps of the program that are done
+    zero_deg    controller's position of the motors' zero, deg; None if it is not known
     blocks_lost number of blocks that are missing between others
     tail_bytes  number of bytes after the last complete block: a block that was being written
     """
@@ -152,6 +181,10 @@ class Logged:
     events: tuple[Mapping[str, Any], ...]
     blocks_lost: int
     tail_bytes: int
+    steps_done: int = 0
+    zero_deg: tuple[float, float, float] | None = None
+    next_number: int = 0
+    end: int = 0
 
 
 def read_journal(path: str | os.PathLike[str]) -> Logged:
@@ -176,6 +209,8 @@ def read_journal(path: str | os.PathLike[str]) -> Logged:
         return np.frombuffer(data, dtype="<f8").astype(np.float64).reshape(-1, width)
 
     samples = rows(SAMPLES, len(columns) + 1)
+    progress = [json.loads(payload) for kind, _, payload in blocks if kind == PROGRESS]
+    zero = [float(angle) for angle in progress[-1]["zero_deg"]] if progress else []
     return Logged(
         path=os.fspath(path),
         header=header,
@@ -186,6 +221,10 @@ def read_journal(path: str | os.PathLike[str]) -> Logged:
         events=tuple(json.loads(payload) for kind, _, payload in blocks if kind == EVENT),
         blocks_lost=blocks[-1][1] + 1 - len(blocks),
         tail_bytes=len(content) - end,
+        steps_done=int(progress[-1]["steps_done"]) if progress else 0,
+        zero_deg=(zero[0], zero[1], zero[2]) if zero else None,
+        next_number=blocks[-1][1] + 1,
+        end=end,
     )
 
 

@@ -25,10 +25,11 @@ from imucal.rig.motion import Program
 from imucal.stand.driver import Driver, Source
 from imucal.stand.programs import in_another_order, ranges_deg, require_determined
 from imucal.stand.recorder import Done, Moment, record
+from imucal.stand.resuming import Interrupted
 from imucal.stand.verdict import Assessment, Reason, assess
 from imucal.units import STANDARD_GRAVITY_MPS2
 
-__all__ = ["Order", "Outcome", "calibrate_unit"]
+__all__ = ["Order", "Outcome", "calibrate_unit", "resume_unit"]
 
 SCHEMA: Final = "imucal.stand-result/1"
 # Largest number of folders for one serial number.
@@ -50,6 +51,7 @@ class Order:
     control_name  name of the control program in the result
     driver        name of the driver in the result
     require       worst verdict on the calibration with which the unit passes
+    resume        what the journal stores so that an interrupted run can be resumed
     """
 
     program: Program
@@ -65,6 +67,7 @@ class Order:
     control_name: str = "own poses"
     driver: str | None = None
     require: Verdict = "incomplete"
+    resume: Mapping[str, Any] | None = None
 
     @property
     def programs(self) -> dict[str, Program]:
@@ -172,23 +175,43 @@ def calibrate_unit(
         return _kept(Outcome(order, "no_result", (Reason("run_error", str(error)),), own, runs))
 
 
+def resume_unit(
+    order: Order,
+    equipment: Callable[..., tuple[Driver, Source]],
+    interrupted: Interrupted,
+    *,
+    view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
+) -> Outcome:
+    """Continue the interrupted run of a unit, do what follows it, and judge the unit, as `calibrate_unit`."""
+    own, runs = interrupted.output.parent, dict[str, Done]()
+    if interrupted.output.name == "control.csv":
+        steps = len(order.program.steps)
+        run = own / "run.csv"
+        runs["run"] = Done("completed", "", steps - 1, steps, len(read(run)), str(run))
+    try:
+        return _kept(_taken_through(order, equipment, own, runs, view, interrupted))
+    except (ImucalError, KeyboardInterrupt) as error:
+        if isinstance(error, KeyboardInterrupt):
+            _kept(Outcome(order, "no_result", (Reason("run_interrupted", "interrupted"),), own, runs))
+        raise
+
+
 def _taken_through(
     order: Order,
-    equipment: Callable[[Program, int], tuple[Driver, Source]],
+    equipment: Callable[..., tuple[Driver, Source]],
     own: Path,
     runs: dict[str, Done],
     view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
+    interrupted: Interrupted | None = None,
 ) -> Outcome:
     """Do the runs, adding them to `runs` as they end, and judge the unit."""
     programs = order.programs
     assessment: Assessment | None = None
     for name, seed in (("run", order.seed), ("control", order.control_seed)):
         program, output = programs[name], own / f"{name}.csv"
-        driver, source = equipment(program, seed)
-        _require_exports(order, source.columns)
-        about = {"serial_number": order.serial_number, "operator": order.operator, "run": name, "seed": seed}
-        with view(output) as watch:
-            runs[name] = record(driver, source, output, steps=len(program.steps), about=about, watch=watch)
+        if name not in runs:
+            resumed = interrupted if interrupted is not None and interrupted.output == output else None
+            runs[name] = _recorded(order, name, program, seed, output, equipment, view, resumed)
         if not runs[name].good or runs[name].output is None:
             message = runs[name].message or "the unit has sent no sample"
             reason = Reason(f"run_{runs[name].state}", f"{name}: {message}")
@@ -208,6 +231,38 @@ def _taken_through(
             break
     assert assessment is not None
     return _with_files(order, assessment, own, runs)
+
+
+def _recorded(
+    order: Order,
+    name: str,
+    program: Program,
+    seed: int,
+    output: Path,
+    equipment: Callable[..., tuple[Driver, Source]],
+    view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
+    interrupted: Interrupted | None,
+) -> Done:
+    """Do one run, or what is left of it."""
+    about: dict[str, Any] = {
+        "serial_number": order.serial_number,
+        "operator": order.operator,
+        "run": name,
+        "seed": seed,
+    }
+    steps = len(program.steps)
+    if interrupted is None:
+        driver, source = equipment(program, seed)
+        _require_exports(order, source.columns)
+        about["resume"] = order.resume
+        with view(output) as watch:
+            return record(driver, source, output, steps=steps, about=about, watch=watch)
+    clock = interrupted.clock
+    driver, source = equipment(program, seed, resume=interrupted.progress, clock=clock)
+    with view(output) as watch:
+        return record(
+            driver, source, output, steps=steps, watch=watch, resume=interrupted.logged, clock=clock
+        )
 
 
 def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[str, Done]) -> Outcome:

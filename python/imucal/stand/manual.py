@@ -17,7 +17,7 @@ from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.rig.motion import Program
 from imucal.simulation.simulate import simulate
-from imucal.stand.driver import Event, Position, Status
+from imucal.stand.driver import Event, Position, Progress, Status
 from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["ManualDriver"]
@@ -106,6 +106,10 @@ class ManualDriver:
     def events(self) -> Sequence[Event]:
         """No events: the samples show what the person does."""
         return ()
+
+    def progress(self) -> Progress | None:
+        """None: the run cannot be resumed."""
+        return None
 
     def close(self) -> None:
         """Does nothing: there are no motors."""

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from imucal.document.plain import plain
-from imucal.errors import ImucalError
+from imucal.errors import ImucalError, InputError
 from imucal.io.canonical import require_ending
 from imucal.limits.limit import ParameterLimit
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
-from imucal.stand.driver import Driver, Event, Source, Status
-from imucal.stand.journal import Journal, read_journal
+from imucal.stand.driver import Driver, Event, Progress as StepProgress, Source, Status
+from imucal.stand.journal import Journal, Logged, read_journal
 from imucal.stand.progress import Progress, Prospect
 from imucal.stand.recovery import write_recording
 
@@ -103,6 +103,7 @@ def record(
     targets: Sequence[ParameterLimit] = (),
     watch: Callable[[Moment], None] | None = None,
     silent_s: float = SILENT_S,
+    resume: Logged | None = None,
     clock: Clock = SYSTEM_CLOCK,
 ) -> Done:
     """Run a program and write the recording, .csv or .parquet.
@@ -112,6 +113,7 @@ def record(
     targets   end the run early when the predicted standard deviations reach these targets
     watch     called with the state of the run in every iteration
     silent_s  time without samples, s, after which the unit counts as lost
+    resume    contents of the journal of an interrupted run, which is continued
 
     Raises ImucalError if driver or source cannot start, or if the disk fails. The journal is removed once
     `output` is written. It stays after an interrupt or a failure, whose message tells how to recover the
@@ -119,7 +121,12 @@ def record(
     """
     require_ending(output)
     path = journal_of(output)
-    with Journal(path, source.columns, about or {}) as journal:
+    if resume is not None:
+        _require_columns(resume, source)
+        source.resume_after(resume)
+    with (
+        Journal(path, source.columns, about or {}) if resume is None else Journal.continued(resume)
+    ) as journal:
         run = _Run(driver, source, journal, steps, targets, watch, silent_s, clock)
         try:
             try:
@@ -129,7 +136,7 @@ def record(
                 source.close()
             journal.sync()
         except BaseException as error:
-            if journal.written == 0:
+            if journal.written == 0 and resume is None:
                 path.unlink()
             elif isinstance(error, ImucalError):
                 raise _recoverable(error, f"{journal.written} samples", output) from error
@@ -152,6 +159,14 @@ def record(
         logged.events,
         run.progress.prospect,
     )
+
+
+def _require_columns(resume: Logged, source: Source) -> None:
+    if resume.columns != source.columns:
+        raise InputError(
+            f"{resume.path} has the columns {', '.join(resume.columns)}, but the unit sends "
+            f"{', '.join(source.columns)}: give the options of the interrupted run"
+        )
 
 
 def _recoverable(error: ImucalError, samples: str, output: str | os.PathLike[str]) -> ImucalError:
@@ -185,6 +200,7 @@ class _Run:
         self.status = Status("moving", 0)
         self.state, self.message = "", ""
         self.acknowledged = 0
+        self.progressed: StepProgress | None = None
         self.synced_s = self.last_sample_s = self.clock.now_s()
 
     def execute(self) -> None:
@@ -221,7 +237,7 @@ class _Run:
         now_s = self.clock.now_s()
         if len(rows):
             self.last_sample_s = now_s
-            self.journal.samples(rows, now_s)
+            self.journal.samples(rows, self.source.arrivals())
             self.progress.add(rows)
             self.driver.observe(rows)
         if now_s - self.synced_s >= SYNC_S:
@@ -231,6 +247,10 @@ class _Run:
     def log_events(self) -> None:
         """Write positions and events to the journal."""
         self.journal.positions(self.driver.positions())
+        progress = self.driver.progress()
+        if progress is not None and progress != self.progressed:
+            self.progressed = progress
+            self.journal.progress(progress.steps_done, progress.zero_deg)
         for event in (*self.driver.events(), *self.source.events()):
             self.log(event)
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 import os
 from typing import Final
 
-import numpy as np
-
-from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.io.canonical import write_columns
+from imucal.stand.clock_join import joined_angles
 from imucal.stand.journal import Logged, read_journal
-from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["recover", "write_recording"]
 
@@ -33,33 +30,12 @@ def recover(journal: str | os.PathLike[str], output: str | os.PathLike[str]) -> 
 
 
 def write_recording(logged: Logged, output: str | os.PathLike[str]) -> None:
-    """Write the samples with their column names, and the motor positions interpolated to the sample times."""
+    """Write the samples with their column names, and the motor positions interpolated to the sample times.
+
+    The angles are missing (NaN) where the stand moved while no position was reported.
+    """
     columns = [(name, logged.samples[:, i]) for i, name in enumerate(logged.columns)]
     # If the unit's samples include encoder columns, the positions are not added.
     if len(logged.positions) and not any(name.startswith("stand_") for name in logged.columns):
-        at_s = _host_instants(logged)
-        columns += [
-            (name, np.interp(at_s, logged.positions[:, 0], logged.positions[:, motor]))
-            for motor, name in enumerate(STAND, start=1)
-        ]
+        columns += list(zip(STAND, joined_angles(logged).T, strict=True))
     write_columns(columns, output)
-
-
-def _host_instants(logged: Logged) -> FloatArray:
-    """The host time at which each sample was taken, (N,), s.
-
-    Arrival times are delayed by a varying time in buffers, while the unit's clock is regular. So a straight
-    line is fitted to arrival time over unit time, and lowered to the sample with the smallest delay.
-    """
-    name = next((column for column in logged.columns if column in TICKS_PER_S), None)
-    if name is None or len(logged.samples) < 2:
-        return logged.host_s
-    unit_s = logged.samples[:, logged.columns.index(name)] / TICKS_PER_S[name]
-    unit_s = unit_s - unit_s[0]
-    if not np.isfinite(unit_s).all() or unit_s[-1] <= 0:
-        return logged.host_s
-    start_s = logged.host_s[0]
-    slope, offset = np.polyfit(unit_s, logged.host_s - start_s, 1)
-    line = slope * unit_s + offset
-    instants: FloatArray = start_s + line + np.min(logged.host_s - start_s - line)
-    return instants

@@ -12,8 +12,9 @@ from imucal.errors import InputError
 from imucal.io.vocabulary import column_names
 from imucal.rig.motion import Program
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
-from imucal.stand.driver import Event, Position, Status
+from imucal.stand.driver import Event, Position, Progress, Status
 from imucal.stand.faults import SimulatedUnit
+from imucal.stand.journal import Logged
 
 __all__ = ["SimulatedStand"]
 
@@ -56,6 +57,7 @@ class SimulatedStand:
         self._ends_s = np.cumsum(lengths_s)
         self._started_s: float | None = None
         self._given = 0
+        self._arrivals: FloatArray = np.zeros(0)
 
     def start(self) -> None:
         """Start the common clock of the stand and the unit; a second call does nothing."""
@@ -71,8 +73,14 @@ class SimulatedStand:
                 break
             self._clock.sleep(PAUSE_S)
         rows: FloatArray = self._rows[self._given : max(end, self._given)]
+        started_s = 0.0 if self._started_s is None else self._started_s
+        self._arrivals = started_s + self._time_s[self._given : max(end, self._given)] / self._speed
         self._given += len(rows)
         return rows
+
+    def arrivals(self) -> FloatArray:
+        """Host time at which each sample of the last `read` was taken, (N,), s."""
+        return self._arrivals
 
     def poll(self) -> Status:
         """The phase of the program at this time; finished once the last sample is read."""
@@ -94,9 +102,17 @@ class SimulatedStand:
         """No events."""
         return ()
 
+    def progress(self) -> Progress | None:
+        """None: the run cannot be resumed."""
+        return None
+
     def counts(self) -> dict[str, int]:
         """Number of samples read."""
         return {"samples": self._given}
+
+    def resume_after(self, logged: Logged) -> None:
+        """Raises InputError: a simulated run is repeated instead."""
+        raise InputError("a simulated run cannot be resumed: run it again")
 
     def close(self) -> None:
         """Stop sending samples."""

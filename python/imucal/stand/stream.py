@@ -15,6 +15,7 @@ from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.driver import Event
+from imucal.stand.journal import Logged
 from imucal.stand.link import Link, LinkLostError
 
 __all__ = ["StreamSource"]
@@ -77,6 +78,8 @@ class StreamSource:
         self._before: tuple[float, ...] | None = None
         self._last_sample_s = 0.0
         self._numbered = 0
+        # Time of the last sample of an interrupted run, and its host time, s.
+        self._resumed: tuple[float, float] | None = None
         self._shift = [0.0] * len(names)
         self._count = {
             "samples": 0,
@@ -86,7 +89,9 @@ class StreamSource:
             "counters_not_finite": 0,
         }
         self._events: list[Event] = []
-        self._arrived: queue.SimpleQueue[bytes | Event] = queue.SimpleQueue()
+        self._arrived: queue.SimpleQueue[tuple[float, bytes | Event]] = queue.SimpleQueue()
+        # Host time of arrival of each sample of the last `read`, s.
+        self._arrivals: list[float] = []
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._receive, daemon=True)
 
@@ -101,18 +106,32 @@ class StreamSource:
     def read(self, wait_s: float) -> FloatArray:
         """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first one."""
         rows: list[list[float]] = []
+        self._arrivals = []
         try:
-            arrived = self._clock.next_item(self._arrived, wait_s)
+            at_s, arrived = self._clock.next_item(self._arrived, wait_s)
             while True:
                 if isinstance(arrived, Event):
                     self._events.append(arrived)
                 else:
-                    rows += [row for raw in self._decoder.feed(arrived) if (row := self._sample(raw))]
-                arrived = self._arrived.get_nowait()
+                    rows += [row for raw in self._decoder.feed(arrived) if (row := self._sample(raw, at_s))]
+                    self._arrivals += [at_s] * (len(rows) - len(self._arrivals))
+                at_s, arrived = self._arrived.get_nowait()
         except queue.Empty:
             pass
         self._count["samples"] += len(rows)
         return np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
+
+    def resume_after(self, logged: Logged) -> None:
+        """Continue the time of an interrupted run, whose last sample the host clock dates."""
+        if len(logged.samples) == 0:
+            return
+        name = "time_s" if self._time is None else self._decoder.columns[self._time]
+        last = float(logged.samples[-1, logged.columns.index(name)])
+        self._resumed = (last, float(logged.host_s[-1]))
+
+    def arrivals(self) -> FloatArray:
+        """Host time of arrival of each sample of the last `read`, (N,), s."""
+        return np.array(self._arrivals, dtype=np.float64)
 
     def events(self) -> Sequence[Event]:
         """Events since the last call."""
@@ -135,14 +154,18 @@ class StreamSource:
             try:
                 data = self._link.read()
                 if data:
-                    self._arrived.put(data)
+                    # Stamped here, because the recording may be waiting for the disk.
+                    self._put(data)
             except LinkLostError as error:
                 if self._closed.is_set():
                     return
-                self._arrived.put(Event("unit_link_lost", str(error)))
+                self._put(Event("unit_link_lost", str(error)))
                 if not self._link.comes_back or not self._reopened():
                     return
-                self._arrived.put(Event("unit_link_back", f"{self._link.name} is open again"))
+                self._put(Event("unit_link_back", f"{self._link.name} is open again"))
+
+    def _put(self, item: bytes | Event) -> None:
+        self._arrived.put((self._clock.now_s(), item))
 
     def _reopened(self) -> bool:
         while not self._closed.is_set():
@@ -154,12 +177,13 @@ class StreamSource:
                 self._closed.wait(REOPEN_S)
         return False
 
-    def _sample(self, raw: tuple[float, ...]) -> list[float] | None:
+    def _sample(self, raw: tuple[float, ...], now_s: float) -> list[float] | None:
         """A sample with continued counters; None for a repeated packet or a counter that is NaN."""
-        now_s = self._clock.now_s()
         if not all(math.isfinite(raw[i]) for i in (self._time, self._sequence) if i is not None):
             self._count["counters_not_finite"] += 1
             return None
+        if self._resumed is not None:
+            self._begin_after(*self._resumed, raw, now_s)
         row = list(raw)
         for i in (self._time, self._sequence):
             if i is not None:
@@ -177,6 +201,26 @@ class StreamSource:
         number = self._numbered if self._sequence is None else row[self._sequence]
         self._numbered += 1
         return [number / self._rate_hz, *kept]
+
+    def _begin_after(self, last: float, last_s: float, raw: tuple[float, ...], now_s: float) -> None:
+        """Shift the counters so that the first sample follows the last one of an interrupted run."""
+        self._resumed = None
+        elapsed_s = max(now_s - last_s, 0.0)
+        if self._rate_hz is not None:
+            following = round((last + elapsed_s) * self._rate_hz)
+            self._numbered = following
+            if self._sequence is not None:
+                self._shift[self._sequence] = following - raw[self._sequence]
+            return
+        if self._time is None:
+            return
+        ticks = TICKS_PER_S[self._decoder.columns[self._time]]
+        expected = last + elapsed_s * ticks
+        turn = self._decoder.wraps_at[self._time]
+        # The clock of the unit has gone on, with any number of wraps, or it has begun again.
+        shift = 0.0 if turn is None else turn * round((expected - raw[self._time]) / turn)
+        goes_on = abs(raw[self._time] + shift - expected) < (1.0 + 1e-3 * elapsed_s) * ticks
+        self._shift[self._time] = shift if goes_on else expected - raw[self._time]
 
     def _continued(self, i: int, raw: float, now_s: float) -> float:
         """The value of a counter, continued across wraps and restarts of the unit."""

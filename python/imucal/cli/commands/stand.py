@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from click.exceptions import Exit
+from typing import Annotated
 
 import imucal.cli.completion as completion
-from imucal.cli.commands import stand_calibrate
+from imucal.cli.commands import stand_calibrate, stand_resume
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.group import Commands
 from imucal.cli.options import JsonPath, RecordingPath
-from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
+from imucal.cli.output import Output, require_apart
 from imucal.cli.parameters import argument, option
 from imucal.cli.working import working
 from imucal.errors import InputError
-
-if TYPE_CHECKING:
-    from imucal.stand.recorder import Done
 
 __all__ = ["app"]
 
@@ -69,6 +64,7 @@ def run(
 
     Example: imucal stand run grid --driver grbl --port /dev/ttyS0 --source /dev/ttyS1 --packet p -o run.csv
     """
+    from imucal.document.plain import plain
     from imucal.stand.live import live_view, recoverable
     from imucal.stand.programs import program_named
     from imucal.stand.progress import parse_target
@@ -85,7 +81,17 @@ def run(
     wanted = program_named(program, seed)
     with working("preparing the run"):
         driver, source = equipment.open(wanted, seed)
-    about = {"program": program, "seed": seed, "driver": equipment.driver}
+    about = {
+        "program": program,
+        "seed": seed,
+        "driver": equipment.driver,
+        "resume": {
+            "command": "run",
+            "program": plain(wanted.steps),
+            "equipment": equipment.to_dict(),
+            "targets": list(target_sigma or ()),
+        },
+    }
     with (
         recoverable(output),
         live_view(Path(program).name, prints_steps=equipment.driver == "manual") as watch,
@@ -99,27 +105,7 @@ def run(
             targets=targets,
             watch=watch,
         )
-    out = Output(json)
-    out.document(done.to_dict())
-    show_run(out, done)
-    if not done.good:
-        raise Exit(NO_RESULT)
-    if any(event["code"] == "target_missed" for event in done.events):
-        raise Exit(POOR_VERDICT)
-
-
-def show_run(out: Output, done: Done) -> None:
-    """Print the events and the result of a run."""
-    for event in done.events:
-        out.line(f"{event['code']}: {event['message']}" if event["message"] else event["code"])
-    prospect = done.prospect
-    counted = ", ".join(f"{what} {count}" for what, count in done.counts.items() if what != "samples")
-    out.line(
-        f"{done.output or 'nothing is written'}: {done.samples} samples, {prospect.rests} rests, "
-        f"covering {prospect.coverage:.0%} of all directions within 30 deg"
-        + (f"; {counted}" if counted else "")
-    )
-    out.line(f"run: {done.state} at step {done.step + 1} of {done.steps}")
+    stand_resume.end_run(Output(json), done)
 
 
 @app.subcommand
@@ -204,6 +190,7 @@ def _three(text: str) -> tuple[float, float, float]:
 
 
 app.subcommand(stand_calibrate.calibrate)
+app.subcommand(stand_resume.resume)
 
 
 @app.subcommand

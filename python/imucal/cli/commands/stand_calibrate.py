@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from imucal.stand.line import Outcome
     from imucal.stand.recorder import Moment
 
-__all__ = ["calibrate"]
+__all__ = ["calibrate", "end_unit", "view_for"]
 
 EXIT = {"passed": 0, "failed": POOR_VERDICT, "no_result": NO_RESULT}
 # Number of possible seeds of a drawn control program.
@@ -84,11 +84,13 @@ def calibrate(
 
     Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
     """
+    from dataclasses import replace
+
     from imucal.calibration.verdict import verdict_of
+    from imucal.document.plain import plain
     from imucal.limits.limits import Limits
     from imucal.rig.motion import Program
     from imucal.stand.line import Order, calibrate_unit
-    from imucal.stand.live import live_view, recoverable
     from imucal.stand.programs import PROGRAMS, program_named
 
     # The output folder is listed as an input, so that --json cannot take its place.
@@ -116,11 +118,36 @@ def calibrate(
         require=verdict_of(require.value),
         **control,
     )
+    order = replace(
+        order,
+        resume={
+            "command": "calibrate",
+            "equipment": equipment.to_dict(),
+            "programs": {name: plain(steps.steps) for name, steps in order.programs.items()},
+            "limits": None if limits is None else str(limits.absolute()),
+            **{
+                name: getattr(order, name)
+                for name in (
+                    *("program_name", "seed", "control_seed", "serial_number", "operator", "exports"),
+                    *("gravity_mps2", "control_name", "driver", "require"),
+                )
+            },
+        },
+    )
     out = Output(json)
     if equipment.driver == "simulated":
         out.line("simulated: stand and unit are not real; for real ones give --driver grbl or manual")
     for name, steps in order.programs.items():
         out.line(f"{name}: {_turned(steps)}: mind the cables")
+
+    end_unit(out, calibrate_unit(order, equipment.open, folder, view=view_for(equipment)))
+
+
+def view_for(
+    equipment: Equipment,
+) -> Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]]:
+    """The live view of a run that is written to a given file."""
+    from imucal.stand.live import live_view, recoverable
 
     @contextmanager
     def view(recording: Path) -> Iterator[Callable[[Moment], None] | None]:
@@ -128,8 +155,12 @@ def calibrate(
         with recoverable(recording), live_view(recording.stem, prints_steps=says) as watch:
             yield watch
 
-    outcome = calibrate_unit(order, equipment.open, folder, view=view)
-    # Print the verdict first, because writing the document can fail on a full disk.
+    return view
+
+
+def end_unit(out: Output, outcome: Outcome) -> None:
+    """Print the verdict on a unit, and end with its exit code."""
+    # The verdict comes first, because writing the document can fail on a full disk.
     _show(out, outcome)
     out.document(outcome.to_dict())
     code = EXIT[outcome.verdict]

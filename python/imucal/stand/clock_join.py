@@ -1,0 +1,121 @@
+"""Joins the clocks of the unit and of the host, and interpolates motor angles to the instants of the samples.
+
+Samples arrive late by varying times, and never early. So the host time of a sample is the lower edge of the
+points (unit time, host time of arrival): the straight line below all points with the smallest sum of
+distances to them, which is an edge of their lower convex hull. Samples that were delayed at the start or
+while the computer was busy lie above it and do not change it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.stand.journal import Logged
+from imucal.stand.stream import TICKS_PER_S
+
+__all__ = ["host_instants", "joined_angles"]
+
+# Largest relative difference between the rates of two clocks; quartz oscillators differ by less than 200 ppm.
+MAX_SLOPE: Final = 500e-6
+# Rates of both halves of a run that agree within this are accepted beyond `MAX_SLOPE`: a unit whose clock is
+# an RC oscillator, or one that sends no time and is not exactly as fast as its nominal rate.
+AGREEING_SLOPE: Final = 2e-3
+# Shortest run, s, over which such a rate can be determined.
+SLOPE_OVER_S: Final = 20.0
+# Number of points above which blocks of samples are represented by the least delayed one.
+MOST_POINTS: Final = 20_000
+# Longest interval between two reported positions, s, over which a moving stand is interpolated: at an
+# acceleration of 500 deg/s^2 the error is then 0.6 deg.
+LONGEST_S: Final = 0.1
+# Longer intervals, s, are interpolated up to this angle, deg: a motor that starts or stops in the interval is
+# off the straight line by at most a quarter of it.
+LONGER_S: Final = 0.5
+LITTLE_DEG: Final = 3.0
+# Time after the last position, s, for which a stand at rest is taken to remain there.
+STAYS_S: Final = 0.35
+# Positions that differ by less than this, deg, belong to a stand at rest.
+AT_REST_DEG: Final = 0.05
+
+
+def joined_angles(logged: Logged) -> FloatArray:
+    """Motor angles at the samples, (N, 3), deg; NaN where they are not known.
+
+    They are not known where the stand moved between two reports that are too far apart, and after the last
+    report of a moving stand. Before the first report the stand is at rest.
+    """
+    reported_s, angles = logged.positions[:, 0], logged.positions[:, 1:]
+    order = np.argsort(reported_s, kind="stable")
+    reported_s, angles = reported_s[order], angles[order]
+    at_s = host_instants(logged)
+    joined = np.column_stack([np.interp(at_s, reported_s, angle) for angle in angles.T])
+    after = np.clip(np.searchsorted(reported_s, at_s), 1, max(len(reported_s) - 1, 1))
+    if len(reported_s) > 1:
+        passed_s = reported_s[after] - reported_s[after - 1]
+        turned = np.abs(angles[after] - angles[after - 1]).max(axis=1)
+        unknown = (passed_s > LONGER_S) & (turned > AT_REST_DEG) | (passed_s > LONGEST_S) & (
+            turned > LITTLE_DEG
+        )
+        joined[unknown & (at_s >= reported_s[0])] = np.nan
+        rests = np.abs(angles[-1] - angles[-2]).max() <= AT_REST_DEG
+        joined[at_s > reported_s[-1] + (STAYS_S if rests else 0.0)] = np.nan
+    return joined
+
+
+def host_instants(logged: Logged) -> FloatArray:
+    """The host time at which each sample was taken, (N,), s, apart from the shortest delay of a sample."""
+    name = next((column for column in logged.columns if column in TICKS_PER_S), None)
+    if name is None or len(logged.samples) < 2:
+        return logged.host_s
+    unit_s = logged.samples[:, logged.columns.index(name)] / TICKS_PER_S[name]
+    unit_s = unit_s - unit_s[0]
+    if not np.isfinite(unit_s).all() or unit_s[-1] <= 0:
+        return logged.host_s
+    late_s = logged.host_s - logged.host_s[0] - unit_s
+    slope = _slope(unit_s, late_s)
+    line = slope * unit_s
+    instants: FloatArray = logged.host_s[0] + unit_s + line + np.min(late_s - line)
+    return instants
+
+
+def _slope(unit_s: FloatArray, late_s: FloatArray) -> float:
+    """Relative difference of the clock rates: host seconds per second of the unit, minus one."""
+    slope = _hull_slope(unit_s, late_s)
+    if abs(slope) <= MAX_SLOPE:
+        return slope
+    middle = len(unit_s) // 2
+    halves = [_hull_slope(unit_s[half], late_s[half]) for half in (slice(0, middle), slice(middle, None))]
+    is_real = unit_s[-1] > SLOPE_OVER_S and all(abs(half - slope) <= AGREEING_SLOPE for half in halves)
+    return (
+        slope
+        if is_real and min(map(abs, halves)) > MAX_SLOPE
+        else float(np.clip(slope, -MAX_SLOPE, MAX_SLOPE))
+    )
+
+
+def _hull_slope(unit_s: FloatArray, late_s: FloatArray) -> float:
+    """Slope of the edge of the lower convex hull below the mean of the unit's times."""
+    hull: list[tuple[float, float]] = []
+    if len(unit_s) > MOST_POINTS:
+        # The least delayed sample of each block; the others cannot be far below it.
+        size = len(unit_s) // MOST_POINTS + 1
+        starts = np.arange(0, len(unit_s), size)
+        lowest = np.array([start + int(np.argmin(late_s[start : start + size])) for start in starts])
+        unit_s, late_s = unit_s[lowest], late_s[lowest]
+    for point in zip(unit_s.tolist(), late_s.tolist(), strict=True):
+        while len(hull) > 1 and _is_above(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+    mean = float(np.mean(unit_s))
+    for (start, low), (end, high) in itertools.pairwise(hull):
+        if end >= mean and end > start:
+            return (high - low) / (end - start)
+    return 0.0
+
+
+def _is_above(first: tuple[float, float], middle: tuple[float, float], last: tuple[float, float]) -> bool:
+    """Whether the middle point lies on or above the line between its neighbours."""
+    return (middle[1] - first[1]) * (last[0] - first[0]) >= (last[1] - first[1]) * (middle[0] - first[0])

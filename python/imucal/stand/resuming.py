@@ -1,0 +1,102 @@
+"""What is needed to continue an interrupted run: its journal, its program, and a clock that goes on."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any, Final
+
+from imucal.errors import InputError
+from imucal.rig.motion import Program, Step
+from imucal.stand.clock import SYSTEM_CLOCK, Clock, Item
+from imucal.stand.driver import Progress
+from imucal.stand.journal import Logged, read_journal
+
+__all__ = ["Interrupted", "interrupted_in", "program_from"]
+
+ENDING: Final = ".journal"
+# Difference between the monotonic clock and the time of day, s, above which the computer has restarted.
+RESTARTED_S: Final = 5.0
+
+
+@dataclass(frozen=True)
+class Interrupted:
+    """An interrupted run.
+
+    logged  contents of its journal
+    output  path of its recording
+    about   what the command has stored: its name, its options and its programs
+    clock   a clock that continues that of the run
+    """
+
+    logged: Logged
+    output: Path
+    about: Mapping[str, Any]
+    clock: Clock
+
+    @property
+    def progress(self) -> Progress:
+        """Number of steps that are done, and the zero of the motors."""
+        return Progress(self.logged.steps_done, self.logged.zero_deg or (0.0, 0.0, 0.0))
+
+
+def interrupted_in(path: str | os.PathLike[str]) -> Interrupted:
+    """The interrupted run in a folder, or that of a journal.
+
+    Raises InputError if there is none or more than one, or if it cannot be resumed.
+    """
+    given = Path(path)
+    found = sorted(given.glob(f"*{ENDING}")) if given.is_dir() else [given]
+    if len(found) != 1:
+        what = "no journal" if not found else f"{len(found)} journals ({', '.join(p.name for p in found)})"
+        raise InputError(f"{given} has {what}: give the folder of one interrupted run, or its journal")
+    logged = read_journal(found[0])
+    about = logged.header.get("resume")
+    if not isinstance(about, Mapping):
+        raise InputError(
+            f"{found[0]} does not say how its run is continued: save its samples with `imucal stand recover "
+            f"{found[0]} -o FILE`"
+        )
+    if logged.zero_deg is None:
+        raise InputError(
+            f"{found[0]}: the run was interrupted before it began: remove this file, and run the "
+            "program again"
+        )
+    return Interrupted(logged, Path(str(found[0]).removesuffix(ENDING)), about, _clock_after(logged))
+
+
+def program_from(steps: Any) -> Program:
+    """The program from its steps in a journal."""
+    return Program(tuple(Step(tuple(step["turn_deg"]), step["move_s"], step["hold_s"]) for step in steps))
+
+
+def _clock_after(logged: Logged) -> Clock:
+    """The clock of the computer; if the computer has restarted, continued by the time of day."""
+    last_s = max([*logged.host_s[-1:].tolist(), *logged.positions[-1:, 0].tolist()], default=0.0)
+    now_s = last_s + max(time.time() - Path(logged.path).stat().st_mtime, 0.0)
+    shift_s = now_s - SYSTEM_CLOCK.now_s()
+    return SYSTEM_CLOCK if abs(shift_s) < RESTARTED_S else _Shifted(shift_s)
+
+
+@dataclass(frozen=True)
+class _Shifted:
+    """The clock of the computer with another zero."""
+
+    shift_s: float
+
+    def now_s(self) -> float:
+        return SYSTEM_CLOCK.now_s() + self.shift_s
+
+    def sleep(self, duration_s: float) -> None:
+        SYSTEM_CLOCK.sleep(duration_s)
+
+    def next_item(self, queue: SimpleQueue[Item], wait_s: float) -> Item:
+        return SYSTEM_CLOCK.next_item(queue, wait_s)
+
+    def start_work(self, thread: Thread) -> None:
+        SYSTEM_CLOCK.start_work(thread)
