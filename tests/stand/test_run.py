@@ -345,7 +345,9 @@ def test_positions_are_joined_to_the_samples_at_their_instants(tmp_path):
     expected = np.degrees(read.stand_rad[:980, 0])
     # At 10 deg/s an unobservable delay of 5 ms is 0.05 deg.
     assert np.abs(expected - 10.0 * read.time_s[:980]).max() < 0.2
-    assert np.allclose(read.stand_rad[:, 2], -2 * read.stand_rad[:, 0])
+    assert np.allclose(read.stand_rad[:980, 2], -2 * read.stand_rad[:980, 0])
+    # After the last position of a moving stand its angles are not known.
+    assert np.isnan(read.stand_rad[-5:]).all()
 
 
 # --- killed at any moment ---
