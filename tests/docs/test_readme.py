@@ -118,7 +118,7 @@ def test_page_prints_what_it_shows(page, number_of_steps, tmp_path):
 
 
 def test_page_of_firmware_shows_its_example():
-    program = (ROOT / "examples/correct_on_the_device.rs").read_text(encoding="utf-8")
+    program = (ROOT / "rust/imucal-core/examples/correct_on_the_device.rs").read_text(encoding="utf-8")
     page = (ROOT / "docs/embedded.md").read_text(encoding="utf-8")
     shown = re.findall(r"^```rust\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     assert len(shown) == 2
