@@ -10,6 +10,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.fleet.measurements import Measurements, TextArray
 from imucal.fleet.statistics.spread import spread_of
+from imucal.fleet.statistics.trends import months_of, without_trends
 
 __all__ = ["Columns", "columns_of", "repeatability", "unit_numbers"]
 
@@ -62,7 +63,13 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
         and np.nanmax(y[:, column]) > np.nanmin(y[:, column])
     ]
     y, sigma = y[:, kept], np.where(np.isfinite(sigma), sigma, 0.0)[:, kept]
-    extra = np.array([repeatability(numbers, y[:, k], sigma[:, k]) for k in range(len(kept))])
+    months = months_of(measurements)
+    extra = np.array(
+        [
+            repeatability(numbers, without_trends(numbers, months, y[:, k], sigma[:, k] ** 2), sigma[:, k])
+            for k in range(len(kept))
+        ]
+    )
     return Columns(
         tuple(names[k] for k in kept),
         tuple(units[k] for k in kept),
@@ -74,7 +81,8 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
     """Standard deviation of repeated measurements of a unit beyond the stated one; 0 with few repetitions.
 
-    From the differences of consecutive measurements, so a steady drift that all units share does not count.
+    From the differences of consecutive measurements, so a steady drift that all units share does not count;
+    trends of single units are taken off by the caller.
     """
     known = np.isfinite(values)
     order = np.argsort(numbers[known], kind="stable")

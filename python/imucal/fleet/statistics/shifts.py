@@ -1,7 +1,9 @@
 """Shifts that all units of a station, or of a station on one day, have in common: they are the station's.
 
-Each measurement is predicted from the other measurements of its unit and from the mean of its batch. The
-residuals of a station, and of a station on one day, are then tested for a common mean.
+Each measurement is predicted from the other measurements of its unit and from the median of its batch. The
+residuals of a station, and of a station on one day, are then tested for a common location by Tukey's
+biweight, which the majority decides: odd units do not move a station. Trends of single
+units are taken off first.
 """
 
 from __future__ import annotations
@@ -15,15 +17,21 @@ from imucal.arrays import FloatArray
 from imucal.fleet.measurements import Measurements, TextArray
 from imucal.fleet.statistics.columns import FEWEST, Columns, unit_numbers
 from imucal.fleet.statistics.scipy_part import scipy_part
-from imucal.fleet.statistics.spread import spread_of
+from imucal.fleet.statistics.spread import MEDIAN_DEVIATION, spread_of
+from imucal.fleet.statistics.trends import months_of, without_trends
 
 __all__ = ["Shift", "Shifts", "common_shifts", "days_of"]
 
 # Probability, over all stations, days and columns together, of a shift where there is none.
 FALSE_ALARM: Final = 0.001
-# Residuals beyond this number of standard deviations count as if they were there, so that a few odd units do
-# not move a station.
-CLIPPED_AT: Final = 2.5
+# Residuals beyond this number of standard deviations from the location of their group have no weight. With
+# it, the biweight of normal values has 95 % of the efficiency of a mean (Maronna et al., Robust Statistics,
+# 2006).
+BIWEIGHT: Final = 4.685
+EFFICIENCY: Final = 0.95
+BIWEIGHT_STEPS: Final = 15
+# Smallest share of the units of a group within these bounds: a shift must be common to most of them.
+COMMON: Final = 0.6
 # Fewest units of a station on a day that are judged.
 FEWEST_OF_DAY: Final = 5
 # Largest number of shifts that are searched one after the other.
@@ -65,36 +73,27 @@ def common_shifts(measurements: Measurements, columns: Columns) -> Shifts:
     """The significant shifts, the largest first; each is taken off before the next is searched."""
     stats: Any = scipy_part("stats")
     numbers = unit_numbers(measurements.serials)
-    days = days_of(measurements)
-    groups = _groups(measurements.stations, days)
+    partitions = _partitions(measurements.stations, days_of(measurements))
+    months = months_of(measurements)
     added = np.zeros_like(columns.values)
-    tests = max(len(groups) * len(columns.names), 1)
+    tests = max(sum(len(partition.names) for partition in partitions) * len(columns.names), 1)
     threshold = float(stats.norm.isf(0.5 * FALSE_ALARM / tests))
     found: list[tuple[str, str, int, Shift]] = []
-    for column in range(len(columns.names)):
-        own = _Column(columns.values[:, column], columns.variances[:, column], numbers, measurements.batches)
+    for column in range(len(columns.names)) if partitions else ():
+        values, variances = columns.values[:, column], columns.variances[:, column]
+        own = _Column(values, variances, numbers, measurements.batches, months)
         for _ in range(MOST_SHIFTS):
             residual, std = own.residuals(added[:, column])
-            scores = [_score(residual[rows], std[rows]) for _, _, rows in groups]
-            if not scores or max(map(abs, scores)) < threshold:
+            best = max((partition.largest(residual, std) for partition in partitions), key=lambda g: abs(g.z))
+            if abs(best.z) < threshold:
                 break
-            best = int(np.argmax(np.abs(scores)))
-            station, day, rows = groups[best]
-            shift, shift_std = _location(residual[rows], std[rows])
-            if abs(shift) < 0.1 * shift_std:
-                break
-            added[rows, column] += shift
-            p_value = min(2.0 * float(stats.norm.sf(abs(scores[best]))) * tests, 1.0)
-            count = int(np.isfinite(residual[rows]).sum())
+            added[best.rows, column] += best.shift
+            p_value = min(2.0 * float(stats.norm.sf(abs(best.z))) * tests, 1.0)
             name, unit = columns.names[column], columns.units[column]
-            found.append(
-                (
-                    station,
-                    day,
-                    column,
-                    Shift(station, day, name, unit, count, shift, shift_std, scores[best], p_value),
-                )
+            shift = Shift(
+                *best.name, name, unit, best.units, best.shift, best.shift / best.z, best.z, p_value
             )
+            found.append((*best.name, column, shift))
     return Shifts(tuple(sorted(_merged(found), key=lambda shift: -abs(shift.z))), added)
 
 
@@ -104,40 +103,93 @@ def days_of(measurements: Measurements) -> TextArray:
     return np.where(np.isnat(measurements.dates), "", days)
 
 
-def _groups(stations: TextArray, days: TextArray) -> list[tuple[str, str, np.ndarray]]:
-    """Rows of each station if there are several, and of each station on each day if it has several."""
-    groups: list[tuple[str, str, np.ndarray]] = []
-    of_station = {station: np.flatnonzero(stations == station) for station in np.unique(stations)}
-    several = len(of_station) > 1
-    for station, rows in of_station.items():
-        if several and station and len(rows) >= FEWEST:
-            groups.append((str(station), "", rows))
-        of_day, inverse = np.unique(days[rows], return_inverse=True)
-        if several or len(of_day) > 1:
-            order = np.argsort(inverse, kind="stable")
-            parts = np.split(rows[order], np.flatnonzero(np.diff(inverse[order])) + 1)
-            groups += [
-                (str(station), str(day), part)
-                for day, part in zip(of_day, parts, strict=True)
-                if day and len(part) >= FEWEST_OF_DAY
-            ]
-    return groups
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """The group of a partition with the most significant location."""
+
+    name: tuple[str, str]
+    rows: np.ndarray
+    units: int
+    shift: float
+    z: float
+
+
+class _Partition:
+    """Groups of rows without overlap.
+
+    names   station and day of each group
+    labels  number of the group of each row, -1 for none
+    """
+
+    def __init__(self, names: list[tuple[str, str]], labels: np.ndarray) -> None:
+        self.names, self._labels = names, labels
+
+    def largest(self, residual: FloatArray, std: FloatArray) -> _Group:
+        """The group whose common location has the most standard deviations."""
+        labels, size = self._labels, len(self.names)
+        known = np.isfinite(residual) & (labels >= 0)
+        own, y, precision = labels[known], residual[known], 1.0 / std[known] ** 2
+        count = np.bincount(own, minlength=size)
+        # A unit that was measured often is predicted so well that it would decide for its group alone. No
+        # unit counts more than the fifth of its group.
+        order = np.lexsort((-precision, own))
+        start = np.cumsum(count) - count
+        fifth = np.minimum(start + np.clip(count - 1, 0, FEWEST_OF_DAY - 1), max(len(y) - 1, 0))
+        weight = np.minimum(precision, precision[order][fifth][own]) if len(y) else precision
+        order = np.lexsort((y, own))
+        middle = np.minimum(start + (count - 1) // 2, max(len(y) - 1, 0))
+        location = np.where(count > 0, y[order][middle], 0.0) if len(y) else np.zeros(size)
+        inside = np.ones(len(y), dtype=bool)
+        for _ in range(BIWEIGHT_STEPS):
+            z2 = (y - location[own]) ** 2 * precision / BIWEIGHT**2
+            inside = z2 < 1.0
+            robust = np.where(inside, (1.0 - z2) ** 2, 0.0) * weight
+            total = np.bincount(own, robust, size)
+            mean = np.bincount(own, robust * y, size)
+            location = np.divide(mean, total, out=np.zeros(size), where=total > 0)
+        information = EFFICIENCY * np.bincount(own, weight * inside, size)
+        common = np.bincount(own, inside, size) >= COMMON * count
+        z = np.where(common & (count >= FEWEST_OF_DAY), location * np.sqrt(information), 0.0)
+        best = int(np.argmax(np.abs(z)))
+        rows = np.flatnonzero(labels == best)
+        return _Group(self.names[best], rows, int(count[best]), float(location[best]), float(z[best]))
+
+
+def _partitions(stations: TextArray, days: TextArray) -> list[_Partition]:
+    """By station if there are several, and by station and day if there are several of these."""
+    found = []
+    names = np.unique(stations)
+    if len(names) > 1:
+        labels = np.unique(stations, return_inverse=True)[1].reshape(-1)
+        found.append(_Partition([(str(name), "") for name in names], np.where(stations == "", -1, labels)))
+    both = np.char.add(np.char.add(stations, "\n"), days)
+    pairs, labels = np.unique(both, return_inverse=True)
+    if len(pairs) > 1:
+        split = [str(pair).split("\n") for pair in pairs]
+        labels = np.where(days == "", -1, labels.reshape(-1))
+        found.append(_Partition([(station, day) for station, day in split], labels))
+    return found
 
 
 class _Column:
     """One column, and the prediction of each of its values from the others."""
 
     def __init__(
-        self, values: FloatArray, variances: FloatArray, numbers: np.ndarray, batches: TextArray
+        self,
+        values: FloatArray,
+        variances: FloatArray,
+        numbers: np.ndarray,
+        batches: TextArray,
+        months: FloatArray,
     ) -> None:
-        self._values, self._variances, self._numbers = values, variances, numbers
+        self._values, self._variances, self._numbers, self._months = values, variances, numbers, months
         self._known = np.isfinite(values)
         self._batch = np.unique(batches, return_inverse=True)[1].reshape(-1)
 
     def residuals(self, added: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Value minus its prediction, and the standard deviation of this; NaN where there is no value."""
-        y = self._values - added
         known, numbers, variances = self._known, self._numbers, self._variances
+        y = without_trends(numbers, self._months, self._values - added, variances)
         mean = self._means(y)
         _, first = np.unique(np.where(known, numbers, -1), return_index=True)
         first = first[known[first]]
@@ -151,7 +203,10 @@ class _Column:
         sum_weighted = np.bincount(numbers, weighted, count)[numbers] - weighted
         information = np.maximum(sum_weight, 0.0) + 1.0 / spread**2
         residual = np.where(known, y - mean - sum_weighted / information, np.nan)
-        return residual, np.sqrt(variances + 1.0 / information)
+        std = np.sqrt(variances + 1.0 / information)
+        # Residuals that scatter more than predicted, as in a fleet with wide tails, are less certain.
+        scale = float(np.nanmedian(np.abs(residual / std))) / MEDIAN_DEVIATION
+        return residual, std * max(scale, 1.0)
 
     def _means(self, y: FloatArray) -> FloatArray:
         """The median of the batch of each value, or of all values for a small batch."""
@@ -161,26 +216,6 @@ class _Column:
             if rows.sum() >= FEWEST:
                 means[self._batch == batch] = float(np.median(y[rows]))
         return means
-
-
-def _score(residual: FloatArray, std: FloatArray) -> float:
-    """Clipped standardised residuals, summed, over the standard deviation of the sum."""
-    z = (residual / std)[np.isfinite(residual)]
-    if len(z) < FEWEST_OF_DAY:
-        return 0.0
-    return float(np.clip(z, -CLIPPED_AT, CLIPPED_AT).sum() / np.sqrt(len(z)))
-
-
-def _location(residual: FloatArray, std: FloatArray) -> tuple[float, float]:
-    """Robust weighted mean of residuals, and its standard deviation."""
-    known = np.isfinite(residual)
-    y, weight = residual[known], 1.0 / std[known] ** 2
-    location = float(np.median(y))
-    for _ in range(20):
-        z = np.abs(y - location) / std[known]
-        robust = weight * np.minimum(1.0, CLIPPED_AT / np.maximum(z, CLIPPED_AT))
-        location = float((robust * y).sum() / robust.sum())
-    return location, float(1.0 / np.sqrt(robust.sum()))
 
 
 def _merged(found: list[tuple[str, str, int, Shift]]) -> list[Shift]:

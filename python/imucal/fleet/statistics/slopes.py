@@ -11,11 +11,10 @@ from imucal.arrays import FloatArray
 from imucal.fleet.measurements import Measurements
 from imucal.fleet.statistics.columns import Columns, unit_numbers
 from imucal.fleet.statistics.scipy_part import scipy_part
+from imucal.fleet.statistics.trends import months_of
 
-__all__ = ["DAYS_PER_MONTH", "Slopes", "slopes_of"]
+__all__ = ["Slopes", "slopes_of"]
 
-# Mean length of a month of the Gregorian calendar, days.
-DAYS_PER_MONTH: Final = 30.436875
 # Rows of which covariances are inverted at once, to bound the memory.
 CHUNK: Final = 4000
 
@@ -53,8 +52,7 @@ def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slop
     size = (len(rows), len(columns.names))
     slopes, stds, steps = np.full(size, np.nan), np.full(size, np.nan), np.zeros(size)
     counts = np.ones(size)
-    seconds = (dated.dates - dated.dates[0]) / np.timedelta64(1, "s")
-    months = seconds / (86400.0 * DAYS_PER_MONTH)
+    months = months_of(dated)
     for unit, own in enumerate(rows):
         y, variance = values[own], columns.variances[own]
         weight = np.where(np.isfinite(y), 1.0 / np.where(variance > 0, variance, 1.0), 0.0)
