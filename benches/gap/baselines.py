@@ -82,14 +82,19 @@ def bic(data: Library) -> tuple[str, ...]:
     return tuple(chosen)
 
 
-def lasso(data: Library) -> tuple[str, ...]:
-    """All columns at once with an L1 penalty; effects in the order of what they explain."""
+def lasso(data: Library, most: int = 500) -> tuple[str, ...]:
+    """All columns at once with an L1 penalty; effects in the order of what they explain.
+
+    most  steps of the path
+    """
     # Loaded here: it takes seconds, and nothing else needs it.
     from sklearn.linear_model import LassoLarsIC
 
     names, columns = list(data.columns), np.hstack(list(data.columns.values()))
     owner = np.repeat(np.arange(len(names)), [data.columns[name].shape[1] for name in names])
-    fit = LassoLarsIC(criterion="bic", noise_variance=1.0, fit_intercept=False).fit(columns, data.residual)
+    fit = LassoLarsIC(criterion="bic", noise_variance=1.0, fit_intercept=False, max_iter=most).fit(
+        columns, data.residual
+    )
     power = {
         name: float(np.sum((columns[:, owner == i] @ fit.coef_[owner == i]) ** 2))
         for i, name in enumerate(names)
@@ -136,11 +141,12 @@ def ask(measured: imucal.Recording, candidates: Sequence[str] | None = None) -> 
     wanted = candidates or [effect.name for effect in imucal.effects.catalogue()]
     start = time.perf_counter()
     try:
-        residual, base, columns = _core.gap_design([measured], OPTIONS, [(name, False) for name in wanted])
+        design = _core.gap_design([measured], OPTIONS, [(name, False) for name in wanted])
     except imucal.ImucalError:
         return {}
     # An effect with a time constant stands there once for each of several: they are rivals like all others.
-    data = library(residual, base, {f"{name}@{place}": rows for place, (name, rows) in enumerate(columns)})
+    named = {f"{name}@{place}": rows for place, (name, rows) in enumerate(design.effects)}
+    data = library(design.residual, design.base, named)
     # Least squares are the same in a few rows; the penalty is chosen by a rule that counts them.
     brief = data.brief() if data.columns else data
     shared_s = time.perf_counter() - start

@@ -23,6 +23,7 @@ __all__ = [
     "Estimate",
     "Evaluation",
     "GapAnalysis",
+    "GapDesign",
     "GapFit",
     "GapResult",
     "GenericFinding",
@@ -676,9 +677,25 @@ class GapResult:
     @property
     def analysis(self) -> GapAnalysis | None: ...
 
+@final
+class GapDesign:
+    @property
+    def residual(self) -> _Array: ...
+    @property
+    def base(self) -> _Array: ...
+    @property
+    def effects(self) -> list[tuple[str, _Array]]: ...
+    @property
+    def groups(self) -> NDArray[np.uint64]: ...
+    @property
+    def items(self) -> NDArray[np.uint64]: ...
+
 def gap_design(
-    recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
-) -> tuple[_Array, _Array, list[tuple[str, _Array]]]: ...
+    recordings: Sequence[_Recording],
+    options: _Options,
+    candidates: Sequence[tuple[str, bool]],
+    is_hand_moved: bool = False,
+) -> GapDesign: ...
 def find_gap(
     question: _GapQuestion, stage: Callable[[Sequence[str] | None, int | None], None]
 ) -> GapResult: ...

@@ -18,6 +18,7 @@ import imucal
 import imucal._core as _core
 from imucal.effects import catalogue
 from imucal.effects.formula_effect import FormulaEffect
+from imucal.exporting.formula_code import auxiliary_of
 
 pytestmark = pytest.mark.slow
 
@@ -48,6 +49,8 @@ PASSED = {
     "angular_acceleration": "acceleration + 3 * i",
     # The column of `recording` that is not called temperature.
     "supply_v": "temperature[i]",
+    # The angles of `recording` are this column, too.
+    "stand_2_rad": "temperature[i]",
 }
 MEMORY_ROUTINES = {"memcpy", "memset"}
 
@@ -89,6 +92,10 @@ FORMULAS = {
     "formula_temperature": "accel: k*(abs(w_z) >= 1)*min(f, 3)*temp_degc/100",
     "formula_time": "gyro: k*exp(-time_s/80)*w_norm + q*sqrt(f_norm)*w_z**3/30",
     "formula_acceleration": "accel z: l*dw_x/9 + m*dw/9 - 2*n*f_x*f_x/9 + o*atan(log(f_norm))*cos(pi*w)",
+    # Laws that a search finds.
+    "formula_angle": "gyro: s*sin(2*stand_2_rad) + c*cos(2*stand_2_rad)",
+    "formula_limit": "gyro: k*min(max(w, -0.03203), 0.03203)/3",
+    "formula_waves": "accel: s*sin(2*pi*f/13.78) + c*cos(2*pi*f/13.78)",
     "formula_power": "accel: k*max(g, f_norm)**1.5/30*sin(tan(w_y/9))",
 }
 
@@ -113,7 +120,7 @@ UNITS = dict(units())
 def needs_of(unit):
     left = unit.left_in_data
     found = {n for v in unit.effects if v.name not in left for n in unit.definition(v).needs}
-    columns = {c for own in unit.user_effects for c in own.auxiliary}
+    columns = {c for own in unit.user_effects for c in auxiliary_of(own)}
     return [*(need for need in NEEDS if need in found), *sorted(columns)]
 
 
@@ -187,6 +194,7 @@ def recording(unit, count=3000):
         rate @ unit.gyroscope.sensitivity.T + unit.gyroscope.bias,
         temperature_degc=temperature_degc,
         auxiliary={"supply_v": temperature_degc},
+        stand_rad=np.column_stack([temperature_degc] * 3),
         accel_unit=unit.accel_unit,
         gyro_unit=unit.gyro_unit,
     )

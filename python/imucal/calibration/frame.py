@@ -19,7 +19,7 @@ from imucal.calibration.model import SensorModel
 from imucal.calibration.propagation import jacobian, known_covariance
 from imucal.calibration.triad import Frame, Triad
 from imucal.effects.effect import EffectValues
-from imucal.effects.formula import AXES, INPUTS
+from imucal.effects.formula import ARGUMENTS, AXES, INPUTS
 from imucal.effects.formula_effect import FormulaEffect
 from imucal.errors import InputError
 from imucal.recording.axes import UNCHANGED, Axes
@@ -103,7 +103,7 @@ def is_added(model: SensorModel, values: EffectValues) -> bool:
     """Whether an effect adds vectors to a sensor that depend on time, temperature or columns only."""
     effect = model.definition(values)
     if isinstance(effect, FormulaEffect):
-        samples = {name for name in INPUTS if name not in ("temp_degc", "time_s")}
+        samples = {name for name in INPUTS if name not in ("temp_degc", "time_s", *ARGUMENTS)}
         return effect.formula.axes == AXES and not effect.formula.inputs & samples
     return values.name in VECTORS and "_bias_" in values.name
 

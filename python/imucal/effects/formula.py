@@ -23,7 +23,17 @@ from imucal.document.name import shown
 from imucal.errors import InputError
 from imucal.units import STANDARD_GRAVITY_MPS2
 
-__all__ = ["AXES", "CONSTANTS", "FUNCTIONS", "INPUTS", "Formula", "is_formula", "names_in", "parse_formula"]
+__all__ = [
+    "ARGUMENTS",
+    "AXES",
+    "CONSTANTS",
+    "FUNCTIONS",
+    "INPUTS",
+    "Formula",
+    "is_formula",
+    "names_in",
+    "parse_formula",
+]
 
 AXES: Final = "xyz"
 SENSORS: Final = {
@@ -42,7 +52,11 @@ INPUTS: Final[Mapping[str, str]] = {
     "f_norm": "norm of the specific force, m/s^2",
     "temp_degc": "temperature, degC",
     "time_s": "time since the first sample, s",
+    "rest_s": "time since the rate last exceeded 0.1 rad/s, s; without such a rate since the first sample",
+    **{f"stand_{k}_rad": f"measured angle of motor {k} of the stand, rad" for k in (1, 2, 3)},
 }
+# Inputs that exported code takes as arguments, because a single sample does not determine them.
+ARGUMENTS: Final = ("rest_s", "stand_1_rad", "stand_2_rad", "stand_3_rad")
 CONSTANTS: Final[Mapping[str, float]] = {"pi": 3.141592653589793, "g": STANDARD_GRAVITY_MPS2}
 # Functions with their number of arguments.
 FUNCTIONS: Final[Mapping[str, int]] = {

@@ -18,13 +18,16 @@ from imucal.errors import InputError
 from imucal.recording.recording import Recording, require_sensors
 from imucal.units import STANDARD_GRAVITY_MPS2
 
-__all__ = ["FormulaEffect", "formula_effects"]
+__all__ = ["FormulaEffect", "formula_effects", "sizes_of"]
 
 UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
 # Typical rms of the error that an effect adds: 0.05 deg/s and 1 mg, as for the biases of the catalogue.
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
 # Rate of a turn, rad/s, in the place of the unknown scale of a gyroscope in counts.
 TURN_RADPS: Final = 1.0
+# Rate above which a unit moves, rad/s, for the input rest_s: 6 deg/s, above the noise and bias of usual
+# gyroscopes, and below the rates of turns by hand.
+MOVING_RADPS: Final = 0.1
 OPERATIONS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
@@ -177,6 +180,10 @@ def _inputs(state: State, axis: int, formula: Formula) -> dict[str, FloatArray]:
         "temp_degc": state.temperature_degc,
         "time_s": state.time_s,
     }
+    if "rest_s" in formula.inputs:
+        values["rest_s"] = _rest_s(state)
+    for k in range(3):
+        values[f"stand_{k + 1}_rad"] = None if state.stand_rad is None else state.stand_rad[:, k]
     for name, vector in vectors.items():
         values[name] = None if vector is None else vector[:, axis]
         for k, along in enumerate(AXES):
@@ -191,6 +198,14 @@ def _inputs(state: State, axis: int, formula: Formula) -> dict[str, FloatArray]:
             raise InputError(f"the formula {formula.text!r} depends on {name}, which the recording lacks")
         found[name] = value
     return found
+
+
+def _rest_s(state: State) -> FloatArray:
+    """Time since the rate last exceeded `MOVING_RADPS`, or since the first sample."""
+    is_moving = np.linalg.norm(state.angular_rate, axis=1) > MOVING_RADPS
+    last = np.maximum.accumulate(np.where(is_moving, np.arange(len(is_moving)), 0))
+    rest_s: FloatArray = state.time_s - state.time_s[last]
+    return rest_s
 
 
 def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
@@ -212,15 +227,24 @@ def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
 
 def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float]:
     """Sizes of the parameters with which the effect varies by `TYPICAL` in recordings with these states."""
-    columns = np.concatenate([effect.columns(state) for state in states])
-    spread = np.nanstd(columns, axis=0).max(axis=0)
+    return sizes_of(effect, [effect.columns(state) for state in states])
+
+
+def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]:
+    """Sizes of the parameters with which the effect varies by `TYPICAL`; `fields` are those of recordings.
+
+    Raises InputError if a field does not vary.
+    """
+    axes = [axis for _, axis, _ in _terms(effect.formula)]
+    along = [np.concatenate([field[:, axis, k] for field in fields]) for k, axis in enumerate(axes)]
+    spread = [float(np.nanstd(values)) for values in along]
     constant = [p.name for p, s in zip(effect.parameters, spread, strict=True) if not s > 0]
     if constant:
         raise InputError(
             f"{' and '.join(constant)} of the formula {effect.name} multiplies what does not vary in the "
             "recordings, which is the same as a bias: record data in which it varies"
         )
-    return [TYPICAL[effect.sensor] / float(value) for value in spread]
+    return [TYPICAL[effect.sensor] / value for value in spread]
 
 
 def _rough_state(recording: Recording) -> State:

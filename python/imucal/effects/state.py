@@ -25,7 +25,7 @@ class State:
     temperature_degc      (N,)    degC
     auxiliary             name -> (N,), further columns of the recording
     rotation_wxyz         (N, 4)  attitude quaternion, maps a vector from body to world
-    stand_rad             (N, 3)  true angles of the stand's motors, rad
+    stand_rad             (N, 3)  angles of the stand's motors, rad; true ones in a simulation, else measured
     stand_rate_radps      (N, 3)  their derivatives, rad/s; zero if not known
     stand_direction       (N, 3)  sign of the last motion of each motor, 0 before any; zero if not known
 
@@ -90,4 +90,5 @@ class State:
             angular_acceleration=angular_acceleration,
             temperature_degc=recording.temperature_degc,
             auxiliary=recording.auxiliary,
+            stand_rad=recording.stand_rad,
         )

@@ -22,7 +22,14 @@ from imucal.effects.formula_effect import FormulaEffect
 from imucal.exporting.c_fields import FIELDS, WARM_UPS, Field, product_of
 from imucal.exporting.c_file import PREFIX, guarded, require_prefix
 from imucal.exporting.format import SI, Format, Written, block_comment, number
-from imucal.exporting.formula_code import argument_of, auxiliary_of, c_field, calls_function, has_sign
+from imucal.exporting.formula_code import (
+    argument_note,
+    argument_of,
+    auxiliary_of,
+    c_field,
+    calls_function,
+    has_sign,
+)
 from imucal.exporting.model import FRAMES, inverse, linear, lost_effects, temperature_note
 
 if TYPE_CHECKING:
@@ -118,7 +125,7 @@ def _notes(
     }
     notes += [explained[need] for need in needs]
     notes += [f"{own.name} is the formula {own.text}" for own in formulas]
-    notes += [f"{argument_of(column)} is the column {column} of the recordings." for column in columns]
+    notes += [argument_note(column) for column in columns]
     notes += temperature_note(calibration)
     if calibration.left_in_data:
         notes.append(

@@ -10,13 +10,21 @@ from typing import Final
 
 import imucal._core as _core
 from imucal.effects.effect import EffectValues
-from imucal.effects.formula import AXES, CONSTANTS, INPUTS
+from imucal.effects.formula import ARGUMENTS, AXES, CONSTANTS, INPUTS
 from imucal.effects.formula_effect import FormulaEffect
 from imucal.errors import InputError
 from imucal.exporting.c_fields import Field
 from imucal.exporting.format import number
 
-__all__ = ["argument_of", "auxiliary_of", "c_field", "calls_function", "has_sign", "rust_function"]
+__all__ = [
+    "argument_note",
+    "argument_of",
+    "auxiliary_of",
+    "c_field",
+    "calls_function",
+    "has_sign",
+    "rust_function",
+]
 
 OPERATORS: Final[Mapping[type[ast.AST], str]] = {
     ast.Add: "+",
@@ -37,19 +45,25 @@ LIBM: Final = {"abs": "fabs", "min": "fmin", "max": "fmax"}
 
 
 def auxiliary_of(effect: FormulaEffect) -> tuple[str, ...]:
-    """The columns of the recordings that the formula depends on, in alphabetical order.
+    """The columns and other quantities that the code takes as arguments, in alphabetical order.
 
     Raises InputError for a column that cannot be part of a C name.
     """
     for name in effect.auxiliary:
         if not name.isascii():
             raise InputError(f"{effect.name} depends on the column {name}: C needs a name of ASCII letters")
-    return effect.auxiliary
+    return tuple(sorted({*effect.auxiliary, *(effect.formula.inputs & set(ARGUMENTS))}))
 
 
 def argument_of(column: str) -> str:
     """The function argument for a column, which no local variable has as its name."""
-    return f"aux_{column}"
+    return column if column in ARGUMENTS else f"aux_{column}"
+
+
+def argument_note(column: str) -> str:
+    """What the argument is, for a comment."""
+    meaning = INPUTS[column] if column in ARGUMENTS else f"the column {column} of the recordings"
+    return f"{argument_of(column)} is {meaning}."
 
 
 def c_field(effect: FormulaEffect, literal: Callable[[float], str], sign: str, *, single: bool) -> Field:
@@ -123,7 +137,7 @@ class _Writer:
             return "temperature_degc"
         if name == "time_s":
             return "time_s"
-        if name not in INPUTS:
+        if name not in INPUTS or name in ARGUMENTS:
             return argument_of(name)
         vector, _, along = name.partition("_")
         if along == "norm":
@@ -164,7 +178,7 @@ class _RustWriter:
     def _input(self, name: str) -> str:
         if name in ("temp_degc", "time_s"):
             return name
-        if name not in INPUTS:
+        if name not in INPUTS or name in ARGUMENTS:
             return argument_of(name)
         vector, _, along = name.partition("_")
         return f"{vector}.norm()" if along == "norm" else f"{vector}.{along or AXES[self.axis]}"

@@ -11,7 +11,7 @@ from imucal.calibration.calibration import Calibration
 from imucal.effects.effect import EffectValues
 from imucal.effects.formula_effect import FormulaEffect
 from imucal.exporting.format import SI, Format, Written, line_comments, number
-from imucal.exporting.formula_code import argument_of, rust_function
+from imucal.exporting.formula_code import argument_of, auxiliary_of, rust_function
 from imucal.exporting.model import FRAMES, linear, lost_effects, temperature_note
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _formulas_note(formulas: Sequence[tuple[FormulaEffect, EffectValues]]) -> tu
     """A note on how formulas are compensated; empty without formulas."""
     if not formulas:
         return ()
-    columns = sorted({column for effect, _ in formulas for column in effect.auxiliary})
+    columns = sorted({column for effect, _ in formulas for column in auxiliary_of(effect)})
     arguments = "".join(f", {argument_of(column)}" for column in columns)
     call = f"calibration.correct_with(rate, force, &surroundings, |state| formulas(state{arguments}))"
     return (f"{', '.join(effect.name for effect, _ in formulas)}: only {call} compensates formulas",)

@@ -16,7 +16,7 @@ from imucal.effects.formula import CONSTANTS, FUNCTIONS, INPUTS
 from imucal.effects.formula_effect import FormulaEffect, formula_effects
 from imucal.recording.recording import Recording, samples_of_both
 
-__all__ = ["column_effects"]
+__all__ = ["column_effects", "usable_columns"]
 
 # A column is no candidate if time, temperature, force and rate explain at least this share of its variance:
 # counters and clocks, copies of the sensor's own columns, and further temperatures, which effects of the
@@ -31,19 +31,24 @@ SAMPLES: Final = 4000
 
 def column_effects(recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
     """Linear effects of the further columns on both biases; none of a column that known inputs explain."""
+    texts = []
+    for name in usable_columns(recordings):
+        middle = np.mean([np.mean(recording.auxiliary[name]) for recording in recordings])
+        texts += [
+            f"{sensor}_bias_{name} = {sensor}: k*({name} - {middle:.4g})" for sensor in ("gyro", "accel")
+        ]
+    return formula_effects(texts, recordings)
+
+
+def usable_columns(recordings: Sequence[Recording]) -> list[str]:
+    """Names of the further columns that vary independently of known inputs, the most independent first."""
     names = set.intersection(*(set(recording.auxiliary) for recording in recordings))
     usable = sorted(
         name for name in names if name.isidentifier() and name not in {*INPUTS, *CONSTANTS, *FUNCTIONS}
     )
     shares = {name: _explained_share(name, recordings) for name in usable}
     chosen = sorted((name for name in usable if shares[name] < EXPLAINED), key=shares.__getitem__)
-    texts = []
-    for name in chosen[:MOST_COLUMNS]:
-        middle = np.mean([np.mean(recording.auxiliary[name]) for recording in recordings])
-        texts += [
-            f"{sensor}_bias_{name} = {sensor}: k*({name} - {middle:.4g})" for sensor in ("gyro", "accel")
-        ]
-    return formula_effects(texts, recordings)
+    return chosen[:MOST_COLUMNS]
 
 
 def _explained_share(name: str, recordings: Sequence[Recording]) -> float:

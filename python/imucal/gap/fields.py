@@ -10,6 +10,7 @@ from imucal.calibration.calibration import Calibration
 from imucal.effects.definition import UserEffect
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
+from imucal.gap.laws.law import Law
 from imucal.gap.remainder import Remainder
 
 __all__ = ["GapFields"]
@@ -25,6 +26,7 @@ class GapFields:
     resembles: tuple[str, ...] = ()
     generic: Mapping[str, Any] | None = None
     remainder: Remainder | None = None
+    laws: tuple[Law, ...] = ()
     not_observable: tuple[Mapping[str, str], ...] = ()
     smallest_visible: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     next_motion: Mapping[str, Any] | None = None
@@ -41,3 +43,4 @@ class GapFields:
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
     user_effects: tuple[UserEffect, ...] = ()
+    is_hand_moved: bool = False

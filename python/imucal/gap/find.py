@@ -30,6 +30,7 @@ from imucal.estimation.evaluate import require_judges
 from imucal.estimation.options import Options
 from imucal.estimation.priors import Hold, holds_of
 from imucal.gap.columns import column_effects
+from imucal.gap.laws.search import with_laws
 from imucal.gap.question import Question
 from imucal.gap.result import Gap
 from imucal.gap.translation import gap_of
@@ -117,7 +118,9 @@ def find_gap(
         hold=holds_of(hold),
     )
     question = Question(unit_data, judges, options, wanted, named, calibration, references, stage)
-    return gap_of(question, question.answer())
+    found = gap_of(question, question.answer())
+    # A search for given candidates is for these alone.
+    return with_laws(question, found) if candidates is None else found
 
 
 def _nominal(recording: Recording) -> SensorModel:

@@ -155,7 +155,8 @@ def _separation(
 
 
 def _design(question: Question, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
-    _, base, candidates = _core.gap_design(recordings, question.options, [(name, False) for name in names])
+    found = _core.gap_design(recordings, question.options, [(name, False) for name in names])
+    base, candidates = found.base, found.effects
     # Only inner products of columns are needed, so the small factor R of a QR decomposition replaces them.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}

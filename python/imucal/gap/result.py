@@ -28,6 +28,8 @@ class Gap(GapFields):
     resembles          for the verdict unknown: up to three effects with the largest log Bayes factors
     generic            block, kernel and description of a variation that no effect describes, or None
     remainder          what the effects leave unexplained; None if faults of the data prevented a fit
+    laws               formulas that describe what no effect of the catalogue does; they are part of
+                       `calibration`, and `remainder` is what they leave
     not_observable     name of each effect that is not observable, and the data that it needs
     smallest_visible   detection limit by effect: rms size per parameter, its unit, and the chance that an
                        effect of this size is named
@@ -54,13 +56,18 @@ class Gap(GapFields):
                        if faults of the data prevented a fit
     ranking            scores of all candidates relative to the model without effects, in descending order
     notes              sentences on rejected effects, limitations and warnings
-    user_effects       user-defined effects among the candidates
+    user_effects       user-defined effects among the candidates, and the laws
+    is_hand_moved      whether the force inside moves was not used, because a hand moved the unit
     """
 
     def __repr__(self) -> str:
-        remains = self.effects and self.remainder is not None and self.remainder.kind != "nothing"
+        remains = (
+            (self.effects or self.laws) and self.remainder is not None and self.remainder.kind != "nothing"
+        )
         beside = [f"remainder {self.remainder.kind}"] if remains and self.remainder is not None else []
-        names = ", ".join([self.verdict, *(effect["name"] for effect in self.effects), *beside])
+        names = ", ".join(
+            [self.verdict, *(e["name"] for e in self.effects), *(law.name for law in self.laws), *beside]
+        )
         if self.gap is None:
             return f"Gap({names})"
         figures = f"{self.gap['metric']} {self.gap['before']:.4g} -> {self.gap['after']:.4g}"
@@ -79,6 +86,7 @@ class Gap(GapFields):
             "resembles",
             "generic",
             "remainder",
+            "laws",
             "not_observable",
             "smallest_visible",
             "next_motion",
@@ -94,9 +102,14 @@ class Gap(GapFields):
         )
         document = {
             "schema": SCHEMA,
-            **{name: without_nan(getattr(self, name)) for name in names if name != "remainder"},
+            **{name: without_nan(getattr(self, name)) for name in names if name not in ("remainder", "laws")},
         }
         document["remainder"] = None if self.remainder is None else without_nan(self.remainder.to_dict())
+        document["laws"] = [without_nan(law.to_dict()) for law in self.laws]
+        document["law"] = None
+        if self.laws:
+            terms = [{**p, "name": f"{law.name}_{p['name']}"} for law in self.laws for p in law.parameters]
+            document["law"] = {"formula": "; ".join(law.formula for law in self.laws), "terms": terms}
         document["findings"] = [finding.to_dict() for finding in self.findings]
         document["calibration_verdict"] = None
         if self.calibration is not None:

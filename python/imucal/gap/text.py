@@ -51,6 +51,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
         yield "the data have faults that prevent conclusions about effects: fix them and record again"
     if gap.verdict == "nothing_missing":
         yield _none_of(list(gap.smallest_visible))
+    yield from _laws(gap)
     yield from _remainder(gap)
     yield from where_in_words(gap)
     if gap.resembles:
@@ -106,12 +107,24 @@ def sentences(gap: GapFields) -> Iterator[str]:
     yield from (note for note in gap.notes if note not in first)
 
 
+def _laws(gap: GapFields) -> Iterator[str]:
+    """A sentence on each law: its formula with numbers, the share of the gap it closes, similar names."""
+    for law in gap.laws:
+        values = ", ".join(
+            f"{p['name']} = {p['value']:.3g} ± {p['std'] or 0.0:.1g} {p['unit']}" for p in law.parameters
+        )
+        shares = [share for share in law.closed.values() if share is not None]
+        closes = f"; closes {100 * min(max(shares), 1.0):.0f} % of the gap" if shares else ""
+        similar = f"; similar to {', '.join(law.nearest)}" if law.nearest else ""
+        yield f"law: {law.formula} with {values}{closes}{similar}"
+
+
 def _remainder(gap: GapFields) -> Iterator[str]:
     """What the effects leave unexplained."""
     remainder = gap.remainder
     if remainder is None:
         return
-    has_effects = any(effect["parameters"] for effect in gap.effects)
+    has_effects = bool(gap.laws) or any(effect["parameters"] for effect in gap.effects)
     if remainder.kind == "nothing" and has_effects:
         where = "control recordings" if gap.control_set is not None else "held-out rests and moves"
         yield f"remainder: nothing; residuals of {where}: p {remainder.p_value:.2g}"

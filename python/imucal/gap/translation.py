@@ -101,6 +101,7 @@ def gap_of(question: Question, found: _core.GapResult) -> Gap:
             *(finding.line for finding in findings),
         ),
         user_effects=own,
+        is_hand_moved=search.is_hand_moved,
     )
 
 

@@ -14,7 +14,7 @@ install command.
 """
 
 from imucal.plot.estimates import limits, parameters, sigmas
-from imucal.plot.evidence import before_and_after, disagreement, ranking
+from imucal.plot.evidence import before_and_after, disagreement, law, ranking
 from imucal.plot.noise import allan
 from imucal.plot.propagated import propagated_gravity
 from imucal.plot.residuals import move_residuals, rest_residuals
@@ -27,6 +27,7 @@ __all__ = [
     "before_and_after",
     "coverage",
     "disagreement",
+    "law",
     "limits",
     "move_residuals",
     "parameters",

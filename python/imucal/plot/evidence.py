@@ -6,14 +6,18 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.errors import InputError
-from imucal.plot.style import BLUE, GREEN, GREY, VERMILION, plotly, rows_of, styled
+from imucal.plot.style import BLUE, GREEN, GREY, VERMILION, plotly, rows_of, shown_unit, styled
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from imucal.gap import Gap
+    from imucal.gap.laws.law import Law
 
-__all__ = ["before_and_after", "channel_name", "disagreement", "figure_sets", "ranking"]
+__all__ = ["before_and_after", "channel_name", "disagreement", "figure_sets", "law", "ranking"]
+
+# Half width of a 95 % interval, in standard deviations.
+INTERVAL_95: Final = 1.96
 
 # Number of candidates shown in the ranking.
 CANDIDATES: Final = 15
@@ -48,7 +52,7 @@ def disagreement(gap: Gap) -> Figure:
     rows = where["channels"]
     names = [channel_name(row) for row in rows]
     looks = [("without effects", "times_noise", VERMILION, "triangle-up", 11)]
-    if gap.effects:
+    if gap.effects or gap.laws:
         looks.append(("with the found effects", "times_noise_after", GREEN, "circle", 9))
     for name, key, colour, symbol, size in looks:
         figure.add_scatter(
@@ -111,6 +115,43 @@ def ranking(gap: Gap) -> Figure:
     figure.update_xaxes(title_text="log Bayes factor, nats")
     figure.update_layout(barmode="overlay")
     return styled(figure, 110 + ROW_PX * len(order))
+
+
+def law(found: Law) -> Figure:
+    """The curve of a law over its variable by axis, with the 95 % band of its parameters.
+
+    Raises InputError for a law of several variables, ImucalError without plotly.
+    """
+    curve = found.curve
+    if curve is None:
+        raise InputError(f"{found.name} depends on {' and '.join(found.variables)}, so it is no curve")
+    go, _ = plotly()
+    figure = go.Figure()
+    unit = shown_unit("rad/s" if found.sensor == "gyroscope" else "m/s^2")
+    for axis, colour, dash in zip("xyz", (BLUE, VERMILION, GREEN), ("solid", "dash", "dot"), strict=True):
+        value, std = curve.value[axis], curve.std[axis]
+        for sign in (1.0, -1.0):
+            figure.add_scatter(
+                x=curve.at,
+                y=[v + sign * INTERVAL_95 * s for v, s in zip(value, std, strict=True)],
+                mode="lines",
+                line={"width": 0, "color": colour},
+                fill="tonexty" if sign < 0 else None,
+                opacity=0.3,
+                hoverinfo="skip",
+                showlegend=False,
+            )
+        figure.add_scatter(
+            x=curve.at,
+            y=value,
+            name=axis,
+            mode="lines",
+            line={"color": colour, "dash": dash},
+            hovertemplate=f"{curve.variable} %{{x:.4g}}, {axis}: %{{y:.3g}} {unit}<extra></extra>",
+        )
+    figure.update_xaxes(title_text=curve.variable)
+    figure.update_yaxes(title_text=f"error, {unit}")
+    return styled(figure, 340)
 
 
 def figure_sets(gap: Gap) -> dict[str, Mapping[str, Any]]:

@@ -38,6 +38,8 @@ def write_gap_page(path: str | Path, gap: Gap) -> None:
     where = getattr(gap, "where", None)
     if where:
         tabs.append(Tab("Where", tuple(_where(gap, where))))
+    if gap.laws:
+        tabs.append(Tab("Laws", tuple(_laws(gap))))
     if gap.ranking:
         tabs.append(Tab("Evidence", tuple(_evidence(gap))))
     if gap.calibration_set is not None:
@@ -80,7 +82,7 @@ def _summary(gap: Gap) -> Iterator[str]:
     if parameters:
         yield heading("Effects added to the model")
         yield parameters
-    if gap.effects and gap.remainder is not None:
+    if (gap.effects or gap.laws) and gap.remainder is not None:
         yield heading("Remainder")
         words = gap.remainder.description or "noise explains what the effects leave"
         yield paragraph(f"{gap.remainder.kind}: {words} (p {gap.remainder.p_value:.2g}).")
@@ -146,6 +148,29 @@ def _where(gap: Gap, where: Mapping[str, Any]) -> Iterator[Shown | str]:
                 for item in worst
             ]
             yield table([f"the worst {len(worst)} of {len(where[kind])}", "residual / noise", unit], rows)
+
+
+def _laws(gap: Gap) -> Iterator[Shown | str]:
+    yield paragraph(
+        "Formulas that describe what no effect of the catalogue does. They are part of the improved "
+        "calibration like any other effect."
+    )
+    for law in gap.laws:
+        yield heading(law.formula)
+        rows = [
+            [p["name"], f"{p['value']:.4g}", f"{p['std']:.2g}" if p["std"] else "-", shown_unit(p["unit"])]
+            for p in law.parameters
+        ]
+        yield table(["parameter", "value", "1 σ", "unit"], rows)
+        if law.nearest:
+            yield paragraph(f"Similar effects of the catalogue: {', '.join(law.nearest)}.")
+        if law.curve is not None:
+            yield Shown(
+                f"law-{law.name}",
+                plot.law(law),
+                f"Error of the {law.sensor} over {law.curve.variable}, relative to its mean, with the 95 % "
+                "band of its parameters.",
+            )
 
 
 def _evidence(gap: Gap) -> Iterator[Shown | str]:

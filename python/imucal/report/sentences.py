@@ -59,6 +59,14 @@ def of_gap(gap: Gap) -> Verdict:
     """The effects missing from the model, and the share of the gap that they close."""
     names = " and ".join(effect["name"] for effect in gap.effects)
     beside = _closed(gap)
+    if gap.laws and (gap.remainder is None or not gap.remainder.matters):
+        found = " and ".join(f"{law.formula} ({law.sensor})" for law in gap.laws)
+        named = f" beside {names}" if names else ""
+        return Verdict(
+            "good",
+            f"No effect of the catalogue, but a law describes it{named}.",
+            f"{found}. {beside}".strip(),
+        )
     if gap.remainder is not None and gap.effects and gap.remainder.matters:
         beside = f"{gap.remainder.description}. {beside}"
     if gap.verdict == "named" and gap.remainder is not None and gap.remainder.matters:
@@ -116,7 +124,7 @@ def _better_norm(judged: Evaluation) -> str:
 
 
 def _closed(gap: Gap) -> str:
-    if gap.gap is None or gap.verdict not in ("named", "ambiguous"):
+    if gap.gap is None or not (gap.verdict in ("named", "ambiguous") or gap.laws):
         return ""
     figure: Mapping[str, Any] = gap.gap
     where = "On the control recordings" if gap.control_set is not None else "On held-out rests and moves"

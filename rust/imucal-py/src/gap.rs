@@ -341,25 +341,43 @@ pub(crate) fn stand_mismatch_deg(py: Python<'_>, recording: RecordingColumns<'_>
     Ok(py.detach(|| library::stand_mismatch_deg(&recordings[0])))
 }
 
-/// Residuals (m,), base columns (m, n), and name and columns (m, p) of each effect.
-type Columns<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Vec<(String, Bound<'py, PyArray2<f64>>)>);
+/// Whitened residuals of the model without effects, and their Jacobian; see `imucal::gap::Linearised`.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct GapDesign {
+    residual: Py<PyArray1<f64>>,
+    base: Py<PyArray2<f64>>,
+    /// Name and columns (m, p) of each effect.
+    effects: Vec<(String, Py<PyArray2<f64>>)>,
+    groups: Py<PyArray1<usize>>,
+    items: Py<PyArray1<usize>>,
+}
 
-/// Whitened residuals of the model without effects, and their Jacobian.
+/// Linearises the model without effects. The columns of effects are those of the candidates and of the user fields of
+/// the options.
 #[pyfunction]
-pub(crate) fn gap_design<'py>(
-    py: Python<'py>,
-    recordings: Vec<RecordingColumns<'py>>,
-    options: CalibrateOptions<'py>,
+#[pyo3(signature = (recordings, options, candidates, is_hand_moved = false))]
+pub(crate) fn gap_design(
+    py: Python<'_>,
+    recordings: Vec<RecordingColumns<'_>>,
+    options: CalibrateOptions<'_>,
     candidates: Vec<(String, bool)>,
-) -> PyResult<Columns<'py>> {
-    let options = options.options(py)?;
+    is_hand_moved: bool,
+) -> PyResult<GapDesign> {
+    let mut options = options.options(py)?;
+    let user_fields = std::mem::take(&mut options.user_fields);
     let recordings = RecordingColumns::views(py, &recordings)?;
     let candidates = choices(&candidates).to_python(py)?;
-    let found = interruptible(py, || library::linearise(&recordings, &options, &candidates, &[]))?;
-    let array = |rows: &[Vec<f64>]| PyArray2::from_vec2(py, rows).map_err(PyErr::from);
-    let effects =
-        found.candidates.iter().map(|(name, rows)| Ok((name.clone(), array(rows)?))).collect::<PyResult<_>>()?;
-    Ok((PyArray1::from_vec(py, found.residual.clone()), array(&found.base)?, effects))
+    let found =
+        interruptible(py, || library::linearise(&recordings, &options, &candidates, &user_fields, is_hand_moved))?;
+    let array = |rows: &[Vec<f64>]| Ok::<_, PyErr>(PyArray2::from_vec2(py, rows)?.unbind());
+    let effects = found.candidates.iter().map(|(name, rows)| Ok::<_, PyErr>((name.clone(), array(rows)?)));
+    Ok(GapDesign {
+        residual: PyArray1::from_vec(py, found.residual).unbind(),
+        base: array(&found.base)?,
+        effects: effects.collect::<PyResult<_>>()?,
+        groups: PyArray1::from_vec(py, found.groups).unbind(),
+        items: PyArray1::from_vec(py, found.items).unbind(),
+    })
 }
 
 pub(crate) fn choices(candidates: &[(String, bool)]) -> Result<Vec<EffectChoice>, Error> {

@@ -40,8 +40,8 @@ mod _core {
     use super::error::{ToPython, finding};
     #[pymodule_export]
     use super::gap::{
-        EffectScore, GapAnalysis, GapFit, GapResult, GenericFinding, Remainder, Search, SessionStep, find_gap,
-        gap_design, mount_faults, stand_mismatch_deg,
+        EffectScore, GapAnalysis, GapDesign, GapFit, GapResult, GenericFinding, Remainder, Search, SessionStep,
+        find_gap, gap_design, mount_faults, stand_mismatch_deg,
     };
     use super::interrupt::interruptible;
     #[pymodule_export]

@@ -182,4 +182,8 @@ pub struct Linearised {
     /// Name of each effect and derivatives with respect to its parameters, shaped like `base`. An effect with a time
     /// constant has one entry for each trial value of the time constant.
     pub candidates: Vec<(String, Vec<Vec<f64>>)>,
+    /// Kind of each residual, as a number.
+    pub groups: Vec<usize>,
+    /// The rest or move that each residual belongs to, in order of time.
+    pub items: Vec<usize>,
 }

@@ -135,7 +135,8 @@ def gap(
     if found.verdict == "data_fault":
         raise Exit(NO_RESULT)
     remains = found.remainder is not None and found.remainder.matters
-    if found.verdict in ("unknown", "stochastic") or remains:
+    is_unexplained = found.verdict in ("unknown", "stochastic") and not found.laws
+    if is_unexplained or remains:
         raise Exit(POOR_VERDICT)
 
 

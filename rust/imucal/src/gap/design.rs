@@ -89,6 +89,16 @@ impl Rows {
         let rows = self.groups.len();
         self.columns.get_or_init(|| self.made.as_ref().map_or_else(|| Mat::zeros(rows, 0), |made| made.together(rows)))
     }
+
+    /// Group of residuals of each row.
+    pub(crate) fn groups(&self) -> &[usize] {
+        &self.groups
+    }
+
+    /// Rest or move of each row, in order of time.
+    pub(crate) fn items(&self) -> &[usize] {
+        &self.items
+    }
 }
 
 /// Linearises the residuals at a model. `own` are the effects of the model with the precisions of their priors. `all`

@@ -56,6 +56,7 @@ pub fn search(
 }
 
 /// Whitened residuals of the model without effects and their Jacobian, for other methods of model selection.
+/// `is_hand_moved` is as in [`search`].
 ///
 /// # Errors
 /// As [`search`].
@@ -64,9 +65,10 @@ pub fn linearise(
     options: &Options<'_>,
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
+    is_hand_moved: bool,
 ) -> Result<Linearised, Error> {
     let checked = Checked::try_new(recordings, options)?;
-    at_start(&checked, candidates, user_fields, false, |_, stage| {
+    at_start(&checked, candidates, user_fields, is_hand_moved, |_, stage| {
         let Design { rows, model, candidates, residual, .. } = &*stage.design;
         let columns = rows.columns();
         let take = |range: std::ops::Range<usize>| {
@@ -76,6 +78,8 @@ pub fn linearise(
             residual: residual.clone(),
             base: take(0..model.len()),
             candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
+            groups: rows.groups().to_vec(),
+            items: rows.items().to_vec(),
         }
     })
 }

@@ -1,0 +1,1 @@
+"""Laws: formulas for what the catalogue does not describe."""

@@ -1,0 +1,57 @@
+"""A law: a formula that the recordings support and that no effect of the catalogue describes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+__all__ = ["Curve", "Law"]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A law of one variable over the range that the recordings cover, relative to its mean over this range.
+
+    variable  the variable, in the names of formulas
+    at        its values
+    value     by axis, the error of the sensor, rad/s or m/s^2
+    std       by axis, standard deviations from those of the parameters
+    """
+
+    variable: str
+    at: tuple[float, ...]
+    value: Mapping[str, tuple[float, ...]]
+    std: Mapping[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law.
+
+    name              of the effect in the calibration
+    formula           as `--effect` takes it
+    sensor            "gyroscope" or "accelerometer"
+    variables         that the formula depends on
+    parameters        name, value, std and unit of each
+    log_bayes_factor  nats, beyond the penalty for the number of candidates
+    stability         share of random halves of the rests and moves that select the same variables
+    closed            share of the gap on control or held-out data that the law closes, by kind of residual
+    nearest           effects of the catalogue that resemble it
+    curve             None if the law depends on several variables
+    """
+
+    name: str
+    formula: str
+    sensor: str
+    variables: tuple[str, ...]
+    parameters: tuple[Mapping[str, Any], ...]
+    log_bayes_factor: float
+    stability: float
+    closed: Mapping[str, float | None]
+    nearest: tuple[str, ...]
+    curve: Curve | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """An element of the field `laws` of the JSON document."""
+        return asdict(self)

@@ -1,0 +1,305 @@
+"""The search for laws: a second pass, if effects of the catalogue leave a systematic remainder.
+
+The recordings are corrected by the calibration with the named effects. Their residuals are linearised once
+with the columns of all forms of `library`. What `select` chooses is fitted together with the named effects,
+and kept if control or held-out data confirm it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+import imucal._core as _core
+from imucal.arrays import FloatArray
+from imucal.effects.definition import UserEffect
+from imucal.effects.formula_effect import FormulaEffect, formula_effects, sizes_of
+from imucal.effects.state import State
+from imucal.errors import ImucalError, InputError
+from imucal.estimation.options import UserField
+from imucal.gap.laws.law import Curve, Law
+from imucal.gap.laws.library import Form, further_forms, library, refined
+from imucal.gap.laws.selection import Columns, Selected, select, settled
+from imucal.gap.question import Question
+from imucal.gap.result import Gap
+from imucal.gap.translation import gap_of
+from imucal.recording.recording import Recording, samples_of_both
+
+__all__ = ["columns_of", "with_laws"]
+
+# p-value of the residuals on unseen data below which the named effects do not explain the gap.
+CONTRADICTED: Final = 1e-3
+# Maximum excess of the figure on unseen data, relative to that with the named effects, for a law to replace
+# these: effects that are named remain unless a law is far better.
+LEAST_BETTER: Final = 0.5
+# Minimum share of the gap that a law must close in one kind of control or held-out residuals.
+LEAST_CLOSED: Final = 0.3
+# Remainders that a law may describe: variations of one part of the model. Sessions, a stand that contradicts
+# the sensors, and recordings that do not fit at all have other causes.
+NO_LAW: Final = ("between_sessions", "contradiction")
+# Largest number of values of fields in one linearisation; 5e7 are 400 MB.
+MOST_VALUES: Final = 5e7
+# Number of points of a curve.
+POINTS: Final = 41
+
+
+def with_laws(question: Question, first: Gap) -> Gap:
+    """The result with the laws that describe its remainder; the result itself if there are none."""
+    remainder = first.remainder
+    if (
+        remainder is None
+        or remainder.pattern in NO_LAW
+        or first.verdict not in ("unknown", "named", "ambiguous", "stochastic")
+        or first.calibration is None
+        or question.options.exclude_saturated
+    ):
+        return first
+    names = [str(effect["name"]) for effect in first.effects if effect["parameters"]]
+    is_contradicted = remainder.p_value < CONTRADICTED
+    # Effects that fit a law roughly may be accepted in its place. The law alone is then tried, too.
+    trials = [names, []] if names and is_contradicted else [names]
+    if remainder.kind == "nothing" and not (names and is_contradicted):
+        return first
+    question.stage("searching for laws")
+    best = first
+    for kept in trials:
+        try:
+            found = _found(question, first, kept)
+        except ImucalError:
+            # Recordings that cannot be linearised, or fitted with a law, keep their first result.
+            continue
+        if found is not None and (kept or not names or _excess(found) < LEAST_BETTER * _excess(best)):
+            best = found
+    return best
+
+
+def _found(question: Question, first: Gap, names: Sequence[str]) -> Gap | None:
+    """The result with laws beside these effects; None if no law is confirmed."""
+    calibration = first.fits["after"].calibration if names else first.fits["before"].calibration
+    recordings = [calibration.apply_recording(recording) for recording in question.recordings]
+    # A random walk resembles smooth functions of all that changes slowly, so only columns and angles count.
+    is_random = first.remainder is not None and first.remainder.kind == "stochastic"
+    forms = further_forms(recordings) if is_random else library(recordings)
+    selected = _selected(question, recordings, names, forms, first)
+    fitted = _fitted(question, selected, recordings, names) if selected else None
+    return None if fitted is None else _merged(first, *fitted, recordings)
+
+
+def _excess(gap: Gap) -> float:
+    """Excess over noise of the figure on unseen data."""
+    return 0.0 if gap.gap is None else float(gap.gap["after"] - gap.gap["floor"])
+
+
+def _selected(
+    question: Question,
+    recordings: Sequence[Recording],
+    names: Sequence[str],
+    forms: Sequence[Form],
+    first: Gap,
+) -> list[Selected]:
+    if not forms:
+        return []
+    selected = select(columns_of(question, recordings, names, forms, is_hand_moved=first.is_hand_moved))
+    if all(own.form.constant is None for own in selected):
+        return selected
+    variants = [refined(own.form) or [own.form] for own in selected]
+    flat = [form for own in variants for form in own]
+    given = columns_of(question, recordings, names, flat, is_hand_moved=first.is_hand_moved)
+    known = {form: place for place, (form, _) in enumerate(given.candidates)}
+    places = [[known[form] for form in own if form in known] for own in variants]
+    if not all(places):
+        return selected
+    picks = settled(given, places)
+    return [replace(own, form=given.candidates[pick][0]) for own, pick in zip(selected, picks, strict=True)]
+
+
+def columns_of(
+    question: Question,
+    recordings: Sequence[Recording],
+    names: Sequence[str],
+    forms: Sequence[Form],
+    *,
+    is_hand_moved: bool,
+) -> Columns:
+    """Whitened residuals of corrected recordings, with columns of the named effects and of the forms."""
+    states = [_state(recording) for recording in recordings]
+    own = [effect for effect in question.definitions.values() if effect.name in names]
+    catalogue = [(name, False) for name in names if name not in question.definitions]
+    columns_of_all = set.intersection(*(set(recording.auxiliary) for recording in recordings))
+    size = sum(len(recording) for recording in recordings) * 18
+    step = max(1, int(MOST_VALUES / size))
+    residual = model = groups = items = None
+    candidates: list[tuple[Form, FloatArray]] = []
+    for start in range(0, len(forms), step):
+        part, fields = [], []
+        for place, form in enumerate(forms[start : start + step]):
+            field = _field(form, f"law_{start + place}", columns_of_all, states)
+            if field is not None:
+                part.append(form)
+                fields.append(field)
+        fields += [_of_effect(effect, states) for effect in own]
+        options = replace(question.options, hold=(), model="full", folds=None, user_fields=tuple(fields))
+        design = _core.gap_design(recordings, options, catalogue, is_hand_moved)
+        columns = dict(design.effects)
+        named = [values for name, values in design.effects if not name.startswith("law_")]
+        if residual is None:
+            residual, groups, items = design.residual, design.groups, design.items
+            model = np.hstack([design.base, *named])
+        for form, field in zip(part, fields, strict=False):
+            if field.name in columns:
+                candidates.append((form, columns[field.name]))
+    if residual is None or model is None or groups is None or items is None:
+        raise InputError("no form of a law varies in the recordings")
+    return Columns(residual, model, groups, items, candidates)
+
+
+def _state(recording: Recording) -> State:
+    force, rate = samples_of_both(recording)
+    return State.of(recording, np.asarray(rate, float), np.asarray(force, float))
+
+
+def _field(form: Form, name: str, columns: Collection[str], states: Sequence[State]) -> UserField | None:
+    """The field of a form; None if it does not vary in the recordings, or is not finite."""
+    try:
+        effect = FormulaEffect.of(form.text(name), columns=columns)
+        fields = tuple(effect.columns(state) for state in states)
+        return UserField(name, effect.sensor, tuple(sizes_of(effect, fields)), fields)
+    except InputError:
+        return None
+
+
+def _of_effect(effect: UserEffect, states: Sequence[State]) -> UserField:
+    typical = tuple(parameter.typical for parameter in effect.parameters)
+    columns = tuple(np.ascontiguousarray(effect.columns(state)) for state in states)
+    return UserField(effect.name, effect.sensor, typical, columns)
+
+
+def _fitted(
+    question: Question, selected: Sequence[Selected], recordings: Sequence[Recording], names: Sequence[str]
+) -> tuple[Gap, Mapping[str, Selected], dict[str, FormulaEffect]] | None:
+    """The result with the named effects and the laws that unseen data confirm; None without such a law."""
+    by_name = {_name(own.form, place, selected): own for place, own in enumerate(selected)}
+    while by_name:
+        laws = formula_effects([own.form.text(name) for name, own in by_name.items()], recordings)
+        definitions = {name: own for name, own in question.definitions.items() if name in names}
+        definitions.update({law.name: law for law in laws})
+        catalogue = [name for name in names if name not in question.definitions]
+        again = replace(question, candidates=catalogue, definitions=definitions)
+        found = again.answer()
+        second = gap_of(again, found)
+        accepted = {str(effect["name"]): effect for effect in second.effects if effect["parameters"]}
+        if second.verdict not in ("named", "ambiguous") or not set(names) <= set(accepted):
+            return None
+        kept = {n: own for n, own in by_name.items() if n in accepted and _closes(accepted[n]["closed"])}
+        if kept == by_name:
+            return second, by_name, {law.name: law for law in laws}
+        by_name = kept
+    return None
+
+
+def _name(form: Form, place: int, selected: Sequence[Selected]) -> str:
+    name = f"{form.sensor}_law_{'_'.join(variable.strip('_') for variable in form.variables)}"
+    before = [other for other in selected[:place] if other.form.group == form.group]
+    return f"{name}_{len(before) + 1}" if before else name
+
+
+def _closes(closed: Mapping[str, float | None]) -> bool:
+    return max((share for share in closed.values() if share is not None), default=0.0) > LEAST_CLOSED
+
+
+def _merged(
+    first: Gap,
+    second: Gap,
+    by_name: Mapping[str, Selected],
+    laws: Mapping[str, FormulaEffect],
+    recordings: Sequence[Recording],
+) -> Gap:
+    """The first result with the fit of the second one and its laws."""
+    nearest = tuple(str(score["name"]) for score in first.ranking[:3] if score["log_bayes_factor"] > 0)
+    found = [
+        Law(
+            str(effect["name"]),
+            laws[effect["name"]].text,
+            str(effect["sensor"]),
+            by_name[effect["name"]].form.variables,
+            tuple(effect["parameters"]),
+            by_name[effect["name"]].nats,
+            by_name[effect["name"]].stable,
+            effect["closed"],
+            nearest,
+            _curve(by_name[effect["name"]].form, laws[effect["name"]], effect["parameters"], recordings),
+        )
+        for effect in second.effects
+        if effect["name"] in laws
+    ]
+    left = second.remainder
+    effects = tuple(effect for effect in second.effects if effect["name"] not in laws)
+    return replace(
+        second,
+        verdict=first.verdict if first.verdict in ("named", "ambiguous") and effects else "unknown",
+        effects=effects,
+        laws=tuple(found),
+        ambiguous_with=first.ambiguous_with if effects else (),
+        next_motion=first.next_motion if effects else None,
+        generic=first.generic if left is not None and left.kind != "nothing" else None,
+        not_observable=first.not_observable,
+        smallest_visible=first.smallest_visible,
+        traces=first.traces,
+        ranking=first.ranking,
+        user_effects=(*first.user_effects, *laws.values()),
+    )
+
+
+def _curve(
+    form: Form, law: FormulaEffect, parameters: Sequence[Mapping[str, float]], recordings: Sequence[Recording]
+) -> Curve | None:
+    """The law over the values of its variable in the recordings; None if it has several variables."""
+    variable = form.driver
+    if len(form.variables) > 1:
+        return None
+    seen = np.concatenate([_values_of(variable, _state(recording)) for recording in recordings])
+    low, high = (float(value) for value in np.quantile(seen, [0.001, 0.999]))
+    at = np.linspace(low, high, POINTS)
+    columns = law.columns(_sweep(variable, at))
+    columns = columns - columns.mean(axis=0)
+    values = columns @ np.array([p["value"] for p in parameters])
+    spread = np.sqrt(columns**2 @ np.array([(p["std"] or 0.0) ** 2 for p in parameters]))
+    axes = {axis: k for k, axis in enumerate("xyz")}
+    return Curve(
+        variable,
+        tuple(at.tolist()),
+        {axis: tuple(values[:, k].tolist()) for axis, k in axes.items()},
+        {axis: tuple(spread[:, k].tolist()) for axis, k in axes.items()},
+    )
+
+
+def _values_of(variable: str, state: State) -> FloatArray:
+    """The values of a variable in a recording, of all axes."""
+    of_axis = FormulaEffect.of(f"gyro: k*{variable}", columns=state.auxiliary.keys())
+    columns = of_axis.columns(state)
+    values: FloatArray = np.concatenate([columns[:, axis, axis] for axis in range(3)])
+    return values
+
+
+def _sweep(variable: str, at: FloatArray) -> State:
+    """A state in which one variable has these values."""
+    count = len(at)
+    alike = np.repeat(at[:, None], 3, axis=1)
+    still = np.zeros((count, 3))
+    rate = alike if variable == "w" else still
+    if variable == "w_norm":
+        rate = np.column_stack([at, still[:, :2]])
+    time_s = np.arange(count, dtype=float)
+    if variable in ("time_s", "rest_s"):
+        time_s = at
+    return State(
+        rate,
+        alike if variable == "f" else still,
+        time_s,
+        temperature_degc=at if variable == "temp_degc" else None,
+        auxiliary={} if variable in ("w", "f", "w_norm", "time_s", "rest_s", "temp_degc") else {variable: at},
+        stand_rad=alike if variable.startswith("stand_") else None,
+    )

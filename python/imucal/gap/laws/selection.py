@@ -1,0 +1,191 @@
+"""Selection of laws on whitened residuals.
+
+The columns of the base parameters and of the named effects are projected out of the residuals and of all
+candidates. The candidate with the largest log evidence joins if its evidence, reduced by the logarithm of the
+number of candidates, is decisive, if no other driver explains the residuals as well, and if halves of the
+rests and moves select the same driver (stability selection, Meinshausen and Buhlmann 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.gap.laws.library import Form
+
+__all__ = ["Columns", "Selected", "select", "settled"]
+
+# Log evidence, nats, that a law needs beyond the logarithm of the number of candidates; 8 nats are odds of
+# 3000 to 1, as for effects of the catalogue.
+LEAST_NATS: Final = 8.0
+# Difference of log evidence, nats, within which another driver is a rival, and within which a simpler form is
+# chosen; 3 nats are odds of 20 to 1.
+RIVAL_NATS: Final = 3.0
+# Number of random halves, and share of them that must select the driver.
+HALVES: Final = 50
+LEAST_STABLE: Final = 0.8
+# Number of the best candidates that the halves choose from.
+FINALISTS: Final = 16
+# Largest number of laws.
+MOST_LAWS: Final = 3
+# Share of a column that must be left after projection: the rest of it is rounding.
+LEAST_LEFT: Final = 1e-3
+SEED: Final = 20240
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Whitened residuals and columns.
+
+    residual      (m,)
+    model         (m, n), base parameters and named effects
+    groups, items (m,), kind of each residual, and its rest or move
+    candidates    forms with their columns, (m, p)
+    """
+
+    residual: FloatArray
+    model: FloatArray
+    groups: np.ndarray
+    items: np.ndarray
+    candidates: Sequence[tuple[Form, FloatArray]]
+
+
+@dataclass(frozen=True)
+class Selected:
+    """A selected law: its form, log evidence beyond the penalty, and the share of halves that agree."""
+
+    form: Form
+    nats: float
+    stable: float
+
+
+def select(given: Columns) -> list[Selected]:
+    """The laws that the residuals support, in the order of their selection."""
+    chosen: list[Selected] = []
+    model = given.model
+    penalty = float(np.log(max(len(given.candidates), 1)))
+    while len(chosen) < MOST_LAWS:
+        weights = _weights(given, model)
+        nats = _evidence(given, model, weights) - penalty
+        best = int(np.argmax(nats)) if len(nats) else -1
+        if best < 0 or not nats[best] > LEAST_NATS:
+            break
+        group = given.candidates[best][0].group
+        same = [place for place, (form, _) in enumerate(given.candidates) if form.group == group]
+        others = [place for place in range(len(nats)) if place not in set(same)]
+        if others and nats[others].max() > nats[best] - RIVAL_NATS:
+            break
+        stable = _stability(given, model, weights, nats, group)
+        if stable < LEAST_STABLE:
+            break
+        near = [place for place in same if nats[place] > nats[best] - RIVAL_NATS]
+        pick = min(near, key=lambda place: (given.candidates[place][0].cost, -nats[place]))
+        form, columns = given.candidates[pick]
+        if any(own.form == form for own in chosen):
+            break
+        chosen.append(Selected(form, float(nats[pick]), stable))
+        model = np.hstack([model, columns])
+    return chosen
+
+
+def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
+    """For each law the place of its variant with the largest evidence beside the best ones of the others."""
+    picks = [own[len(own) // 2] for own in variants]
+    for place, own in enumerate(variants):
+        others = [given.candidates[pick][1] for k, pick in enumerate(picks) if k != place]
+        model = np.hstack([given.model, *others])
+        nats = _evidence(given, model, _weights(given, model), own)
+        picks[place] = own[int(np.argmax(nats))]
+    return picks
+
+
+def _weights(given: Columns, model: FloatArray) -> FloatArray:
+    """Weight of each row: residuals of a kind that scatter more than noise have less."""
+    weights = np.ones(len(given.residual))
+    for _ in range(3):
+        left = (
+            given.residual
+            - model @ np.linalg.lstsq(model * weights[:, None], given.residual * weights, rcond=None)[0]
+        )
+        for group in np.unique(given.groups):
+            rows = given.groups == group
+            weights[rows] = 1.0 / np.sqrt(max(1.0, float(np.mean(left[rows] ** 2))))
+    return weights
+
+
+def _evidence(
+    given: Columns, model: FloatArray, weights: FloatArray, places: Sequence[int] | None = None
+) -> FloatArray:
+    """Log evidence of each candidate relative to the model, with the prior width that maximises it."""
+    q, _ = np.linalg.qr(_scaled(model * weights[:, None]))
+    residual = given.residual * weights
+    residual = residual - q @ (q.T @ residual)
+    found = []
+    for place in range(len(given.candidates)) if places is None else places:
+        columns = _scaled(given.candidates[place][1] * weights[:, None])
+        left = columns - q @ (q.T @ columns)
+        u, s, _ = np.linalg.svd(left, full_matrices=False)
+        found.append(
+            _nats(float(np.sum((u[:, s > LEAST_LEFT].T @ residual) ** 2)), int((s > LEAST_LEFT).sum()))
+        )
+    return np.array(found)
+
+
+def _nats(gain: float, rank: int) -> float:
+    """Log Bayes factor of `rank` parameters that reduce chi2 by `gain`, maximised over the prior's width."""
+    if rank == 0 or gain <= rank:
+        return 0.0
+    return 0.5 * (gain - rank) - 0.5 * rank * float(np.log(gain / rank))
+
+
+def _scaled(columns: FloatArray) -> FloatArray:
+    scaled: FloatArray = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return scaled
+
+
+def _stability(
+    given: Columns,
+    model: FloatArray,
+    weights: FloatArray,
+    nats: FloatArray,
+    group: tuple[str, tuple[str, ...]],
+) -> float:
+    """Share of random halves of the rests and moves in which a form of the group is the best one."""
+    finalists = _finalists(given, nats)
+    blocks = [_scaled(given.candidates[place][1] * weights[:, None]) for place in finalists]
+    whole = np.hstack([_scaled(model * weights[:, None]), *blocks, (given.residual * weights)[:, None]])
+    items = np.unique(given.items)
+    grams = np.array([whole[given.items == item].T @ whole[given.items == item] for item in items])
+    ends = model.shape[1] + np.cumsum([0, *(block.shape[1] for block in blocks)])
+    random = np.random.default_rng(SEED)
+    hits = 0
+    for _ in range(HALVES):
+        half = random.permutation(len(items))[: len(items) // 2]
+        gram = grams[half].sum(axis=0)
+        n = model.shape[1]
+        inverse = np.linalg.pinv(gram[:n, :n], rcond=1e-10, hermitian=True)
+        left = gram[n:, n:] - gram[n:, :n] @ inverse @ gram[:n, n:]
+        scores = []
+        for start, stop in zip(ends[:-1] - n, ends[1:] - n, strict=True):
+            values, vectors = np.linalg.eigh(left[start:stop, start:stop])
+            kept = values > LEAST_LEFT**2
+            along = (vectors[:, kept].T @ left[start:stop, -1]) / np.sqrt(values[kept])
+            scores.append(_nats(float(along @ along), int(kept.sum())))
+        hits += given.candidates[finalists[int(np.argmax(scores))]][0].group == group
+    return hits / HALVES
+
+
+def _finalists(given: Columns, nats: FloatArray) -> list[int]:
+    """The best candidates, at most three of each group so that all drivers take part."""
+    chosen: list[int] = []
+    for place in np.argsort(-nats):
+        group = given.candidates[place][0].group
+        if sum(given.candidates[other][0].group == group for other in chosen) < 3:
+            chosen.append(int(place))
+        if len(chosen) == FINALISTS:
+            break
+    return chosen
