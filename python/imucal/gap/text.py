@@ -261,7 +261,7 @@ def where_in_words(gap: GapFields) -> Iterator[str]:
         )
         after = (
             ""
-            if row["times_noise_after"] is None or not gap.effects
+            if row["times_noise_after"] is None or not (gap.effects or gap.laws)
             else f" ({row['times_noise_after']:.2g} x with the effects)"
         )
         times = f"{row['times_noise']:.3g} x noise{after}"
