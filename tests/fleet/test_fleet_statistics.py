@@ -158,3 +158,15 @@ def test_what_cannot_be_judged_is_refused():
         outliers(measurements.where(np.arange(8)))
     with pytest.raises(imucal.InputError, match="no station 'C'"):
         spc(measurements, station="C")
+
+
+def test_many_drifting_units_do_not_move_their_station():
+    planted = planted_fleet(seed=12, units=120, dates=6, drifting=40, odd=0, drift_per_month=1.0)
+    # All units are measured on few days, as in a campaign.
+    days = planted.measurements.dates.astype("datetime64[D]")
+    months = (days - days.min()) // np.timedelta64(90, "D")
+    dates = np.datetime64("2026-01-05T08:00:00") + (months * 90).astype("timedelta64[D]")
+    measurements = replace(planted.measurements, dates=dates.astype("datetime64[s]"))
+    result = drift(measurements)
+    assert result.shifts == ()
+    assert {unit.serial for unit in result.drifting} == planted.drifting
