@@ -17,10 +17,13 @@ import pytest
 import imucal
 from imucal.cli import main
 from imucal.cli.app import app
+from imucal.fleet.measurements import Measurements
 from imucal.io.vocabulary import column_names
 from imucal.limits.template import limits_from
 from imucal.stand.journal import Journal
+from stored_fleet import stored
 
+MANIFEST = "serial,date,station,files,control\n0042,2026-11-02,north,run.csv,control.csv\n"
 # It goes on where a line ends with a backslash.
 EXAMPLE = re.compile(r"^ *Example: (imucal (?:.*\\\n)*.*)$", re.MULTILINE)
 
@@ -72,10 +75,42 @@ def files(tmp_path_factory):
     )
     after = imucal.calibrate(imucal.Calibration.load(folder / "unit-0042.json").apply_recording(control))
     after.calibration.save(folder / "second.json")
+    (folder / "manifest.csv").write_text(MANIFEST)
+    fleet_store(folder)
     (folder / "imu.yaml").write_text("imu0: {model: calibrated, accelerometer_noise_density: 0.002}\n")
     with Journal(folder / "broken-off.csv.journal", [name for name, _ in column_names(run)], {}) as journal:
         journal.samples(np.column_stack([values for _, values in column_names(run)]), 0.0)
     return folder
+
+
+def fleet_store(folder):
+    """A store of fifty units: of one station on two dates, and of a gauge study."""
+    limits = imucal.Limits.load(folder / "limits.json").parameters
+    units, repeats = 50, 6
+    unit = np.concatenate([np.tile(np.arange(units), 2), np.repeat(np.arange(5), repeats)])
+    random = np.random.default_rng(1)
+    centres, halves = (
+        np.array([[(limit.low + limit.high) / 2 for limit in limits]]),
+        np.array([[(limit.high - limit.low) / 2 for limit in limits]]),
+    )
+    true = centres + halves / 12 * random.normal(size=(units, len(limits)))
+    sigmas = np.repeat(halves / 200, len(unit), axis=0)
+    days = np.concatenate([np.arange(2 * units), np.full(5 * repeats, 90)])
+    is_study = days == 90
+    measurements = Measurements(
+        np.array([f"{42 + k:04}" for k in unit]),
+        np.datetime64("2026-11-01T08:00:00") + (days * 3600 * 6).astype("timedelta64[s]"),
+        np.where(is_study, "", "north"),
+        np.where(is_study, np.array(["ann", "bob"])[np.arange(len(unit)) % 2], ""),
+        np.full(len(unit), "2026-11"),
+        np.where(is_study, "grr", "production"),
+        np.full(len(unit), "good"),
+        tuple(limit.name for limit in limits),
+        tuple(limit.unit for limit in limits),
+        true[unit] + sigmas * random.normal(size=sigmas.shape),
+        sigmas,
+    )
+    stored(folder / "units.sqlite", measurements, files=[folder / "run.csv"] * len(unit))
 
 
 def words(example):
