@@ -167,6 +167,22 @@ def test_no_orientation_is_guessed(wrong):
         imucal.export(UNIT, "ardupilot", board_orientation=wrong)
 
 
+def test_a_calibration_of_a_log_needs_the_orientation():
+    import dataclasses
+
+    log = imucal.Source("/logs/00000012.BIN", "ab" * 32)
+    unit = dataclasses.replace(UNIT, provenance=dataclasses.replace(UNIT.provenance, files=(log,)))
+    with pytest.raises(imucal.InputError, match=r"00000012.BIN: .*give --board-orientation"):
+        imucal.export(unit, "ardupilot")
+    for orientation in (0, 2):
+        body = imucal.export(unit, "ardupilot", board_orientation=orientation).text.partition("INS_")[2]
+        assert (
+            body == imucal.export(UNIT, "ardupilot", board_orientation=orientation).text.partition("INS_")[2]
+        )
+    # Other formats do not depend on it.
+    imucal.export(unit, "c-header")
+
+
 # --- INAV --------------------------------------------------------------------------------------------
 
 

@@ -129,6 +129,26 @@ def test_dataflash_imu(tmp_path, known):
     assert codes(recording) == ["already_corrected"]
 
 
+@pytest.mark.parametrize(
+    ("values", "way_out"),
+    [
+        ([0], None),
+        ([2], "--board-orientation 2"),
+        ([2, 2], "--board-orientation 2"),
+        ([0, 6], "record again"),
+    ],
+)
+def test_the_rotation_of_the_board_is_reported(tmp_path, known, values, way_out):
+    parameters = [encoded("PARM", 1, "AHRS_ORIENTATION", float(value)) for value in values]
+    others = [encoded("PARM", 1, "INS_GYR_CAL", 1.0)]
+    dataflash(tmp_path / "flight.bin", ["IMU", "PARM"], [*others, *parameters, *imu(known)])
+    recording = imucal.read(tmp_path / "flight.bin")
+    assert_is(recording, known)
+    found = [finding for finding in recording.findings if finding.code == "board_rotated"]
+    assert bool(found) == (way_out is not None)
+    assert all(way_out in str(finding) for finding in found)
+
+
 def test_dataflash_sensors_at_their_own_rate(tmp_path, known):
     time_us = microseconds(known)
     messages = [*raw("ACC", time_us, known.accel), *raw("GYR", time_us, known.gyro)]

@@ -23,6 +23,7 @@ import numpy as np
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
+from imucal.errors import InputError
 from imucal.exporting.autopilot import PerAxis, per_axis_model
 from imucal.exporting.format import SI, Format, Written, line_comments, number
 from imucal.exporting.model import FRAMES, turned_axes
@@ -36,6 +37,8 @@ __all__ = ["ARDUPILOT", "NAMES", "PER_UNIT", "POLYNOMIAL_REFERENCE_DEGC", "RANGE
 NAMES: Final = {"accel": "ACC", "gyro": "GYR"}
 # Temperature at which ArduPilot's polynomial is zero, degC (AP_InertialSensor_tempcal.h, TEMP_REFERENCE).
 POLYNOMIAL_REFERENCE_DEGC: Final = 35.0
+# End of the names of dataflash logs, such as 00000012.BIN.
+LOG_SUFFIX: Final = ".bin"
 # INS_TCAL1 coefficients are stored as 1e6 times the SI value.
 PER_UNIT: Final = 1e6
 # Temperatures of TMIN and TMAX, degC, if the calibration has no temperature range: ArduPilot's defaults.
@@ -47,6 +50,8 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
 
     rotation   (3, 3), from the sensor to the recording; None if the recording has the axes of the sensor
     """
+    if rotation is None:
+        _require_no_log(calibration)
     back = np.eye(3) if rotation is None else rotation.T
     model = per_axis_model(turned_axes(calibration, back))
     rows: list[tuple[str, float]] = []
@@ -86,6 +91,20 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
             *(["ArduPilot clamps CALTEMP to [TMIN, TMAX], so both include it."] if model.thermal else []),
         ),
     )
+
+
+def _require_no_log(calibration: Calibration) -> None:
+    """Raises InputError for a calibration of a dataflash log, because its samples are after AHRS_ORIENTATION."""
+    for source in calibration.provenance.files:
+        if source.path.lower().endswith(LOG_SUFFIX):
+            raise InputError(
+                f"the calibration is of {source.path}: logs of ArduPilot are after the rotation "
+                f"AHRS_ORIENTATION, "
+                "AHRS_ORIENTATION, and its parameters apply before it: give --board-orientation with the "
+                "value of that "
+                "parameter, "
+                "0 if the board is not rotated (`imucal inspect` shows any other value)"
+            )
 
 
 def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:

@@ -2,7 +2,8 @@
 
 The units are those declared in the log and in ArduPilot's list of log messages (ardupilot.org, logmessages):
 m/s/s and rad/s in the body frame (front, right, down), degC, and microseconds since boot. ArduPilot has
-applied its INS_* parameters to all of these messages.
+applied its INS_* parameters to all of these messages, and the rotation of the board, AHRS_ORIENTATION, which
+is read from the messages PARM.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ DATAFLASH_MAGIC = b"\xa3\x95"
 # Message names. Before version 4.1 the name contained the instance: IMU2, IMU3, ACC1, ACC2, ...
 MESSAGE = re.compile(r"(IMU|ACC|GYR)([1-9]?)")
 ACCEL, GYRO = ("AccX", "AccY", "AccZ"), ("GyrX", "GyrY", "GyrZ")
+# Name of the messages of parameters, and of the parameter that rotates the board.
+PARAMETER, ORIENTATION = "PARM", "AHRS_ORIENTATION"
 # Field of the sensor temperature; it was called Temp before version 4.1.
 TEMPERATURE = ("T", "Temp")
 # Expected unit of each field, as the log's FMTU messages write it.
@@ -71,9 +74,9 @@ def read_dataflash(
         raise FormatError(f"{name} is not a dataflash log (it does not start with A3 95): check its format")
     reader = library("pymavlink.DFReader", "ardupilot", "ArduPilot logs")
     with parsing(name, "dataflash", "download it from the flight controller again"), _complaints() as printed:
-        rows = _rows(name, reader.DFReader_binary(os.fspath(path)))
+        rows, orientations = _rows(name, reader.DFReader_binary(os.fspath(path)))
     kind, number = _choose(name, rows, topic, instance)
-    findings = [_corrected(name)]
+    findings = [_corrected(name), *_rotated(name, orientations)]
     if printed.getvalue():
         findings.append(damaged(name))
     if kind == "IMU":
@@ -108,10 +111,18 @@ def _complaints() -> Iterator[io.StringIO]:
             os.environ["PYMAVLINK_FAST_INDEX"] = before
 
 
-def _rows(name: str, log: Any) -> dict[tuple[str, int], Rows]:
+def _rows(name: str, log: Any) -> tuple[dict[tuple[str, int], Rows], list[int]]:
+    """The samples, and the values of AHRS_ORIENTATION in the order of the log."""
     rows: dict[tuple[str, int], Rows] = {}
+    orientations: list[int] = []
     kinds = [message for message in log.name_to_id if MESSAGE.fullmatch(message)]
+    if kinds and PARAMETER in log.name_to_id:
+        kinds.append(PARAMETER)
     while kinds and (message := log.recv_match(type=kinds)) is not None:
+        if message.get_type() == PARAMETER:
+            if message.Name == ORIENTATION:
+                orientations.append(int(message.Value))
+            continue
         match = MESSAGE.fullmatch(message.get_type())
         assert match is not None
         columns = message.fmt.columns
@@ -130,7 +141,7 @@ def _rows(name: str, log: Any) -> dict[tuple[str, int], Rows]:
         for column in TEMPERATURE:
             if column in columns:
                 into.temperature.append(getattr(message, column))
-    return rows
+    return rows, orientations
 
 
 def _require_units(name: str, fmt: Any) -> None:
@@ -191,3 +202,25 @@ def _corrected(name: str) -> Finding:
         "calibration that replaces them, set them to neutral values before recording (offsets 0, scales 1, "
         "INS_GYR_CAL 0)",
     )
+
+
+def _rotated(name: str, orientations: Sequence[int]) -> list[Finding]:
+    """The remark for a board that is rotated, or was while the log was written."""
+    values = list(dict.fromkeys(orientations))
+    if not any(values):
+        return []
+    listed = ", then ".join(map(str, values))
+    return [
+        remark(
+            name,
+            "board_rotated",
+            f"{ORIENTATION} is {listed}: ArduPilot has rotated the logged samples from the axes of the "
+            f"sensor to "
+            "those of the vehicle",
+            "a calibration of this recording is along the axes of the vehicle; ArduPilot's parameters "
+            "apply before "
+            f"the rotation, so export with --board-orientation {values[-1]}"
+            if len(values) == 1
+            else "record again without a change of this parameter",
+        )
+    ]
