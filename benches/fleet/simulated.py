@@ -21,7 +21,7 @@ import numpy as np
 import imucal
 from pool import pool_of
 
-__all__ = ["BAD_KINDS", "Planned", "plan", "write"]
+__all__ = ["BAD_KINDS", "Planned", "Truth", "plan", "write", "write_manifest", "write_one", "write_poison"]
 
 FIRST_DAY = date(2026, 3, 2)
 PRODUCTION_DAYS = 25
@@ -153,16 +153,21 @@ def write(folder: Path, units: int, seed: int = 42) -> Truth:
         (folder / day).mkdir(parents=True, exist_ok=True)
     with pool_of(None) as pool:
         # Consumed, so that an error of a process is raised here.
-        list(pool.map(_write_one, [folder] * len(planned), planned, chunksize=20))
-    with (folder / "manifest.csv").open("w", newline="", encoding="utf-8") as file:
+        list(pool.map(write_one, [folder] * len(planned), planned, chunksize=20))
+    write_manifest(folder / "manifest.csv", planned)
+    (folder / "truth.json").write_text(json.dumps(truth.__dict__, indent=1) + "\n", encoding="utf-8")
+    write_poison(folder / "sitecustomize")
+    return truth
+
+
+def write_manifest(path: Path, planned: list[Planned]) -> None:
+    """Write the manifest of recordings."""
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(("serial", "date", "station", "operator", "batch", "files", "control", "role"))
         for each in planned:
             about = (each.serial, each.date, each.station, each.operator, each.batch)
             writer.writerow((*about, each.file, "", each.role))
-    (folder / "truth.json").write_text(json.dumps(truth.__dict__, indent=1) + "\n", encoding="utf-8")
-    write_poison(folder / "sitecustomize")
-    return truth
 
 
 def write_poison(folder: Path) -> None:
@@ -217,7 +222,7 @@ def unit_of(number: int, seed: int, odd: str | None = None) -> imucal.Unit:
     return imucal.Unit(sensor("accel"), sensor("gyro"))
 
 
-def _write_one(folder: Path, each: Planned) -> None:
+def write_one(folder: Path, each: Planned) -> None:
     path = folder / each.file
     if path.exists() or each.bad == "missing":
         return
