@@ -16,6 +16,7 @@
 #   make fuzz      damaged files of every format for MINUTES=30, then arbitrary recordings with cargo-fuzz
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make test-firmware  faults of a stand on a simulator of GRBL or grblHAL: GRBL_SIM=path, see docs/stand.md
+#   make fleet     a simulated fleet, its speed, store and kills, to docs/results/fleet.md; PARTS=kills runs one part
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
@@ -189,7 +190,7 @@ docs: $(VENV)/.installed
 # --- what it can do ----------------------------------------------------------------------------------------------
 
 .PHONY: demo bench accuracy rounding faces six-positions gap-benchmark plan traps signals stand first-steps
-.PHONY: docs-figures docs-pictures
+.PHONY: docs-figures docs-pictures fleet
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -245,6 +246,11 @@ signals: $(VENV)/.installed
 stand: $(VENV)/.installed
 	$(call say,Units on the line)
 	$(PY) benches/stand_line.py
+
+PARTS ?= planted,speed,storage,kills
+fleet: $(VENV)/.installed
+	$(call say,Many units)
+	PYTHONPATH=benches $(PY) -m fleet --parts $(PARTS)
 
 docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)

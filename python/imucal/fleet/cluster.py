@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import suppress
 from typing import Any, Final
 
@@ -67,20 +68,25 @@ class DaskPool:
         while True:
             self._require_scheduler()
             try:
-                done = wait(list(self._futures), timeout=POLL_S, return_when="FIRST_COMPLETED").done
-            except (TimeoutError, OSError):
+                # The client is not Dask's default one, which is the user's.
+                with self._client.as_current():
+                    done = wait(list(self._futures), timeout=POLL_S, return_when="FIRST_COMPLETED").done
+            except (TimeoutError, asyncio.TimeoutError):
                 continue
             except Exception as error:
                 # The class of the error of a closed connection depends on Dask's version.
                 raise self._lost() from error
             for future in done:
-                if future.status in ("cancelled", "lost"):
-                    raise self._lost()
+                if future.status == "lost":
+                    # Its worker ended before the result was taken; the scheduler computes the task again.
+                    continue
                 task = self._futures.pop(future)
                 if future.status == "finished":
                     with suppress(Exception):
                         return task, future.result()
-                    raise self._lost()
+                if future.status in ("finished", "cancelled", "lost", "pending"):
+                    self._require_scheduler()
+                    return task, None
                 failure = future.exception()
                 if isinstance(failure, KilledWorker):
                     return task, None

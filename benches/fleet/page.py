@@ -1,0 +1,75 @@
+"""The page docs/results/fleet.md."""
+
+from typing import Any
+
+from fleet.speed import WAYS
+
+__all__ = ["page"]
+
+
+def page(log: dict[str, Any], kill_units: int) -> str:
+    """The page of the figures of all parts."""
+    planted, speed, storage, kills = (log[part] for part in ("planted", "speed", "storage", "kills"))
+    first, second = planted["runs"]
+    tiny, large = speed["rates"]["tiny"], speed["rates"]["large"]
+    rates = "\n".join(f"| {way} | {tiny['ways'][way]:.1f} | {large['ways'][way]:.1f} |" for way in WAYS)
+    queries = "\n".join(f"| {name} | {1e3 * value:.0f} ms |" for name, value in storage["queries"].items())
+    lines = "\n".join(
+        f"| {row['what']} | {row['kills']} | {row['runs']} | {row['lost']} | {row['completed']} |"
+        for row in kills["rows"]
+    )
+    dask = 1 - tiny["ways"][WAYS[3]] / tiny["ways"][WAYS[2]]
+    two_tiny, two_large = (each["ways"][WAYS[2]] / each["ways"][WAYS[1]] for each in (tiny, large))
+    early, late = (size / 1e6 for size in storage["memory"])
+    return f"""# Many units
+
+This page, written by `make fleet`, reports runs of `imucal fleet run` over simulated units, on
+{speed["processors"]} processors. The load of the machine before each part is given, because times are true only on
+an idle one.
+
+## What is planted and what is found
+
+{planted["units"]} units with {first["units"]} recordings of 50 s at 25 Hz (`benches/fleet/simulated.py`):
+two stations, three operators, five batches, monthly measurements of some units and a gauge study. The
+second run computes {second["done"]} units and skips {second["skipped"]}; {second["unreadable"]} files cannot
+be read.
+
+{planted["table"]}
+
+Together {planted["missed"]} are missed, and there are {planted["false"]} false alarms.
+
+## Units per second
+
+The load before the measurement was {speed["load"]:.1f}. The start of the processes is included, except that
+of the Dask cluster. Tiny recordings have {tiny["size"] / 1e3:.0f} kB ({tiny["units"]} units), large ones
+{large["size"] / 1e6:.1f} MB ({large["units"]} units).
+
+| | tiny, units/s | large, units/s |
+|---|---|---|
+{rates}
+
+Two processes are {two_tiny:.2f} times (tiny) and {two_large:.2f} times (large) as fast as one. With tiny
+recordings Dask costs {100 * dask:.0f} % of the rate of two processes.
+
+## A large store
+
+{storage["rows"]} synthetic results are stored in {storage["elapsed_s"]:.1f} s (load
+{storage["load"]:.1f}), in transactions of 50 that are on the disk when they end. The file has {storage["size"] / 1e6:.0f} MB. The memory
+of the process is {early:.0f} MB after a tenth of the results and {late:.0f} MB after all.
+
+| query | time |
+|---|---|
+{queries}
+
+## Kills
+
+Runs of {kill_units} units whose processes end by SIGKILL at random moments. Lost are units that were told and
+are not in the store, and rows that are there twice or in part. After each kill a further run completes the
+store.
+
+| killed | kills | runs | lost | completed |
+|---|---|---|---|---|
+{lines}
+
+The full disk is a limit of 200 kB of each file that the run writes.
+"""
