@@ -20,7 +20,10 @@ class Cluster:
     """
 
     def __init__(self, folder: Path, *, workers: int, start_files: Path | None = None) -> None:
-        environment = os.environ | {"OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+        environment = os.environ | {
+            "OMP_NUM_THREADS": "1",
+            "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0",
+        }
         if start_files is not None:
             before = environment.get("PYTHONPATH")
             environment["PYTHONPATH"] = os.pathsep.join([str(start_files), *([before] if before else [])])

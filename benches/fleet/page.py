@@ -24,8 +24,8 @@ def page(log: dict[str, Any], kill_units: int) -> str:
     return f"""# Many units
 
 This page, written by `make fleet`, reports runs of `imucal fleet run` over simulated units, on
-{speed["processors"]} processors. The load of the machine before each part is given, because times are true only on
-an idle one.
+{speed["processors"]} processors. The load of the machine before each part is given, because times are true
+only on an idle one.
 
 ## What is planted and what is found
 
@@ -54,8 +54,9 @@ recordings Dask costs {100 * dask:.0f} % of the rate of two processes.
 ## A large store
 
 {storage["rows"]} synthetic results are stored in {storage["elapsed_s"]:.1f} s (load
-{storage["load"]:.1f}), in transactions of 50 that are on the disk when they end. The file has {storage["size"] / 1e6:.0f} MB. The memory
-of the process is {early:.0f} MB after a tenth of the results and {late:.0f} MB after all.
+{storage["load"]:.1f}), in transactions of 50 that are on the disk when they end. The file has
+{storage["size"] / 1e6:.0f} MB. The memory of the process is {early:.0f} MB after a tenth of the results and
+{late:.0f} MB after all.
 
 | query | time |
 |---|---|
