@@ -64,6 +64,30 @@ def test_time_since_the_last_motion_is_an_input():
         FormulaEffect.of("gyro x: k*sin(stand_2_rad)").columns(state)
 
 
+def test_a_law_of_the_time_since_a_motion_is_undone_at_its_limit():
+    """An effect that moves the rate across the limit has no inverse if the time depends on the result."""
+    run = imucal.simulate("tumble", seed=2, rate_hz=50.0).recording
+    effect = FormulaEffect.of("gyro: k*exp(-rest_s/0.3)")
+    unit = imucal.Calibration(
+        imucal.Triad(np.eye(3), np.zeros(3)),
+        imucal.Triad(np.eye(3), np.zeros(3)),
+        effects=[imucal.EffectValues(effect.name, [0.02, -0.02, 0.02])],
+        user_effects=[effect],
+    )
+    corrected = unit.apply_recording(run)
+    added = run.angular_rate - corrected.angular_rate
+    assert np.abs(added).max() == pytest.approx(0.02) and np.isfinite(added).all()
+
+
+def test_a_simulation_has_the_angles_of_the_stand():
+    plain, angled = (
+        imucal.simulate("random", seed=2, rate_hz=50.0, stand=imucal.Stand(), effects=effects).recording
+        for effects in ({}, {"gyro x: k*sin(2*stand_1_rad)": [0.01]})
+    )
+    added = angled.angular_rate - plain.angular_rate
+    assert np.abs(added[:, 0]).max() == pytest.approx(0.01, rel=0.05)
+
+
 def test_forms_need_variables_that_vary():
     measured, _, _, _ = pose("dead zone", 0)
     drivers = {form.driver for form in library([measured])}

@@ -184,7 +184,7 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     """The raw recording without the contributions of the user-defined effects.
 
     The State that a field receives has the derivative of the rate that is corrected for the effects of the
-    catalogue as its angular acceleration.
+    catalogue as its angular acceleration, and the time since this rate was that of a motion.
 
     Raises InputError without a definition, and if the iteration does not settle.
     """
@@ -201,11 +201,13 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
         )
     )
     rate, force = _core.correct_recording(others, recording)
-    # Differentiated once: differentiating in each iteration would add noise.
-    acceleration = State.of(recording, rate, force).angular_acceleration
+    # Differentiated once: differentiating in each iteration would add noise. The time since the last motion
+    # is a step of the rate, so it is computed once, too: a sample on the step would never settle.
+    start = State.of(recording, rate, force)
+    acceleration = start.angular_acceleration
     measured = np.isfinite(np.hstack((rate, force)))
     for _ in range(_core.MAX_PASSES):
-        on_rate, on_force = _added(own, State.of(recording, rate, force, acceleration))
+        on_rate, on_force = _added(own, State.of(recording, rate, force, acceleration, start.rest_s))
         without = replace(
             recording,
             angular_rate=raw_rate - on_rate @ gyroscope.sensitivity.T,

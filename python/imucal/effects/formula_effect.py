@@ -25,9 +25,6 @@ UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
 # Rate of a turn, rad/s, in the place of the unknown scale of a gyroscope in counts.
 TURN_RADPS: Final = 1.0
-# Rate above which a unit moves, rad/s, for the input rest_s: 6 deg/s, above the noise and bias of usual
-# gyroscopes, and below the rates of turns by hand.
-MOVING_RADPS: Final = 0.1
 OPERATIONS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
@@ -179,9 +176,8 @@ def _inputs(state: State, axis: int, formula: Formula) -> dict[str, FloatArray]:
         **state.auxiliary,
         "temp_degc": state.temperature_degc,
         "time_s": state.time_s,
+        "rest_s": state.rest_s,
     }
-    if "rest_s" in formula.inputs:
-        values["rest_s"] = _rest_s(state)
     for k in range(3):
         values[f"stand_{k + 1}_rad"] = None if state.stand_rad is None else state.stand_rad[:, k]
     for name, vector in vectors.items():
@@ -198,14 +194,6 @@ def _inputs(state: State, axis: int, formula: Formula) -> dict[str, FloatArray]:
             raise InputError(f"the formula {formula.text!r} depends on {name}, which the recording lacks")
         found[name] = value
     return found
-
-
-def _rest_s(state: State) -> FloatArray:
-    """Time since the rate last exceeded `MOVING_RADPS`, or since the first sample."""
-    is_moving = np.linalg.norm(state.angular_rate, axis=1) > MOVING_RADPS
-    last = np.maximum.accumulate(np.where(is_moving, np.arange(len(is_moving)), 0))
-    rest_s: FloatArray = state.time_s - state.time_s[last]
-    return rest_s
 
 
 def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from imucal.arrays import FloatArray, SampleArray, as_rows
 from imucal.recording.recording import Recording
 
 __all__ = ["State"]
+
+# Rate above which a unit moves, rad/s: 6 deg/s, above the noise and bias of usual gyroscopes, and below the
+# rates of turns by hand.
+MOVING_RADPS: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +33,8 @@ class State:
     stand_rad             (N, 3)  angles of the stand's motors, rad; true ones in a simulation, else measured
     stand_rate_radps      (N, 3)  their derivatives, rad/s; zero if not known
     stand_direction       (N, 3)  sign of the last motion of each motor, 0 before any; zero if not known
+    rest_s                (N,)    time since the rate last exceeded 0.1 rad/s, or since the first sample, s;
+                                  computed from the rate if not given
 
     Raises InputError if an array has another shape.
     """
@@ -42,6 +49,7 @@ class State:
     stand_rad: FloatArray | None = None
     stand_rate_radps: FloatArray | None = None
     stand_direction: FloatArray | None = None
+    rest_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         rows = len(as_rows(self.time_s, "time_s"))
@@ -55,10 +63,13 @@ class State:
             ("stand_rad", 3),
             ("stand_rate_radps", 3),
             ("stand_direction", 3),
+            ("rest_s", None),
         ):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, as_rows(values, name, width, rows))
+        if self.rest_s is None:
+            object.__setattr__(self, "rest_s", _rest_s(self.time_s, self.angular_rate))
         auxiliary = {
             name: as_rows(values, f"auxiliary[{name!r}]", None, rows)
             for name, values in self.auxiliary.items()
@@ -71,6 +82,7 @@ class State:
         angular_rate: SampleArray,
         specific_force: SampleArray,
         angular_acceleration: FloatArray | None = None,
+        rest_s: FloatArray | None = None,
     ) -> State:
         """The state at each sample of a recording with the given true rate and force.
 
@@ -91,4 +103,13 @@ class State:
             temperature_degc=recording.temperature_degc,
             auxiliary=recording.auxiliary,
             stand_rad=recording.stand_rad,
+            rest_s=rest_s,
         )
+
+
+def _rest_s(time_s: FloatArray, rate: FloatArray) -> FloatArray:
+    """Time since the rate last exceeded `MOVING_RADPS`, or since the first sample."""
+    is_moving = np.einsum("ij,ij->i", rate, rate) > MOVING_RADPS**2
+    last = np.maximum.accumulate(np.where(is_moving, np.arange(len(is_moving)), 0))
+    rest_s: FloatArray = time_s - time_s[last]
+    return rest_s

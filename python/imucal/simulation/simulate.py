@@ -203,6 +203,7 @@ def _added(setup: Setup, truth: Any, auxiliary: Mapping[str, FloatArray]) -> dic
         truth.temperature_degc,
         auxiliary,
         truth.rotation_wxyz,
+        truth.stand_rad,
     )
     names = {"accelerometer": "added_force", "gyroscope": "added_rate"}
     added: dict[str, FloatArray | None] = {}

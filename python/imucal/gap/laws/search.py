@@ -293,7 +293,7 @@ def _sweep(variable: str, at: FloatArray) -> State:
     if variable == "w_norm":
         rate = np.column_stack([at, still[:, :2]])
     time_s = np.arange(count, dtype=float)
-    if variable in ("time_s", "rest_s"):
+    if variable == "time_s":
         time_s = at
     return State(
         rate,
@@ -302,4 +302,5 @@ def _sweep(variable: str, at: FloatArray) -> State:
         temperature_degc=at if variable == "temp_degc" else None,
         auxiliary={} if variable in ("w", "f", "w_norm", "time_s", "rest_s", "temp_degc") else {variable: at},
         stand_rad=alike if variable.startswith("stand_") else None,
+        rest_s=at if variable == "rest_s" else None,
     )
