@@ -64,9 +64,9 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
             rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = (
-        "The recording has the axes of the sensor. Parameters apply before AHRS_ORIENTATION, but logs are "
-        "after it: "
-        "if it was not 0 in the log that was calibrated, export with --board-orientation AHRS_ORIENTATION."
+        "The recording has the axes of the sensor. Parameters apply before AHRS_ORIENTATION, but logs "
+        "are after it: if it was not 0 in the log that was calibrated, export with --board-orientation "
+        "AHRS_ORIENTATION."
         if rotation is None
         else "The recording was turned by AHRS_ORIENTATION; the parameters are for the axes of the sensor, "
         "before it.",
@@ -94,16 +94,13 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
 
 
 def _require_no_log(calibration: Calibration) -> None:
-    """Raises InputError for a calibration of a dataflash log, because its samples are after AHRS_ORIENTATION."""
+    """Raises InputError for a calibration of a dataflash log: its samples are after AHRS_ORIENTATION."""
     for source in calibration.provenance.files:
         if source.path.lower().endswith(LOG_SUFFIX):
             raise InputError(
                 f"the calibration is of {source.path}: logs of ArduPilot are after the rotation "
-                f"AHRS_ORIENTATION, "
                 "AHRS_ORIENTATION, and its parameters apply before it: give --board-orientation with the "
-                "value of that "
-                "parameter, "
-                "0 if the board is not rotated (`imucal inspect` shows any other value)"
+                "value of that parameter, 0 if the board is not rotated (`imucal inspect` shows any other value)"
             )
 
 

@@ -87,11 +87,10 @@ def write(
         frame=FRAMES["symmetric"] + ", along the sensor's axes",
         notes=(
             f"acc_1G is {accel_lsb_per_g:g} counts per g, the gyroscope has {gyro_lsb_per_dps:g} counts "
-            f"per deg/s: if "
-            "the driver of your sensor has others, export with --accel-lsb-per-g and --gyro-lsb-per-dps.",
+            "per deg/s: if the driver of your sensor has others, export with --accel-lsb-per-g and "
+            "--gyro-lsb-per-dps.",
             "Raw samples are those of the sensor, along its own axes, before acczero, accgain and any "
-            "alignment "
-            "(align_*): record with acczero 0 and accgain 4096.",
+            "alignment (align_*): record with acczero 0 and accgain 4096.",
             *(
                 ()
                 if gyro is None

@@ -53,17 +53,15 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         "",
     ]
     without_noise = (
-        "OpenVINS also needs noise figures, rostopic and update_rate in this block: export with --noise "
-        "REC, a "
-        "recording at rest, or copy them from your kalibr_imu_chain.yaml.",
+        "OpenVINS also needs noise figures, rostopic and update_rate in this block: export with "
+        "--noise REC, a recording at rest, or copy them from your kalibr_imu_chain.yaml.",
     )
     return Written(
         body="\n".join(body),
         lost=(
             f"the constant biases, {accelerometer.bias.tolist()} m/s^2 and {gyroscope.bias.tolist()} "
-            f"rad/s: OpenVINS "
-            "estimates them; as start values they are init_dyn_bias_a and init_dyn_bias_g of "
-            "estimator_config.yaml",
+            "rad/s: OpenVINS estimates them; as start values they are init_dyn_bias_a and "
+            "init_dyn_bias_g of estimator_config.yaml",
             *lost_effects(calibration, {G_SENSITIVITY}),
             *(["noise figures"] if noise is None else []),
         ),
@@ -71,9 +69,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         frame=FRAMES["triangular"] + ", the IMU frame of OpenVINS" + turned(model.rotation),
         notes=(
             "Use it as the file of relative_config_imu. T_imu_cam must refer to the body frame above.",
-            "With calib_imu_intrinsics or calib_imu_g_sensitivity OpenVINS estimates these matrices anew, "
-            "starting "
-            "from this file.",
+            "With calib_imu_intrinsics or calib_imu_g_sensitivity OpenVINS estimates these matrices "
+            "anew, starting from this file.",
             *(without_noise if noise is None else ()),
         ),
     )

@@ -46,9 +46,9 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         "The parameters are for the first sensors; for other sensors replace the 0 in the names by their "
         "number. CAL_ACC0_ID and CAL_GYRO0_ID are not in this file. They must hold the device IDs of these "
         "sensors.",
-        "Set SENS_IMU_AUTOCAL to 0, otherwise PX4 replaces the offsets of both sensors by those that its "
-        "estimator "
-        "learns in flight. Set IMU_GYRO_CAL_EN to 0, otherwise it estimates new gyroscope offsets at rest.",
+        "Set SENS_IMU_AUTOCAL to 0, otherwise PX4 replaces the offsets of both sensors by those that "
+        "its estimator learns in flight. Set IMU_GYRO_CAL_EN to 0, otherwise it estimates new "
+        "gyroscope offsets at rest.",
     ]
     if model.thermal:
         slots = ", ".join(f"TC_{LETTERS[sensor]}0_ID" for sensor in model.thermal)

@@ -32,9 +32,8 @@ __all__ = ["REALSENSE", "REALSENSE_TABLE"]
 
 
 RECORD: Final = (
-    "Record with motion correction switched off (enable_motion_correction 0), in the frame of the depth "
-    "sensor, "
-    "which is librealsense's default."
+    "Record with motion correction switched off (enable_motion_correction 0), in the frame of the "
+    "depth sensor, which is librealsense's default."
 )
 # Layout of the table, in bytes, and the values of its headers (ds-private.h and rs-imu-calibration.py).
 EEPROM_SIZE: Final = 520
@@ -66,9 +65,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         notes=(
             RECORD,
             "The biases are in m/s^2 and rad/s, as rs-imu-calibration writes them. The camera does not "
-            "read this "
-            "file, and its own table has the bias of the gyroscope in deg/s: use --to realsense-table for "
-            "it.",
+            "read this file, and its own table has the bias of the gyroscope in deg/s: use --to "
+            "realsense-table for it.",
         ),
     )
 
@@ -94,12 +92,10 @@ def write_table(calibration: Calibration, noise: NoiseResult | None) -> Written:
         notes=(
             RECORD,
             "The numbers are float32. The bias of the gyroscope is in deg/s, because librealsense "
-            "multiplies it by "
-            "pi / 180.",
+            "multiplies it by pi / 180.",
             "Write it to the camera by write_eeprom_to_camera(numpy.fromfile(FILE, numpy.uint8)) of "
             "rs-imu-calibration.py. This replaces the camera's calibration table of the IMU, and its "
-            "extrinsics "
-            "by those of the drawing, as that tool does.",
+            "extrinsics by those of the drawing, as that tool does.",
         ),
         binary=_table(EEPROM_VERSION, EEPROM_TYPE, image),
     )

@@ -215,11 +215,9 @@ def _rotated(name: str, orientations: Sequence[int]) -> list[Finding]:
             name,
             "board_rotated",
             f"{ORIENTATION} is {listed}: ArduPilot has rotated the logged samples from the axes of the "
-            f"sensor to "
-            "those of the vehicle",
+            "sensor to those of the vehicle",
             "a calibration of this recording is along the axes of the vehicle; ArduPilot's parameters "
-            "apply before "
-            f"the rotation, so export with --board-orientation {values[-1]}"
+            f"apply before the rotation, so export with --board-orientation {values[-1]}"
             if len(values) == 1
             else "record again without a change of this parameter",
         )
