@@ -99,8 +99,8 @@ def _require_no_log(calibration: Calibration) -> None:
         if source.path.lower().endswith(LOG_SUFFIX):
             raise InputError(
                 f"the calibration is of {source.path}: logs of ArduPilot are after the rotation "
-                "AHRS_ORIENTATION, and its parameters apply before it: give --board-orientation with the "
-                "value of that parameter, 0 if the board is not rotated (`imucal inspect` shows any other value)"
+                "AHRS_ORIENTATION, and its parameters apply before it: give --board-orientation with "
+                "its value, 0 if the board is not rotated (`imucal inspect` shows any other value)"
             )
 
 
