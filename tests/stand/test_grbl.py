@@ -238,10 +238,11 @@ class Mishearing(Controller):
         (lambda line: line.replace("X.0Y.0", "X.0"), "wrong_pose"),
         (lambda line: line.replace("Y.0", "Y.8"), None),
         (lambda line: line.replace("Y", "Q"), "line_repeated"),
+        (lambda line: line.replace("X", ""), "line_repeated"),
         (lambda line: line + "G4P1", None),
         (lambda line: "", None),
     ],
-    ids=["axis", "bit", "unknown", "merged", "nothing"],
+    ids=["axis", "bit", "unknown", "letter", "merged", "nothing"],
 )
 def test_a_damaged_move_is_seen_and_made_good(bench, heard, code):
     done, stand, unit, read, numbers = bench(Mishearing(heard))

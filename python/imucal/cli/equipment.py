@@ -18,15 +18,23 @@ if TYPE_CHECKING:
 
 __all__ = ["Equipment", "equipment_options"]
 
-DRIVERS = ("simulated", "grbl", "manual")
+DRIVERS = ("simulated", "grbl", "external", "manual")
 # Drivers whose runs can be resumed.
 RESUMED = ("grbl",)
 # Headings of the options in the help.
 SIMULATED = "Simulated driver"
 GRBL = "Controller"
+EXTERNAL = "External driver"
+START = "Start of the motors"
 UNIT = "The unit's data"
 # Drivers that the options under each heading apply to.
-OF_PANEL = {SIMULATED: ("simulated",), GRBL: ("grbl",), UNIT: ("grbl", "manual")}
+OF_PANEL = {
+    SIMULATED: ("simulated",),
+    GRBL: ("grbl",),
+    EXTERNAL: ("external",),
+    START: ("grbl", "external"),
+    UNIT: ("grbl", "external", "manual"),
+}
 
 
 def _option(name: str, help: str, panel: str | None = None, **more: Any) -> Any:
@@ -91,13 +99,22 @@ class Equipment:
         bool, _option("--unlock", "grbl: unlock a controller that is locked by an alarm ($X).", GRBL)
     ] = False
     start_here: Annotated[
-        bool, _option("--start-here", "grbl: the position of the motors at the start is the zero.", GRBL)
+        bool, _option("--start-here", "The position of the motors at the start is the zero.", START)
     ] = False
-    unwind: Annotated[bool, _option("--unwind", "grbl: turn the motors back to zero first.", GRBL)] = False
+    unwind: Annotated[bool, _option("--unwind", "Turn the motors back to zero first.", START)] = False
     resume_hold: Annotated[
         bool,
         _option("--resume-hold", "grbl: end a feed hold or a closed safety door without waiting.", GRBL),
     ] = False
+    command: Annotated[
+        str | None,
+        _option(
+            "--command",
+            "external: command of the program that moves the stand, see docs/external-stand.md.",
+            EXTERNAL,
+            metavar="COMMAND",
+        ),
+    ] = None
     source: Annotated[
         str | None,
         _option(
@@ -183,6 +200,14 @@ class Equipment:
                 clock=clock,
             )
             return driver, self._unit(clock)
+        if self.driver == "external":
+            from imucal.stand.external import ExternalDriver
+
+            if self.command is None:
+                raise InputError("the driver external needs the command of the stand: give --command")
+            return ExternalDriver(
+                program, self.command, start_here=self.start_here, unwind=self.unwind
+            ), self._unit()
         if self.driver == "manual":
             from imucal.stand.manual import ManualDriver
 

@@ -33,8 +33,8 @@ MOST_POINTS: Final = 20_000
 LONGEST_S: Final = 0.1
 # Longer intervals, s, are interpolated up to this angle, deg: a motor that starts or stops in the interval is
 # off the straight line by at most a quarter of it.
-LONGER_S: Final = 0.5
-LITTLE_DEG: Final = 3.0
+LONGER_S: Final = 0.2
+LITTLE_DEG: Final = 2.0
 # Time after the last position, s, for which a stand at rest is taken to remain there.
 STAYS_S: Final = 0.35
 # Positions that differ by less than this, deg, belong to a stand at rest.

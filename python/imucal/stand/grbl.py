@@ -59,8 +59,10 @@ SLOW_FACTOR: Final = 1.5
 SETUP: Final = "G21G90G94G80"
 # grblHAL refuses G43.1 after G80.
 SETUP_HAL: Final = "G21G90G94"
-# Zeros with a decimal point: a single damaged bit changes them by less than a degree.
-MOVE: Final = "G1{}.0{}.0{}.0"
+# Zeros with a decimal point: a single damaged bit changes them by less than a degree. The command is the last
+# word, because after the loss of the letter, `G1X.0` would be read as `G1.0`, which moves the other motors
+# alone.
+MOVE: Final = "{}.0{}.0{}.0G1"
 FINAL: Final = "free the stand, bring its motors to zero, and run the program again"
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 from imucal.stand.clock import Clock
 from imucal.stand.link import LinkLostError
 
-__all__ = ["HOLD", "RESET", "RESUME", "STATUS", "TRIPS", "GrblPort"]
+__all__ = ["HOLD", "RESET", "RESUME", "STATUS", "GrblPort"]
 
 # Characters that the controller executes at once, also within a line.
 RESET, HOLD, RESUME, STATUS = b"\x18", b"!", b"~", b"?"
@@ -30,8 +30,8 @@ WAIT_S: Final = 0.01
 LONGEST: Final = 512
 # Number of consecutive late reports after which a query counts as lost.
 LOST_AFTER: Final = 4
-# Number of latest reports whose shortest time between query and arrival is the delay of the line.
-TRIPS: Final = 50
+# Additional delay of a report, s, above which its query counts as lost if later queries may be meant.
+LOST_S: Final = 0.25
 # Time that a thread may take to end, s.
 JOIN_S: Final = 1.0
 
@@ -39,12 +39,14 @@ JOIN_S: Final = 1.0
 class GrblPort:
     """A port with its listening thread. Methods except `close` raise LinkLostError once the device is gone.
 
-    queries  whether the thread sends status queries
+    queries     whether the thread sends status queries
+    shortest_s  shortest time between a query and its report, s; None until the driver has measured it
     """
 
     def __init__(self, port: str, baud: int, open_port: Callable[[str, int], Any], clock: Clock) -> None:
         self.name = port
         self.queries = True
+        self.shortest_s: float | None = None
         self._baud, self._open_port, self._clock = baud, open_port, clock
         self._query_s = max(QUERY_S, 3 * REPORT_LENGTH * 10 / baud)
         self._port: Any = None
@@ -52,8 +54,6 @@ class GrblPort:
         self._lines: deque[tuple[float, float | None, str]] = deque()
         # Host times of the queries that are not answered.
         self._asked: deque[float] = deque()
-        # Times between the latest queries and the arrival of their reports, s.
-        self._trips_s: deque[float] = deque(maxlen=TRIPS)
         self._shifted = 0
         # Status queries of the thread and lines of the driver must not interleave within a write.
         self._writing = threading.Lock()
@@ -99,6 +99,10 @@ class GrblPort:
             raise LinkLostError(f"{self.name} is lost: {self._lost}")
         return lines
 
+    def forget_queries(self) -> None:
+        """Forget the queries that are not answered."""
+        self._asked.clear()
+
     def close(self) -> None:
         """Close the port; never raises."""
         self._closing.set()
@@ -139,16 +143,19 @@ class GrblPort:
 
     def _query_of(self, now_s: float) -> float | None:
         """The query that a report answers: queries are answered in their order, unless one is lost."""
-        if not self._asked:
+        shortest_s = self.shortest_s
+        if shortest_s is None or not self._asked:
             return None
-        asked_s = self._asked.popleft()
-        shortest_s = min(self._trips_s, default=now_s - asked_s)
-        # If a query was lost, all later answers seem to be late by one interval, although a query that is
-        # just as old as usual is outstanding.
-        seems_late = now_s - asked_s > shortest_s + 0.75 * self._query_s
-        is_other = bool(self._asked) and now_s - self._asked[0] > 0.8 * shortest_s
-        self._shifted = self._shifted + 1 if seems_late and is_other else 0
+
+        def next_is_old_enough() -> bool:
+            return len(self._asked) > 1 and now_s - self._asked[1] > 0.8 * shortest_s
+
+        while now_s - self._asked[0] > shortest_s + LOST_S and next_is_old_enough():
+            self._asked.popleft()
+        # After the loss of a single query all later answers seem to be late by one interval.
+        seems_late = now_s - self._asked[0] > shortest_s + 0.75 * self._query_s
+        self._shifted = self._shifted + 1 if seems_late and next_is_old_enough() else 0
         if self._shifted > LOST_AFTER:
-            self._shifted, asked_s = 0, self._asked.popleft()
-        self._trips_s.append(now_s - asked_s)
-        return asked_s
+            self._shifted = 0
+            self._asked.popleft()
+        return self._asked.popleft()

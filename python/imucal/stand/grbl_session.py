@@ -7,14 +7,14 @@ of the driver has another effect when it is repeated.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 from imucal.stand.clock import Clock
 from imucal.stand.driver import Event
-from imucal.stand.grbl_port import HOLD, RESET, TRIPS, GrblPort
+from imucal.stand.grbl_port import HOLD, RESET, STATUS, GrblPort
 from imucal.stand.grbl_report import (
     ALARMS,
     ERRORS,
@@ -41,6 +41,8 @@ QUIET_S: Final = 0.3
 STOP_EVERY_S: Final = 0.3
 # Time within which moving motors must have stopped, s.
 STOP_S: Final = 6.0
+# Queries with which the shortest time between query and report is measured.
+ROUND_TRIPS: Final = 5
 # Additional delay of a report, s, above which the instant of its position is not known well enough: at 60
 # deg/s an error of half of this time is 0.9 deg.
 LATE_S: Final = 0.03
@@ -98,7 +100,6 @@ class GrblSession:
         self._clock = clock
         self.report: Report | None = None
         self.offset_deg: Triple | None = None
-        self._trips_s: deque[float] = deque(maxlen=TRIPS)
         self.starting = True
         self.is_stopping = False
         self.is_locked = ""
@@ -125,16 +126,31 @@ class GrblSession:
                 continue
             self.report, self.reported_s = report, arrived_s
             self.offset_deg = report.offset_deg or self.offset_deg
-            if asked_s is not None:
-                self._trips_s.append(arrived_s - asked_s)
             reports.append(report)
         return reports
 
     def is_late(self, report: Report) -> bool:
         """Whether a report was delayed, on the line or by a busy computer."""
-        if report.asked_s is None:
+        shortest_s = self.port.shortest_s
+        if report.asked_s is None or shortest_s is None:
             return True
-        return report.arrived_s - report.asked_s > min(self._trips_s) + LATE_S
+        return report.arrived_s - report.asked_s > shortest_s + LATE_S
+
+    def measure_delay(self) -> Waiting:
+        """Measure the shortest time between a query and its report, one query at a time."""
+        trips = []
+        self.port.queries = False
+        yield from self.pause(self.timeouts.answer_s / 4)
+        for _ in range(ROUND_TRIPS):
+            self.report, asked_s = None, self._clock.now_s()
+            self.port.send(STATUS)
+            if (yield from self.until(lambda: self.report is not None)) and self.report is not None:
+                trips.append(self.report.arrived_s - asked_s)
+        if not trips:
+            raise LinkLostError(f"{self.port.name}: the controller does not report its status")
+        self.port.forget_queries()
+        self.port.shortest_s = min(trips)
+        self.port.queries = True
 
     def _take(self, line: str) -> None:
         """Handle a line that is no report."""

@@ -107,6 +107,7 @@ def prepared(session: GrblSession, consent: Consent, blocks: Sequence[Block]) ->
         session.parser.in_inches = True
     session.starting = False
     position, offset = yield from _coordinates(session)
+    yield from session.measure_delay()
     _require_travel(settings, axes[6:], blocks, letters)
     rates = [settings[FIRST_RATE + axis] / 60.0 for axis in first]
     accelerations = [settings[FIRST_ACCELERATION + axis] for axis in first]

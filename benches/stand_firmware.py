@@ -1,0 +1,145 @@
+"""`stand calibrate` with the firmware of a controller: GRBL_SIM=PATH python benches/stand_firmware.py
+
+The whole program runs on a GRBL simulator in real time, about nine minutes. The unit is simulated with the
+angles that the firmware reports: they pass a filter that acts like an elastic coupling, so that the angles
+of the unit, its angular rate and its specific force are consistent. The parameters found are compared with
+those of the unit.
+"""
+
+import os
+import tempfile
+import time
+from collections import deque
+from contextlib import nullcontext
+
+import numpy as np
+
+import imucal
+from grbl_firmware import Firmware
+from imucal import Program
+from imucal.stand.grbl import GrblDriver
+from imucal.stand.line import Order, calibrate_unit
+from serial_lines import MemoryLine
+from stand_devices import ControllerDevice, RealTime
+from stand_scenarios import SETTINGS
+
+UNIT, SEED, CONTROL_SEED, CONTROL_MOVES = "random:bmi088:7", 1, 5, 20
+UNIT_HZ = 100.0
+# Natural frequency of the coupling, rad/s, and the step of its integration, s.
+COUPLING_RADPS, STEP_S = 40.0, 0.001
+# Latency of the samples, s: the position of the firmware is known when the next report has come.
+BEHIND_S = 0.3
+
+
+class Coupled:
+    """A unit on an elastic coupling, as a source of samples."""
+
+    columns = ("time_s", *(f"accel_{a}_mps2" for a in "xyz"), *(f"gyro_{a}_radps" for a in "xyz"))
+
+    def __init__(self, device, unit, seed):
+        self.device, self.unit = device, unit
+        self.random = np.random.default_rng(seed)
+        self.angle, self.rate = np.zeros(3), np.zeros(3)
+        self.time_s, self.taken = 0.0, deque()
+
+    def start(self):
+        self.begun_s = time.monotonic()
+        # Time of the device at the first sample.
+        self.zero_s = self.device.now_s
+
+    def read(self, wait_s):
+        time.sleep(wait_s)
+        truth = list(self.device.truth)
+        at = np.array([at_s for at_s, _ in truth]) - self.zero_s
+        positions = np.array([position for _, position in truth])
+        rows, self.arrived = [], []
+        until_s = time.monotonic() - self.begun_s - BEHIND_S
+        steps = int(max(until_s - self.time_s, 0.0) * UNIT_HZ)
+        for _ in range(steps):
+            end_s = self.time_s + 1.0 / UNIT_HZ
+            fine_s = np.arange(self.time_s, end_s - STEP_S / 2, STEP_S)
+            target = np.radians(np.column_stack([np.interp(fine_s, at, angle) for angle in positions.T]))
+            for aim in target:
+                pull = COUPLING_RADPS**2 * (aim - self.angle) - 2 * COUPLING_RADPS * self.rate
+                self.rate = self.rate + STEP_S * pull
+                self.angle = self.angle + STEP_S * self.rate
+            self.time_s = end_s
+            rows.append([end_s, *self._measured()])
+            self.arrived.append(self.begun_s + end_s)
+        return np.array(rows).reshape(-1, 7)
+
+    def _measured(self):
+        """Samples of the unit at the angles and rates of the three motors."""
+        rotation, rate = np.eye(3), np.zeros(3)
+        for axis in range(3):
+            rate = rotation_about(axis, self.angle[axis]).T @ rate
+            rate[axis] += self.rate[axis]
+            rotation = rotation @ rotation_about(axis, self.angle[axis])
+        force = rotation.T @ np.array([0.0, 0.0, imucal.units.STANDARD_GRAVITY_MPS2])
+        out = []
+        for sensor, true in ((self.unit.accelerometer, force), (self.unit.gyroscope, rate)):
+            noise = sensor.noise_density * np.sqrt(UNIT_HZ / 2) * self.random.normal(size=3)
+            out += (sensor.sensitivity @ true + sensor.bias + noise).tolist()
+        return out
+
+    def arrivals(self):
+        return np.array(self.arrived)
+
+    def events(self):
+        return ()
+
+    def counts(self):
+        return {}
+
+    def close(self):
+        pass
+
+
+def rotation_about(axis, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    rotation = np.eye(3)
+    rotation[i, i] = rotation[j, j] = c
+    rotation[i, j], rotation[j, i] = -s, s
+    return rotation
+
+
+def main() -> None:
+    path = os.environ["GRBL_SIM"]
+    calibration = imucal.simulate(imucal.Static(1.0), seed=1, unit=UNIT).truth.calibration
+    unit = imucal.rig.unit.unit_of(UNIT)
+    with tempfile.TemporaryDirectory() as folder:
+        firmware = Firmware(path, folder, SETTINGS)
+        line = MemoryLine(115200, 0.005)
+        device = ControllerDevice(line, firmware, latency_s=0.005)
+        order = Order(
+            Program.random(seed=SEED),
+            seed=SEED,
+            control=Program.random(seed=CONTROL_SEED, moves=CONTROL_MOVES),
+            control_seed=CONTROL_SEED,
+        )
+
+        def equipment(program, seed):
+            return GrblDriver(program, "memory", open_port=line.open_port), Coupled(device, unit, seed)
+
+        with RealTime(device, by_clock=True):
+            outcome = calibrate_unit(order, equipment, folder, view=lambda _: nullcontext(None))
+        firmware.stop()
+        print(outcome.verdict, [f"{reason.code}: {reason.message}" for reason in outcome.reasons])
+        result = outcome.assessment.result if outcome.assessment else None
+        for name, done in outcome.runs.items():
+            print(name, done.state, done.samples, [e["code"] for e in done.events])
+        if result is None:
+            return
+        truth = {parameter.name: parameter.value for parameter in calibration.parameters}
+        pulls = {p.name: (p.value - truth[p.name]) / p.std for p in result.parameters if p.name in truth}
+        print(
+            f"{path}: {result.verdict}, {len(pulls)} parameters, pull rms "
+            f"{np.sqrt(np.mean(np.square(list(pulls.values())))):.2f}, largest {max(map(abs, pulls.values())):.2f}"
+        )
+        for name, pull in pulls.items():
+            print(f"  {name} {pull:+.2f}")
+
+
+if __name__ == "__main__":
+    main()
