@@ -14,6 +14,7 @@
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
 #   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
 #   make fuzz      damaged files of every format for MINUTES=30, then arbitrary recordings with cargo-fuzz
+#   make stand-driver  faults of a stand with a GRBL controller, to docs/results/stand-driver.md; GRBL_SIM=path
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make test-firmware  faults of a stand on a simulator of GRBL or grblHAL: GRBL_SIM=path, see docs/stand.md
 #   make fleet     a simulated fleet, its speed, store and kills, to docs/results/fleet.md; PARTS=kills runs one part
@@ -190,7 +191,7 @@ docs: $(VENV)/.installed
 # --- what it can do ----------------------------------------------------------------------------------------------
 
 .PHONY: demo bench accuracy rounding faces six-positions gap-benchmark plan traps signals stand first-steps
-.PHONY: docs-figures docs-pictures fleet
+.PHONY: docs-figures docs-pictures fleet stand-driver
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -242,6 +243,10 @@ traps: $(VENV)/.installed
 signals: $(VENV)/.installed
 	$(call say,Signals)
 	$(PY) benches/signals.py
+
+stand-driver: $(VENV)/.installed
+	$(call say,Faults of a stand)
+	GRBL_SIM="$(GRBL_SIM)" PYTHONPATH=tests/fixtures $(PY) benches/stand_driver.py
 
 stand: $(VENV)/.installed
 	$(call say,Units on the line)

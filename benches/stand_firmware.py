@@ -135,7 +135,8 @@ def main() -> None:
         pulls = {p.name: (p.value - truth[p.name]) / p.std for p in result.parameters if p.name in truth}
         print(
             f"{path}: {result.verdict}, {len(pulls)} parameters, pull rms "
-            f"{np.sqrt(np.mean(np.square(list(pulls.values())))):.2f}, largest {max(map(abs, pulls.values())):.2f}"
+            f"{np.sqrt(np.mean(np.square(list(pulls.values())))):.2f}, largest "
+            f"{max(map(abs, pulls.values())):.2f}"
         )
         for name, pull in pulls.items():
             print(f"  {name} {pull:+.2f}")

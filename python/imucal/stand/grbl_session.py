@@ -138,7 +138,7 @@ class GrblSession:
 
     def measure_delay(self) -> Waiting:
         """Measure the shortest time between a query and its report, one query at a time."""
-        trips = []
+        trips: list[float] = []
         self.port.queries = False
         yield from self.pause(self.timeouts.answer_s / 4)
         for _ in range(ROUND_TRIPS):
