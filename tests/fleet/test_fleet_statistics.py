@@ -1,5 +1,6 @@
 """Drift, control charts and odd units of a fleet in which they are planted."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -170,3 +171,9 @@ def test_many_drifting_units_do_not_move_their_station():
     result = drift(measurements)
     assert result.shifts == ()
     assert {unit.serial for unit in result.drifting} == planted.drifting
+
+
+def test_a_missing_scipy_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.stats", None)
+    with pytest.raises(imucal.ImucalError, match=r'need SciPy.*pip install "imucal-rs\[fleet\]"'):
+        outliers(planted_fleet(units=60, dates=1, drifting=0).measurements)

@@ -72,8 +72,8 @@ def drift(
             if row.is_significant:
                 group = "all units" if row.by == "all" else f"{row.by} {row.group}"
                 out.line(
-                    f"ages: {row.name}, {group}: {row.slope:.3g} +- {row.std:.2g} {row.unit} per month, over "
-                    f"{row.units} units"
+                    f"ages: {row.name}, {group}: {row.slope:.3g} +- {row.std:.2g}{_unit(row.unit)} per "
+                    f"month, over {row.units} units"
                 )
         _shifts(out, result.shifts)
         out.line(f"{result.single} units have one date, {result.poor} poor calibrations are left out")
@@ -159,6 +159,10 @@ def outliers(
     out.verdict(*_ending(count, f"{count} of {len(result.units)} units are odd"))
 
 
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
 def _kind(parameter: Any) -> str:
     return "slope" if parameter.step is None else f"step before {parameter.step_date}"
 
@@ -176,7 +180,7 @@ def _shifts(out: Output, shifts: tuple[Shift, ...]) -> None:
         day = f" on {shift.day}" if shift.day else ""
         out.line(
             f"station {shift.station or '-'}{day} is shifted: {shift.name} by {shift.shift:.3g} +- "
-            f"{shift.std:.2g} {shift.unit} over {shift.units} calibrations"
+            f"{shift.std:.2g}{_unit(shift.unit)} over {shift.units} calibrations"
         )
 
 

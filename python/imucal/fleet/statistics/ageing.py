@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from imucal.arrays import FloatArray
 from imucal.fleet.measurements import Measurements
 from imucal.fleet.statistics.columns import FEWEST, Columns
 from imucal.fleet.statistics.scipy_part import scipy_part
 from imucal.fleet.statistics.slopes import Slopes
-from imucal.fleet.statistics.spread import spread_of
 
 __all__ = ["Ageing", "ageing_of"]
 
@@ -62,15 +62,16 @@ def ageing_of(dated: Measurements, columns: Columns, slopes: Slopes) -> tuple[Ag
             own, others = known & members, known & ~members
             if own.sum() < FEWEST or (by != "all" and others.sum() < FEWEST):
                 continue
-            inside = spread_of(slope[own], std[own], interval=False)
-            mean, variance = inside.mean, inside.mean_std**2
+            mean, mean_std, spread = _mean_of(slope[own], std[own])
+            difference, variance, dof = mean, mean_std**2, int(own.sum()) - 1
             if by != "all":
-                outside = spread_of(slope[others], std[others], interval=False)
-                mean, variance = mean - outside.mean, variance + outside.mean_std**2
-            p_value = float(2.0 * stats.norm.sf(abs(mean) / np.sqrt(variance))) if variance > 0 else 1.0
-            rows.append(
-                (name, unit, by, group, int(own.sum()), inside.mean, inside.mean_std, inside.spread, p_value)
+                other, other_std, _ = _mean_of(slope[others], std[others])
+                difference, variance = mean - other, variance + other_std**2
+                dof = min(dof, int(others.sum()) - 1)
+            p_value = (
+                float(2.0 * stats.t.sf(abs(difference) / np.sqrt(variance), dof)) if variance > 0 else 1.0
             )
+            rows.append((name, unit, by, group, int(own.sum()), mean, mean_std, spread, p_value))
     if not rows:
         return ()
     q_values = stats.false_discovery_control([row[-1] for row in rows])
@@ -96,6 +97,25 @@ def _groups(dated: Measurements, slopes: Slopes) -> list[tuple[str, str, np.ndar
                 members = (mean >= low) & ((mean <= high) if high == edges[-1] else (mean < high))
                 groups.append(("temperature", f"{low:.1f} to {high:.1f} degC", members))
     return groups
+
+
+def _mean_of(slopes: FloatArray, stds: FloatArray) -> tuple[float, float, float]:
+    """Mean over units, its standard deviation, and the standard deviation of the units without noise.
+
+    The spread is the moment estimate of DerSimonian and Laird (Controlled Clinical Trials 7, 1986), and units
+    are weighted by spread and noise together. Where a third of the units drifts, the mean is a third of their
+    slope; a robust mean would be that of the majority.
+    """
+    weight = 1.0 / stds**2
+    total = weight.sum()
+    residual = slopes - (weight * slopes).sum() / total
+    excess = float((weight * residual**2).sum()) - (len(slopes) - 1)
+    variance = max(excess / float(total - (weight**2).sum() / total), 0.0)
+    weight = 1.0 / (stds**2 + variance)
+    mean = float((weight * slopes).sum() / weight.sum())
+    # From the scatter itself, so that it holds also where noise or spread are not as assumed.
+    std = np.sqrt(float((weight**2 * (slopes - mean) ** 2).sum())) / float(weight.sum())
+    return mean, float(std), float(np.sqrt(variance))
 
 
 def _mean(values: np.ndarray) -> float:

@@ -106,8 +106,14 @@ class SpcResult:
         return tuple(dict.fromkeys((shift.station, shift.day) for shift in self.shifts))
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON document of `imucal fleet spc --json`."""
-        return {"schema": SCHEMA, **without_nan(self)}
+        """The JSON document of `imucal fleet spc --json`; the store has the values of the charts."""
+        charts = [
+            {name: getattr(chart, name) for name in ("station", "name", "unit", "units", "centre")}
+            | {"spread": chart.spread, "noise": chart.noise, "signals": chart.signals}
+            for chart in self.charts
+        ]
+        fields = {"units": self.units, "poor": self.poor, "shifts": self.shifts, "charts": charts}
+        return {"schema": SCHEMA, **without_nan(fields)}
 
 
 def spc(measurements: Measurements, *, station: str | None = None) -> SpcResult:
