@@ -1,12 +1,17 @@
 """Runs of a fleet with real processes: nothing twice, poisoned files, kills, two parents, a full disk."""
 
+import contextlib
+import json
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import pytest
 
 import imucal
+from children import HANGS_S
 from fleet.killing import check, kill, start, workers_of
 from fleet.simulated import plan, write_manifest, write_one, write_poison
 
@@ -160,8 +165,34 @@ def test_ctrl_c_ends_a_run_and_its_processes(folder, tmp_path):
     run = start(store, folder / "good.csv", total=UNITS)
     run.wait_for(1)
     workers = workers_of(run.process.pid)
-    run.process.send_signal(subprocess.signal.SIGINT)
+    run.process.send_signal(signal.SIGINT)
     run.wait()
     check(store, run.told)
     assert workers
     assert not [worker for worker in workers if worker in workers_of(1) and kill(worker)]
+
+
+def test_a_watched_folder_is_taken_as_files_come(folder, tmp_path):
+    watched, store, document = tmp_path / "in", tmp_path / "units.sqlite", tmp_path / "run.json"
+    watched.mkdir()
+    sources = [next(folder.glob(f"*/{number:05}-*.npz")) for number in range(2)]
+    words = ["-m", "imucal", "fleet", "run", store, "--watch", watched, "--workers", "1", "--json", document]
+    process = subprocess.Popen([sys.executable, *map(str, words)], stdout=subprocess.DEVNULL)
+    for number, source in enumerate(sources):
+        (watched / f"run-{number:04}.npz").write_bytes(source.read_bytes())
+        wait_until(lambda expected=number + 1: store.exists() and counts(store) == {"good": expected})
+    process.send_signal(signal.SIGINT)
+    assert process.wait(HANGS_S) == 0
+    done = json.loads(document.read_text())
+    assert (done["units"], done["done"], done["skipped"]) == (2, 2, 0)
+
+
+def wait_until(holds):
+    end_s = time.monotonic() + HANGS_S
+    while time.monotonic() < end_s:
+        # The store is being made.
+        with contextlib.suppress(imucal.ImucalError):
+            if holds():
+                return
+        time.sleep(0.1)
+    raise AssertionError("the folder is not watched")

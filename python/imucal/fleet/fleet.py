@@ -67,6 +67,7 @@ class Fleet(Judging):
         retry: bool = False,
         total: int | None = None,
         tell: Tell | None = None,
+        tally: Tally | None = None,
     ) -> Tally:
         """Calibrate the units whose recordings are not in the store.
 
@@ -80,6 +81,7 @@ class Fleet(Judging):
         retry      compute units again that have no result
         total      number of jobs, if it is known
         tell       is called for each unit with its job, verdict, and code and message of a failure
+        tally      counts of earlier runs, to which those of this run are added
 
         Raises InputError for wrong arguments and if the store cannot be written, and ImucalError if the
         scheduler is lost. The outcomes that were told are then in the store, and another run goes on.
@@ -95,7 +97,7 @@ class Fleet(Judging):
         )
         known = len(jobs) if total is None and isinstance(jobs, Sequence) else total
         with Store(self.path) as store:
-            return run_jobs(store, jobs, options, make_pool, total=known, retry=retry, tell=tell)
+            return run_jobs(store, jobs, options, make_pool, total=known, retry=retry, tell=tell, tally=tally)
 
     def merge(self, *stores: str | os.PathLike[str]) -> int:
         """Take the rows of other stores; returns the number of those that were not in this one."""

@@ -25,7 +25,7 @@ from imucal.errors import InputError
 from imucal.limits.limits import Limits
 from imucal.rig.unit import Unit, unit_of
 
-__all__ = ["Job", "KeyedJob", "Options", "as_date", "hash_of", "keyed"]
+__all__ = ["Job", "KeyedJob", "Options", "as_date", "hash_of", "keyed", "path_text"]
 
 # Arguments of `calibrate` that belong to a job and not to the options of a run.
 OF_A_JOB: Final = ("control", "serial_number", "frame")
@@ -95,10 +95,10 @@ class Options:
         document = {
             "read": plain(dict(self.read)),
             "calibrate": {
-                name: value.to_dict() if isinstance(value, Unit) else plain(value)
+                name: plain(value.to_dict() if isinstance(value, Unit) else value)
                 for name, value in self.calibrate.items()
             },
-            "limits": None if self.limits is None else self.limits.to_dict(),
+            "limits": None if self.limits is None else plain(self.limits.to_dict()),
             "gap": self.gap,
         }
         try:

@@ -75,14 +75,6 @@ class Tally:
             return "no_result"
         return next((each for each in ("poor", "incomplete") if self.verdicts[each]), "good")
 
-    def add(self, other: Tally) -> None:
-        """Add the counts of another run."""
-        self.done += other.done
-        self.skipped += other.skipped
-        self.unreadable += other.unreadable
-        self.verdicts += other.verdicts
-        self.codes += other.codes
-
     def to_dict(self) -> dict[str, Any]:
         """The counts of `imucal fleet run --json`."""
         return {
@@ -110,6 +102,7 @@ def run_jobs(
     total: int | None = None,
     retry: bool = False,
     tell: Tell | None = None,
+    tally: Tally | None = None,
 ) -> Tally:
     """Compute the jobs that are not in the store.
 
@@ -117,10 +110,12 @@ def run_jobs(
     total      number of jobs, if known, for the size of tasks
     retry      compute jobs again that have no result
     tell       is called for each job with its verdict, and code and message of a failure
+    tally      counts of earlier runs, to which those of this run are added, also if it is interrupted
 
     Raises ImucalError if the store cannot be written or the pool is lost; what was told is in the store.
     """
-    return _Run(store, options, make_pool, total, retry, tell or (lambda *_: None)).of(jobs)
+    run = _Run(store, options, make_pool, total, retry, tell or (lambda *_: None), tally or Tally())
+    return run.of(jobs)
 
 
 class _Run:
@@ -132,10 +127,11 @@ class _Run:
         total: int | None,
         retry: bool,
         tell: Tell,
+        tally: Tally,
     ) -> None:
         self._store, self._options, self._text = store, options, options.text
         self._make_pool, self._total, self._retry, self._tell = make_pool, total, retry, tell
-        self._tally = Tally()
+        self._tally, self._before = tally, tally.done
         self._pool: Pool | None = None
         self._halves: deque[Task] = deque()
         self._suspects: deque[Task] = deque()
@@ -155,7 +151,9 @@ class _Run:
                 else:
                     return self._tally
         except ImucalError as error:
-            raise type(error)(f"{error}; {self._tally.done} of this run are in the store") from None
+            raise type(error)(
+                f"{error}; {self._tally.done - self._before} of this run are in the store"
+            ) from None
         finally:
             if self._pool is not None:
                 self._pool.close()

@@ -11,7 +11,6 @@ from imucal.errors import FitError, FormatError, ImucalError, InputError, NotEno
 from imucal.estimation.calibrate import calibrate
 from imucal.fleet.job import KeyedJob, Options
 from imucal.fleet.outcome import Outcome, measured_of
-from imucal.gap.find import find_gap
 from imucal.io import files_per_recording, read
 from imucal.recording.recording import Recording
 
@@ -86,6 +85,9 @@ def _calibrated(keyed: KeyedJob, options: Options, start_s: float) -> Outcome:
         result = result.judged_by(options.limits)
     gap = None
     if options.gap:
+        # Imported here, because a process of a fleet without --gap starts faster without it.
+        from imucal.gap.find import find_gap
+
         same = ("gravity_mps2", "min_rest_s", "exclude_saturated", "model", "hold")
         given = {name: value for name, value in options.calibrate.items() if name in same}
         gap = find_gap(unit_data, control=control or None, calibration=result.calibration, **given)

@@ -216,6 +216,7 @@ def _watched(
     out: Output, fleet: Fleet, folder: Path, names: str | None, tally: Tally | None, given: dict[str, Any]
 ) -> Tally:
     """Take the files of a folder as they come, until the user interrupts."""
+    from imucal.fleet.job import path_text
     from imucal.fleet.naming import files_of, naming_of
     from imucal.fleet.run import Tally as NewTally
 
@@ -225,17 +226,22 @@ def _watched(
     out.line(f"watching {folder}; end with Ctrl-C")
     try:
         while True:
-            found = {name: _state(name) for name in (files_of([str(folder)], or_none=True))}
+            found = {name: _state(name) for name in files_of([str(folder)], or_none=True)}
             ready = [n for n, state in found.items() if before.get(n) == state and taken.get(n) != state]
             before = found
             if ready:
                 folders = {str(Path(name).parent) for name in ready}
                 # A control recording belongs to a run that may have come before.
                 together = [name for name in found if str(Path(name).parent) in folders]
-                jobs = naming.jobs(together, with_lone_controls=False)
+                new = {path_text(name) for name in ready}
+                jobs = [
+                    job
+                    for job in naming.jobs(together, with_lone_controls=False)
+                    if new & {*job.files, *job.control}
+                ]
                 taken |= {name: found[name] for name in together}
                 with working("calibrating", len(jobs)) as stage:
-                    total.add(fleet.run(jobs, total=len(jobs), tell=_Teller(stage).tell, **given))
+                    fleet.run(jobs, total=len(jobs), tell=_Teller(stage).tell, tally=total, **given)
                 out.line(f"{total.units} units, {total.failed + total.poisoned} without a result")
             time.sleep(WATCH_S)
     except KeyboardInterrupt:
