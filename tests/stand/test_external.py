@@ -5,7 +5,6 @@ The commands are real processes, so the tests run in real time.
 
 import re
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,39 +14,12 @@ import imucal
 from imucal import Program, Step
 from imucal.stand.external import ExternalDriver
 from imucal.stand.recorder import record
+from unit_ticks import Ticks
 
 pytestmark = pytest.mark.slow
 
 PAGE = Path(__file__).parents[2] / "docs/external-stand.md"
 PROGRAM = Program((Step((0, 0, 0), 0.0, 0.2), Step((20, 0, 0), 0.3, 0.2), Step((0, -30, 10), 0.3, 0.2)))
-
-
-class Ticks:
-    """A unit that sends a sample every 10 ms."""
-
-    columns = ("time_s", *(f"accel_{a}_mps2" for a in "xyz"), *(f"gyro_{a}_radps" for a in "xyz"))
-
-    def start(self):
-        self.begun_s, self.sent = time.monotonic(), 0
-
-    def read(self, wait_s):
-        time.sleep(wait_s)
-        end = int((time.monotonic() - self.begun_s) / 0.01)
-        numbers = np.arange(self.sent, end)
-        self.sent, self.arrived = end, self.begun_s + numbers * 0.01
-        return np.column_stack([numbers * 0.01, np.ones((len(numbers), 6))])
-
-    def arrivals(self):
-        return self.arrived
-
-    def events(self):
-        return ()
-
-    def counts(self):
-        return {}
-
-    def close(self):
-        pass
 
 
 @pytest.fixture

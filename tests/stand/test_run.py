@@ -94,7 +94,7 @@ def test_a_target_that_is_missed_is_said(tmp_path, monkeypatch, capsys):
         (("--port", "/dev/ttyACM0"), "the driver simulated has no option --port: give --driver grbl"),
         (
             ("--source", "/dev/ttyUSB0"),
-            "the driver simulated has no option --source: give --driver grbl or m",
+            "the driver simulated has no option --source: give --driver grbl or dynamixel or",
         ),
         (("--packet", "no-such.json"), "the driver simulated has no option --packet"),
         (("--sample-rate", "100"), "the driver simulated has no option --sample-rate"),
@@ -104,7 +104,7 @@ def test_a_target_that_is_missed_is_said(tmp_path, monkeypatch, capsys):
         ),
         (
             ("--driver", "manual", "--port", "x"),
-            "the driver manual has no option --port: give --driver grbl, or",
+            "the driver manual has no option --port: give --driver grbl or dynamixel, or",
         ),
     ],
 )

@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
 __all__ = ["Equipment", "equipment_options"]
 
-DRIVERS = ("simulated", "grbl", "external", "manual")
+DRIVERS = ("simulated", "grbl", "dynamixel", "external", "manual")
 # Drivers whose runs can be resumed.
 RESUMED = ("grbl",)
 # Headings of the options in the help.
 SIMULATED = "Simulated driver"
 GRBL = "Controller"
+MOTORS = "Serial port of the motors"
+DYNAMIXEL = "Dynamixel motors"
 EXTERNAL = "External driver"
 START = "Start of the motors"
 UNIT = "The unit's data"
@@ -31,9 +33,11 @@ UNIT = "The unit's data"
 OF_PANEL = {
     SIMULATED: ("simulated",),
     GRBL: ("grbl",),
+    MOTORS: ("grbl", "dynamixel"),
+    DYNAMIXEL: ("dynamixel",),
     EXTERNAL: ("external",),
-    START: ("grbl", "external"),
-    UNIT: ("grbl", "external", "manual"),
+    START: ("grbl", "dynamixel", "external"),
+    UNIT: ("grbl", "dynamixel", "external", "manual"),
 }
 
 
@@ -86,9 +90,12 @@ class Equipment:
         int, _option("--fault-seed", "Seed of the size, axis and time of the hidden fault.", SIMULATED)
     ] = 1
     port: Annotated[
-        str | None, _option("--port", "grbl: serial port of the controller.", GRBL, metavar="PORT")
+        str | None,
+        _option("--port", "Serial port of the controller or of the motors.", MOTORS, metavar="PORT"),
     ] = None
-    baud: Annotated[int, _option("--baud", "grbl: baud rate of the controller.", GRBL)] = 115200
+    baud: Annotated[
+        int, _option("--baud", "Its baud rate; Dynamixel motors are delivered with 57600.", MOTORS)
+    ] = 115200
     axes: Annotated[str, _option("--axes", "grbl: axis letters of the motors, outermost first.", GRBL)] = (
         "XYZ"
     )
@@ -106,6 +113,9 @@ class Equipment:
         bool,
         _option("--resume-hold", "grbl: end a feed hold or a closed safety door without waiting.", GRBL),
     ] = False
+    ids: Annotated[str, _option("--ids", "Numbers of the three motors, outermost first.", DYNAMIXEL)] = (
+        "1,2,3"
+    )
     command: Annotated[
         str | None,
         _option(
@@ -200,6 +210,21 @@ class Equipment:
                 clock=clock,
             )
             return driver, self._unit(clock)
+        if self.driver == "dynamixel":
+            import shlex
+            import sys
+
+            from imucal.stand.dynamixel import ids_of
+            from imucal.stand.external import ExternalDriver
+
+            if self.port is None:
+                raise InputError("the driver dynamixel needs the serial port of the motors: give --port")
+            ids = ",".join(map(str, ids_of(self.ids)))
+            words = [sys.executable, "-m", "imucal.stand.dynamixel", "--port", self.port]
+            words += ["--baud", str(self.baud), "--ids", ids]
+            return ExternalDriver(
+                program, shlex.join(words), start_here=self.start_here, unwind=self.unwind
+            ), self._unit()
         if self.driver == "external":
             from imucal.stand.external import ExternalDriver
 

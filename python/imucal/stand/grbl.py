@@ -246,7 +246,7 @@ class GrblDriver:
             return
         if self._session.is_late(report):
             return
-        found = track.judge(position, report.instant_s)
+        found = track.judge(position, self._session.instant_s(report))
         if found == "jumped":
             raise StoppedError(
                 "position_lost",
@@ -258,7 +258,7 @@ class GrblDriver:
         if found != "accepted":
             return
         x, y, z = _difference(position, self.zero_deg)
-        self._readings.append((report.instant_s, x, y, z))
+        self._readings.append((self._session.instant_s(report), x, y, z))
 
     def _check_offset(self, report: Report) -> None:
         """A controller without the confirmed offset has restarted, although its message did not arrive."""

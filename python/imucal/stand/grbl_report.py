@@ -88,11 +88,6 @@ class Report:
     asked_s: float | None = None
 
     @property
-    def instant_s(self) -> float:
-        """Host time of the position, s: halfway between query and arrival."""
-        return self.arrived_s if self.asked_s is None else (self.asked_s + self.arrived_s) / 2
-
-    @property
     def stands(self) -> bool:
         """Whether all motors are at rest."""
         return self.state in ("Idle", "Alarm") or (self.state, self.part) == ("Hold", "0")

@@ -43,9 +43,9 @@ STOP_EVERY_S: Final = 0.3
 STOP_S: Final = 6.0
 # Queries with which the shortest time between query and report is measured.
 ROUND_TRIPS: Final = 5
-# Additional delay of a report, s, above which the instant of its position is not known well enough: at 60
-# deg/s an error of half of this time is 0.9 deg.
-LATE_S: Final = 0.03
+# Additional delay of a report, s, above which the instant of its position is not known well enough: at 40
+# deg/s its error is 1 deg. A compiled simulator waits up to 20 ms.
+LATE_S: Final = 0.025
 # A setting is known once this number of readings agree, because the text has no checksum.
 AGREEING: Final = 2
 
@@ -135,6 +135,13 @@ class GrblSession:
         if report.asked_s is None or shortest_s is None:
             return True
         return report.arrived_s - report.asked_s > shortest_s + LATE_S
+
+    def instant_s(self, report: Report) -> float:
+        """Host time of the position in a report: half of the shortest time of an answer before it arrives.
+
+        A controller that answers later has waited before it took its position, and answers at once.
+        """
+        return report.arrived_s - (self.port.shortest_s or 0.0) / 2
 
     def measure_delay(self) -> Waiting:
         """Measure the shortest time between a query and its report, one query at a time."""

@@ -60,6 +60,10 @@ class Track:
         self._suspects.append((instant_s, position_deg))
         if len(self._suspects) < AGREEING:
             return "suspect"
+        if self._fits(position_deg, math.inf):
+            # Ahead on the commanded path: the reports before were delayed or lost.
+            self._suspects, self._last_s, self.last_deg = [], instant_s, position_deg
+            return "accepted"
         first_s, first_deg = self._suspects[0]
         is_zero = all(max(map(abs, found)) < NEAR_DEG / 10 for _, found in self._suspects)
         last = (first_s - passed_s, self.last_deg)
