@@ -72,7 +72,7 @@ def test_spc(store, tmp_path, capsys):
     assert code == 2
     assert [(s["station"], s["day"]) for s in document["shifts"]] == [("A", "2026-01-10")]
     assert {row["station"] for row in rows} == {"A", "B"}
-    assert "verdict: poor; 1 shifts of a station or of a day" in capsys.readouterr().out
+    assert "verdict: poor; 1 shift of a station" in capsys.readouterr().out
     code, document, _ = run(tmp_path, "spc", store, "--station", "B")
     assert code == 0 and {chart["station"] for chart in document["charts"]} == {"B"}
 

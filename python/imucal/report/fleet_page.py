@@ -85,12 +85,24 @@ def _verdict(
     total = sum(counts.values())
     passed = counts.get("good", 0) + counts.get("incomplete", 0)
     alarms = [
-        *([] if isinstance(spc, str) or not spc.shifted else [f"{len(spc.shifted)} shifts of stations"]),
-        *([] if isinstance(odd, str) or not odd.odd else [f"{len(odd.odd)} odd units"]),
-        *([] if isinstance(drift, str) or not drift.drifting else [f"{len(drift.drifting)} drifting units"]),
+        *(
+            []
+            if isinstance(spc, str) or not spc.shifted
+            else [_counted(len(spc.shifted), "shift of a station", "shifts of stations")]
+        ),
+        *([] if isinstance(odd, str) or not odd.odd else [_counted(len(odd.odd), "odd unit", "odd units")]),
+        *(
+            []
+            if isinstance(drift, str) or not drift.drifting
+            else [_counted(len(drift.drifting), "drifting unit", "drifting units")]
+        ),
     ]
     sentence = f"{passed} of {total} calibrations pass ({100 * passed / total:.1f} %)"
     return Verdict("poor" if alarms else "good", sentence, "; ".join(alarms) or "no alarm")
+
+
+def _counted(count: int, one: str, several: str) -> str:
+    return f"{count} {one if count == 1 else several}"
 
 
 def _yield(
@@ -157,7 +169,10 @@ def _parameters(
     )
     edges, bins = _bins(measured)
     # The first limit of each parameter, which may have several.
-    for row in {row.name: row for row in reversed(capability.rows)}.values():
+    drawn: dict[str, Any] = {}
+    for row in capability.rows:
+        drawn.setdefault(row.name, row)
+    for row in drawn.values():
         if row.spread is not None and len(edges):
             column = measured.names.index(row.name)
             quantiles = _quantiles(measured, measured.values_si[:, column], bins, len(edges))

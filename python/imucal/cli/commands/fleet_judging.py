@@ -113,7 +113,7 @@ def spc(
     _table(out, headings, rows)
     _shifts(out, result.shifts)
     count = len(result.shifted)
-    out.verdict(*_ending(count, f"{count} shifts of a station or of a day"))
+    out.verdict(*_ending(count, f"{count} shift{'' if count == 1 else 's'} of a station"))
 
 
 @selection_options
