@@ -117,3 +117,11 @@ def test_crates_contain_what_a_reader_needs(crate):
         assert (ROOT / "rust" / crate / name).read_text() == (ROOT / name).read_text()
     manifest = tomllib.loads((ROOT / "rust" / crate / "Cargo.toml").read_text(encoding="utf-8"))["package"]
     assert manifest["metadata"]["docs"]["rs"]["all-features"]
+
+
+@pytest.mark.slow
+def test_threads_give_the_same_bits():
+    script = ROOT / "tests/package/threads.py"
+    done = subprocess.run([sys.executable, script, "8"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith("8 recordings in 8 threads")
