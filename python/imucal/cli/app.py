@@ -49,6 +49,8 @@ SUMMARIES = {
     "plan": "Plan a motion, and predict what it determines before anything moves.",
     "noise": "Estimate noise density, bias instability and random walk of a unit at rest by the Allan "
     "deviation.",
+    "soak": "Find how the biases of a unit at rest in one pose depend on temperature: polynomial, lag, "
+    "hysteresis.",
     "effects": "List the errors beyond bias, scale and misalignment that imucal models: effects, noise and "
     "faults.",
     "demo": "Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",

@@ -8,6 +8,8 @@ remainder        what the effects leave unexplained
 remaining        the remainder of a search, with its description
 sizes            sizes in the units of datasheets
 notes, text      sentences about a result
+soak             how the readings of a unit at rest in one pose depend on temperature
+temperature_history             rate, direction and lag of the temperature
 motion_library, next_motion     the motion that distinguishes between rivals
 """
 

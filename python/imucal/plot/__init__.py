@@ -18,6 +18,7 @@ from imucal.plot.evidence import before_and_after, disagreement, law, ranking
 from imucal.plot.noise import allan
 from imucal.plot.propagated import propagated_gravity
 from imucal.plot.residuals import move_residuals, rest_residuals
+from imucal.plot.soak import soak_law, soak_residuals
 from imucal.plot.sphere import coverage
 from imucal.plot.thinning import MOST
 
@@ -35,4 +36,6 @@ __all__ = [
     "ranking",
     "rest_residuals",
     "sigmas",
+    "soak_law",
+    "soak_residuals",
 ]

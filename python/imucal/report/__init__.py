@@ -13,6 +13,7 @@ from imucal.report.fleet_page import write_fleet_page
 from imucal.report.gap_page import write_gap_page
 from imucal.report.noise_page import write_noise_page
 from imucal.report.page import require_plotly
+from imucal.report.soak_page import write_soak_page
 
 __all__ = [
     "calibration_hash",
@@ -23,4 +24,5 @@ __all__ = [
     "write_fleet_page",
     "write_gap_page",
     "write_noise_page",
+    "write_soak_page",
 ]

@@ -1,0 +1,78 @@
+"""`imucal soak`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from imucal.cli.options import JsonPath, ReportPath
+from imucal.cli.output import Output, prepare_report, require_apart
+from imucal.cli.parameters import argument, option
+from imucal.cli.reading import Reading, reading_options
+from imucal.cli.working import working
+
+if TYPE_CHECKING:
+    from imucal.gap.soak import Soak
+
+__all__ = ["soak"]
+
+
+@reading_options
+def soak(
+    recording: Annotated[
+        list[Path], argument(metavar="REC", help="Recording at rest in one pose, with temperatures.")
+    ],
+    reading: Reading,
+    calibration: Annotated[
+        Path | None,
+        option(
+            "--calibration", metavar="CAL.JSON", help="Calibration of the unit, to correct the readings with."
+        ),
+    ] = None,
+    report: ReportPath = None,
+    json: JsonPath = None,
+) -> None:
+    """Find how the biases of a unit at rest in one pose depend on temperature: polynomial, lag, hysteresis.
+
+    Models are compared by their predictions of epochs that they were not fitted to. If the time stamps of a
+    file do not tell when the temperatures were reached, leave them out and give --rate-hz.
+
+    Example: imucal soak sweep.csv --calibration unit.json --report soak.html
+    """
+    import imucal
+
+    require_apart([*recording, calibration], {"--report": report, "--json": json})
+    prepare_report(report)
+    known = None if calibration is None else imucal.Calibration.load(calibration)
+    with working("reading"):
+        loaded = reading.one(recording)
+    with working("comparing models of the temperature"):
+        found = imucal.soak(loaded, calibration=known)
+    out = Output(json)
+    out.document(found.to_dict())
+    _print(out, found)
+    if report is not None:
+        from imucal.report import write_soak_page
+
+        write_soak_page(report, found)
+        out.line(f"written to {report}")
+
+
+def _print(out: Output, found: Soak) -> None:
+    low, high = found.temperature_degc.min(), found.temperature_degc.max()
+    out.line(f"{found.name}: {len(found.time_s)} epochs, {low:.1f} to {high:.1f} degC")
+    for sensor in found.sensors:
+        names = ", ".join(term.name for term in sensor.terms) or "no dependence on temperature"
+        out.line(f"{sensor.sensor}: {names}")
+        left = ", ".join(
+            f"{axis} {100 * share:.0f} %" for axis, share in zip("xyz", sensor.left, strict=True)
+        )
+        out.line(f"  residual on held-out epochs, relative to one cubic in the temperature: {left}")
+    rows = [
+        [f"{term.name}_{name}", f"{value:.6g}", f"{term.std[name]:.1e}", term.units[name]]
+        for sensor in found.sensors
+        for term in sensor.terms
+        for name, value in term.parameters.items()
+    ]
+    if rows:
+        out.table(["parameter", "value", "1 sigma", "unit"], rows)

@@ -1,0 +1,419 @@
+"""How the biases of a unit at rest in one pose change with temperature.
+
+    found = imucal.soak(sweep)
+    found.gyroscope.terms, found.gyroscope.left
+
+A soak or a sweep in one pose determines no scale and no misalignment, but it determines how the mean reading
+depends on the temperature and on its history. The recording is averaged over epochs. Polynomials in the
+temperature, its rate, a lag and hysteresis are compared by cross-validation: each model is
+fitted by least squares to nine tenths of the epochs and predicts the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+import imucal._core as _core
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration
+from imucal.document.plain import without_nan
+from imucal.errors import InputError
+from imucal.gap.temperature_history import TemperatureHistory
+from imucal.recording.recording import Recording, samples_of_both
+
+__all__ = ["Soak", "SoakTerm", "SoakedSensor", "soak"]
+
+# Number of epochs that a recording is averaged over, and least number of samples of one.
+EPOCHS: Final = 240
+LEAST_SAMPLES: Final = 10
+# Least number of epochs, and least range of their temperatures, K, from which anything is estimated.
+LEAST_EPOCHS: Final = 40
+LEAST_RANGE_K: Final = 2.0
+# Folds of the cross-validation, and number of consecutive epochs that are held out together, so that what
+# varies slowly is not predicted from its neighbours.
+FOLDS: Final = 10
+BLOCK: Final = 3
+# Multiple of the standard error, over the folds, by which a model must predict better than a simpler one.
+STANDARD_ERRORS: Final = 1.0
+# Largest scatter of a direction within the soak, rad: more is a unit that was moved.
+MOST_TURN_RAD: Final = 0.35
+# Number of time constants of a lag that are compared in a round, and number of rounds, each between the
+# neighbours of the best one of the round before; the last steps are 1 %.
+TAUS: Final = 11
+ROUNDS: Final = 3
+AXES: Final = "xyz"
+REFERENCE_DEGC: Final = _core.REFERENCE_TEMPERATURE_DEGC
+# Formula of each kind of term, by its degree, and the units of its parameters after that of the reading.
+FORMULAS: Final = {
+    "polynomial": (
+        "k (T - T0)",
+        "k (T - T0) + q (T - T0)^2",
+        "k (T - T0) + q (T - T0)^2 + c (T - T0)^3",
+    ),
+    "rate": ("k dT/dt",),
+    "lag": ("k (T_tau - T), tau dT_tau/dt = T - T_tau",),
+    "hysteresis": ("k s", "s (k + q (T - T0))", "s (k + q (T - T0) + c (T - T0)^2)"),
+}
+SUFFIXES: Final = {
+    "polynomial": ("", "_square", "_cube"),
+    "rate": ("",),
+    "lag": ("",),
+    "hysteresis": ("", "_linear", "_square"),
+}
+UNITS: Final = {
+    "polynomial": ("/K", "/K^2", "/K^3"),
+    "rate": ("/(K/s)",),
+    "lag": ("/K",),
+    "hysteresis": ("", "/K", "/K^2"),
+}
+SENSORS: Final = {"gyroscope": "gyro", "accelerometer": "accel"}
+
+
+@dataclass(frozen=True, eq=False)
+class SoakTerm:
+    """A term of the dependence on temperature.
+
+    name        such as "gyro_bias_temperature_lag"
+    formula     with T0 the reference temperature, s the direction of the temperature
+    parameters  by name, such as x, y_square, and tau for a time constant
+    std         standard deviation of each, from the scatter about the model
+    units       unit of each
+    """
+
+    name: str
+    formula: str
+    parameters: dict[str, float]
+    std: dict[str, float]
+    units: dict[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """An item of `terms` of the JSON document."""
+        return {
+            "name": self.name,
+            "formula": self.formula,
+            "parameters": [
+                {"name": name, "value": value, "std": self.std[name], "unit": self.units[name]}
+                for name, value in self.parameters.items()
+            ],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SoakedSensor:
+    """How the mean reading of one sensor depends on temperature.
+
+    sensor         "gyroscope" or "accelerometer"
+    unit           "rad/s" or "m/s^2"
+    terms          terms of the model, empty if the reading does not depend on temperature
+    constant       (3,), the reading at the reference temperature
+    mean           (N, 3), the mean reading in each epoch
+    fitted         (N, 3), the model at each epoch
+    cubic          (N, 3), one cubic in the temperature, fitted alike
+    held_out       (3,), rms residual of epochs that were not fitted
+    held_out_cubic (3,), the same for one cubic
+    """
+
+    sensor: str
+    unit: str
+    terms: tuple[SoakTerm, ...]
+    constant: FloatArray
+    mean: FloatArray
+    fitted: FloatArray
+    cubic: FloatArray
+    held_out: FloatArray
+    held_out_cubic: FloatArray
+
+    @property
+    def left(self) -> FloatArray:
+        """Residual on held-out epochs as a share of that of one cubic, (3,)."""
+        left: FloatArray = self.held_out / self.held_out_cubic
+        return left
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields of the JSON document."""
+        return {
+            "sensor": self.sensor,
+            "unit": self.unit,
+            "terms": [term.to_dict() for term in self.terms],
+            "constant": self.constant.tolist(),
+            "held_out_rms": self.held_out.tolist(),
+            "held_out_rms_of_a_cubic": self.held_out_cubic.tolist(),
+            "left_of_a_cubic": self.left.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Soak:
+    """The result of `imucal.soak`.
+
+    time_s, temperature_degc  (N,), of the epochs
+    """
+
+    name: str
+    time_s: FloatArray
+    temperature_degc: FloatArray
+    gyroscope: SoakedSensor
+    accelerometer: SoakedSensor
+
+    @property
+    def sensors(self) -> tuple[SoakedSensor, SoakedSensor]:
+        """Both sensors."""
+        return self.gyroscope, self.accelerometer
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        low, high = float(self.temperature_degc.min()), float(self.temperature_degc.max())
+        found: dict[str, Any] = without_nan(
+            {
+                "recording": self.name,
+                "epochs": len(self.time_s),
+                "temperature_range_degc": [low, high],
+                "sensors": [sensor.to_dict() for sensor in self.sensors],
+            }
+        )
+        return found
+
+
+@dataclass(frozen=True)
+class Form:
+    """A model: effects with their numbers of parameters; the lag comes last, with its time constant, s."""
+
+    effects: tuple[tuple[str, int], ...] = ()
+    tau_s: float | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of parameters of all axes."""
+        return sum(count for _, count in self.effects) + (self.tau_s is not None)
+
+
+def soak(recording: Recording, *, calibration: Calibration | None = None) -> Soak:
+    """Find how the biases depend on the temperature, from a recording at rest in one pose.
+
+    recording    a soak or a sweep with temperatures, the longer and the wider the better
+    calibration  calibration of the unit without effects of the temperature, with which the readings are
+                 corrected; without it, they must be in SI units
+
+    Raises InputError for a recording without temperatures or with too few, and for a unit that was moved.
+    """
+    recording = _corrected(recording, calibration)
+    degc = recording.temperature_degc
+    if degc is None or not np.isfinite(degc).all():
+        raise InputError(
+            f"{recording.name}: a soak needs a temperature of every sample (temp_degc in a file)"
+        )
+    edges = _edges(len(recording))
+    epoch_degc = _means(degc[:, None], edges)[:, 0]
+    if np.ptp(epoch_degc) < LEAST_RANGE_K:
+        raise InputError(
+            f"{recording.name}: the temperature changes by {np.ptp(epoch_degc):.1f} K: record a soak over "
+            f"{LEAST_RANGE_K:g} K or more"
+        )
+    force, rate = (np.asarray(rows, dtype=np.float64) for rows in samples_of_both(recording))
+    _require_one_pose(recording.name, _means(force, edges))
+    history = TemperatureHistory(recording.time_s, np.asarray(degc, dtype=np.float64))
+    gyroscope, accelerometer = (
+        _Search(name, _means(rows, edges), np.asarray(degc, dtype=np.float64), history, edges).result()
+        for name, rows in (("gyroscope", rate), ("accelerometer", force))
+    )
+    times = _means((recording.time_s - recording.time_s[0])[:, None], edges)[:, 0]
+    return Soak(recording.name, times, epoch_degc, gyroscope, accelerometer)
+
+
+def _corrected(recording: Recording, calibration: Calibration | None) -> Recording:
+    """The readings in SI units, without effects of the temperature."""
+    if calibration is None:
+        if (recording.accel_unit, recording.gyro_unit) != ("m/s^2", "rad/s"):
+            raise InputError(
+                f"{recording.name} is in raw counts: give the calibration of the unit with --calibration"
+            )
+        return recording
+    if calibration.temperature_effects:
+        raise InputError(
+            f"the calibration has {' and '.join(calibration.temperature_effects)}: give one without effects "
+            "of the temperature"
+        )
+    return calibration.apply_recording(recording)
+
+
+def _edges(samples: int) -> npt.NDArray[np.intp]:
+    count = min(EPOCHS, samples // LEAST_SAMPLES)
+    if count < LEAST_EPOCHS:
+        raise InputError(f"the soak has {samples} samples: {LEAST_EPOCHS * LEAST_SAMPLES} or more are needed")
+    return np.linspace(0, samples, count + 1).astype(np.intp)
+
+
+def _means(rows: FloatArray, edges: npt.NDArray[np.intp]) -> FloatArray:
+    sums = np.add.reduceat(rows, edges[:-1], axis=0)
+    means: FloatArray = sums / np.diff(edges).reshape(-1, *(1,) * (rows.ndim - 1))
+    return means
+
+
+def _require_one_pose(name: str, force: FloatArray) -> None:
+    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    middle = np.median(up, axis=0)
+    turn = float(np.arccos(np.clip(up @ (middle / np.linalg.norm(middle)), -1.0, 1.0)).max())
+    if not turn < MOST_TURN_RAD:
+        raise InputError(
+            f"{name}: the direction of gravity changes by {np.degrees(turn):.0f} deg, so the unit was moved: "
+            "a soak is at rest in one pose; imucal gap searches recordings in several poses"
+        )
+
+
+class _Search:
+    """Models of one sensor, with their predictions of held-out epochs."""
+
+    def __init__(
+        self,
+        sensor: str,
+        mean: FloatArray,
+        degc: FloatArray,
+        history: TemperatureHistory,
+        edges: npt.NDArray[np.intp],
+    ) -> None:
+        self.sensor, self.mean, self.edges = sensor, mean, edges
+        self.prefix = f"{SENSORS[sensor]}_bias_temperature"
+        self.difference, self.history = degc - REFERENCE_DEGC, history
+        self.folds = (np.arange(len(mean)) // BLOCK) % FOLDS
+        self.known: dict[tuple[str, float | None], FloatArray] = {}
+        self.cubic = Form(((self.prefix, 9),))
+        # Axes count by their share of what one cubic leaves.
+        self.scale = np.sqrt((self._held_out(self.cubic) ** 2).mean(axis=0))
+        self.scale = np.maximum(self.scale, np.finfo(np.float64).tiny)
+
+    def _columns(self, form: Form) -> FloatArray:
+        """The constant, and the columns of the terms, (N, 1 + p)."""
+        columns = [np.ones((len(self.mean), 1))]
+        for name, count in form.effects:
+            tau_s = form.tau_s if name.endswith("_lag") else None
+            if (name, tau_s) not in self.known:
+                cause = self._cause(name, tau_s)
+                powers = np.column_stack([cause, cause * self.difference, cause * self.difference**2])
+                self.known[name, tau_s] = _means(powers, self.edges)
+            columns.append(self.known[name, tau_s][:, : count // 3])
+        return np.hstack(columns)
+
+    def _cause(self, name: str, tau_s: float | None) -> FloatArray:
+        """The input of the lowest degree of a term at each sample."""
+        if tau_s is not None:
+            return self.history.lag_k(tau_s)
+        if name.endswith("_rate"):
+            return self.history.rate_kps()
+        return self.history.direction() if name.endswith("_hysteresis") else self.difference
+
+    def _fit(self, form: Form, used: Any = slice(None)) -> FloatArray:
+        """The coefficients of all axes, (1 + p, 3)."""
+        columns = self._columns(form)
+        size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+        found = np.linalg.lstsq(columns[used] / size, self.mean[used], rcond=1e-10)[0]
+        solved: FloatArray = found / size[:, None]
+        return solved
+
+    def _held_out(self, form: Form) -> FloatArray:
+        """Residuals of each epoch under the fit to the other folds, (N, 3)."""
+        residual, columns = np.empty_like(self.mean), self._columns(form)
+        for fold in range(FOLDS):
+            out = self.folds == fold
+            residual[out] = self.mean[out] - columns[out] @ self._fit(form, ~out)
+        return residual
+
+    def _errors(self, form: Form) -> FloatArray:
+        """Mean square of the held-out residuals in each fold, relative to one cubic, (folds,)."""
+        squares = ((self._held_out(form) / self.scale) ** 2).mean(axis=1)
+        return np.array([squares[self.folds == fold].mean() for fold in range(FOLDS)])
+
+    def _forms(self) -> Iterator[Form]:
+        """All models without a lag."""
+        rate, turn = f"{self.prefix}_rate", f"{self.prefix}_hysteresis"
+        others: Sequence[tuple[tuple[str, int], ...]] = (
+            (), ((rate, 3),), ((turn, 3),), ((turn, 6),), ((turn, 9),), ((rate, 3), (turn, 3)),
+        )  # fmt: skip
+        for degree, other in product(range(4), others):
+            own = ((self.prefix, 3 * degree),) if degree else ()
+            yield Form((*own, *other))
+
+    def _with_lag(self, form: Form) -> Form:
+        """The form with a lag whose time constant predicts best."""
+        effects = (*form.effects, (f"{self.prefix}_lag", 3))
+        span_s = float(self.history.since[-1])
+        low, high = max(span_s / 300.0, 1.0), span_s / 2.0
+        best = low
+        for _ in range(ROUNDS):
+            grid = np.geomspace(low, high, TAUS)
+            errors = [float(self._errors(Form(effects, float(tau_s))).mean()) for tau_s in grid]
+            place = int(np.argmin(errors))
+            best = float(grid[place])
+            low, high = grid[max(place - 1, 0)], grid[min(place + 1, TAUS - 1)]
+        return Form(effects, best)
+
+    def best(self) -> Form:
+        """The simplest model that predicts about as well as the best one."""
+        plain = list(self._forms())
+        turn = f"{self.prefix}_hysteresis"
+        linear = {((self.prefix, 3),), ((self.prefix, 6),), ((self.prefix, 9),)}
+        can_lag = [
+            form
+            for form in plain
+            if form.effects[:1] in linear and form.effects[1:] in ((), ((turn, 3),), ((turn, 9),))
+        ]
+        forms = [*plain, *(self._with_lag(form) for form in can_lag)]
+        errors = {form: self._errors(form) for form in forms}
+        first = min(forms, key=lambda form: float(errors[form].mean()))
+
+        def is_as_good(form: Form) -> bool:
+            change = errors[form] - errors[first]
+            return bool(change.mean() <= STANDARD_ERRORS * change.std(ddof=1) / np.sqrt(FOLDS))
+
+        return min((form for form in forms if is_as_good(form)), key=lambda form: form.size)
+
+    def result(self) -> SoakedSensor:
+        """The best model, fitted to all epochs."""
+        form = self.best()
+        solved = self._fit(form)
+        fitted = self._columns(form) @ solved
+        cubic = self._columns(self.cubic) @ self._fit(self.cubic)
+        held_out = np.sqrt((self._held_out(form) ** 2).mean(axis=0))
+        columns = self._columns(form)
+        size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+        spread = np.sqrt(np.diag(np.linalg.pinv((columns / size).T @ (columns / size)))) / size
+        unit = "rad/s" if self.sensor == "gyroscope" else "m/s^2"
+        terms, place = [], 1
+        for name, count in form.effects:
+            kind = name.removeprefix(f"{self.prefix}_") if name != self.prefix else "polynomial"
+            values, std, units = {}, {}, {}
+            for degree in range(count // 3):
+                for axis in range(3):
+                    own = AXES[axis] + SUFFIXES[kind][degree]
+                    values[own] = float(solved[place + degree, axis])
+                    std[own] = float(held_out[axis] * spread[place + degree])
+                    units[own] = f"{unit}{UNITS[kind][degree]}"
+            if kind == "lag" and form.tau_s is not None:
+                values["tau"], std["tau"], units["tau"] = form.tau_s, self._tau_std(form), "s"
+            terms.append(SoakTerm(name, FORMULAS[kind][count // 3 - 1], values, std, units))
+            place += count // 3
+        constant = solved[0]
+        return SoakedSensor(
+            self.sensor, unit, tuple(terms), constant, self.mean, fitted, cubic, held_out, self.scale
+        )
+
+    def _tau_std(self, form: Form) -> float:
+        """Standard deviation of the time constant, from the curvature of the squared residuals, s."""
+        step = 0.1
+
+        def squares(factor: float) -> float:
+            own = Form(form.effects, form.tau_s * factor if form.tau_s is not None else None)
+            left = (self.mean - self._columns(own) @ self._fit(own)) / self.scale
+            return float((left**2).sum())
+
+        low, middle, high = (squares(np.exp(k * step)) for k in (-1, 0, 1))
+        curvature = (low - 2.0 * middle + high) / step**2
+        noise = middle / (3.0 * len(self.mean))
+        return (
+            float(form.tau_s * np.sqrt(2.0 * noise / curvature)) if form.tau_s and curvature > 0 else np.nan
+        )

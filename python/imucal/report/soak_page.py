@@ -1,0 +1,62 @@
+"""The report of a soak: how the biases depend on temperature."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import imucal.plot as plot
+from imucal.plot.style import shown_unit
+from imucal.report.page import Shown, Tab, Verdict, write_page
+from imucal.report.tables import paragraph, rounded_to, table
+
+if TYPE_CHECKING:
+    from imucal.gap.soak import Soak, SoakedSensor
+
+__all__ = ["write_soak_page"]
+
+
+def write_soak_page(path: str | Path, found: Soak) -> None:
+    """Write the report of a soak.
+
+    Raises ImucalError without plotly, and InputError if the file cannot be written.
+    """
+    tabs = [_tab(found, sensor) for sensor in found.sensors]
+    names = [term.name for sensor in found.sensors for term in sensor.terms]
+    sentence = (
+        f"The biases depend on temperature: {', '.join(names)}." if names else "The biases are constant."
+    )
+    left = "; ".join(
+        f"{sensor.sensor} {', '.join(f'{100 * share:.0f} %' for share in sensor.left)} (x, y, z)"
+        for sensor in found.sensors
+    )
+    beside = f"Residual on held-out epochs, relative to one cubic in the temperature: {left}."
+    write_page(path, f"Soak {found.name}", tabs, Verdict("good", sentence, beside))
+
+
+def _tab(found: Soak, sensor: SoakedSensor) -> Tab:
+    rows = []
+    for term in sensor.terms:
+        for name, value in term.parameters.items():
+            std = term.std[name]
+            unit = shown_unit(term.units[name])
+            rows.append([f"{term.name}_{name}", rounded_to(value, std), f"{std:.2g}", unit])
+    return Tab(
+        sensor.sensor.capitalize(),
+        (
+            Shown(
+                f"law-{sensor.sensor}",
+                plot.soak_law(found, sensor),
+                "Mean reading of each epoch over temperature, relative to the reference temperature. A loop "
+                "between heating and cooling is a lag or hysteresis.",
+            ),
+            Shown(
+                f"residuals-{sensor.sensor}",
+                plot.soak_residuals(found, sensor),
+                "Residuals of one cubic in the temperature, and of the model.",
+            ),
+            table(["parameter", "value", "1 σ", "unit"], rows)
+            if rows
+            else paragraph("The reading does not depend on temperature beyond its scatter."),
+        ),
+    )
