@@ -1,4 +1,4 @@
-"""Benchmark of laws: `python -m gap.laws` with this folder's parent on the path writes docs/results/laws.md.
+"""Benchmark of laws: `make laws-benchmark` writes docs/results/laws.md.
 
 Each case has an error that the catalogue lacks, of five times the detection limit, or none. imucal is
 compared with BIC, LASSO, a fit of everything, and the sequentially thresholded least squares of PySINDy (if
@@ -129,7 +129,8 @@ def _parts(rows: list[dict[str, Any]]) -> Iterator[str]:
     yield _gate(
         "a law with a variable that is not the truth's", "at most 5 %", str(false), false.value <= 0.05
     )
-    yield _gate("laws on clean runs", "at most 1 %", str(any_law), any_law.value <= 0.01)
+    if clean:
+        yield _gate("laws on clean runs", "at most 1 %", str(any_law), any_law.value <= 0.01)
     yield "\n## Families\n"
     yield "| family | cases | right variables | false laws | laws | names | gap closed, median | s, median |"
     yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
@@ -175,11 +176,10 @@ def _gate(what: str, aim: str, found: str, is_met: bool) -> str:
 
 INTRODUCTION = """# Laws that the catalogue does not have
 
-Written by `python -m gap.laws` in `benches/`: {cases} cases with fixed seeds, {hidden} of them with an error
-that no effect of the catalogue describes in this form, and {clean} without an error. The recordings are made
-without the product's simulator: 46 rests, 320 s, 100 Hz, noise of a consumer sensor. Each error is scaled to
-five times its detection limit: its chi2, after the 21 base parameters are fitted, is 25 times the
-noncentrality 27.
+Written by `make laws-benchmark`: {cases} cases with fixed seeds, {hidden} of them with an error that no
+effect of the catalogue describes in this form, and {clean} without an error. The recordings are made without
+the product's simulator: 46 rests, 320 s, 100 Hz, noise of a consumer sensor. Each error is scaled to five
+times its detection limit: its chi2, after the 21 base parameters are fitted, is 25 times the noncentrality 27.
 
 * Right variables: the variables of all laws and named effects are exactly those of the truth.
 * False law: a law that depends on a variable which the truth does not depend on.
