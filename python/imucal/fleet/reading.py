@@ -41,6 +41,7 @@ ABOUT_COLUMNS: Final = (
     *("gap_verdict", "gap_effects"),
 )
 NUMBERS: Final = ("seconds", "temperature_low_degc", "temperature_high_degc", *FIGURES)
+FIGURE_COLUMNS: Final = ("temperature_low_degc", "temperature_high_degc", *FIGURES, "other_figures")
 # Names of the arguments that select rows, each with its condition.
 CONDITIONS: Final = {
     "serial": "serial = ?",
@@ -120,17 +121,25 @@ def measurements(
     parameters = {number: [tuple(pair) for pair in json.loads(text)] for number, text, _ in sets}
     names, units = _common(list(parameters.values()))
     texts = ("serial", "date", "station", "operator", "batch", "role", "verdict")
-    rows = connection.execute(f"SELECT {', '.join(texts)}, names {selected} {order}", arguments).fetchall()
-    columns = list(zip(*rows, strict=True)) if rows else [()] * (len(texts) + 1)
-    text_of = dict(zip(texts, columns, strict=False))
-    kinds = np.array(columns[-1], dtype=np.int64)
+    # One pass over the store; what is large is taken as bytes, which is fast.
+    columns = (*texts, "names", "parameter_values", "sigmas", *FIGURE_COLUMNS)
+    rows = connection.execute(f"SELECT {', '.join(columns)} {selected} {order}", arguments).fetchall()
+    given = zip(*rows, strict=True) if rows else ([] for _ in columns)
+    column_of = dict(zip(columns, given, strict=True))
+    del rows
+    text_of = {name: column_of[name] for name in texts}
+    kinds = np.array(column_of["names"], dtype=np.int64)
     place = {name: index for index, name in enumerate(names)}
     layout = {number: np.array([place[name] for name, _ in pairs]) for number, pairs in parameters.items()}
     values, sigmas = (
-        _filled(connection, f"SELECT {column} {selected} {order}", arguments, kinds, layout, len(names))
-        for column in ("parameter_values", "sigmas")
+        _filled(column_of[name], kinds, layout, len(names)) for name in ("parameter_values", "sigmas")
     )
-    blobs = connection.execute(f"SELECT covariance {selected} {order}", arguments) if covariances else None
+    found = f"FROM (SELECT id, date, serial {selected}) s JOIN documents d ON d.job = s.id"
+    blobs = (
+        connection.execute(f"SELECT d.covariance {found} ORDER BY s.date, s.serial, s.id", arguments)
+        if covariances
+        else None
+    )
     return Measurements(
         serials=_texts(text_of["serial"]),
         dates=np.array([date or "NaT" for date in text_of["date"]], dtype="datetime64[s]"),
@@ -144,7 +153,7 @@ def measurements(
         values_si=values,
         sigmas_si=sigmas,
         covariances=None if blobs is None else _covariances(blobs, kinds, layout, len(names)),
-        figures=_figures(connection, f"{selected} {order}", arguments),
+        figures=_figures(column_of),
     )
 
 
@@ -153,7 +162,7 @@ def documents(
 ) -> Iterator[tuple[str, Any]]:
     """Serial number and document of each current row with a result: calibration, judgement and gap."""
     rows = connection.execute(
-        "SELECT m.serial, d.document, m.covariance FROM measurements m JOIN documents d ON d.job = m.id "
+        "SELECT m.serial, d.document, d.covariance FROM measurements m JOIN documents d ON d.job = m.id "
         f"WHERE {where} ORDER BY m.date, m.serial, m.id",
         arguments,
     )
@@ -178,19 +187,16 @@ def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...],
 
 
 def _filled(
-    connection: sqlite3.Connection,
-    sql: str,
-    arguments: Sequence[Any],
+    blobs: Sequence[bytes],
     kinds: np.ndarray[Any, Any],
     layout: Mapping[int, np.ndarray[Any, Any]],
     width: int,
 ) -> FloatArray:
-    """(n, width) numbers of the blobs that `sql` selects; NaN for a parameter that a row does not have."""
-    blobs = [blob for (blob,) in connection.execute(sql, arguments)]
+    """(n, width) numbers of the blobs; NaN for a parameter that a row does not have."""
     found = np.full((len(blobs), width), np.nan)
     for number, columns in layout.items():
         rows = np.flatnonzero(kinds == number)
-        numbers = np.frombuffer(b"".join(blobs[row] for row in rows), dtype="<f8")
+        numbers = np.frombuffer(b"".join(blobs[row] for row in rows.tolist()), dtype="<f8")
         found[np.ix_(rows, columns)] = numbers.reshape(len(rows), len(columns))
     return found
 
@@ -206,18 +212,11 @@ def _covariances(
     return found
 
 
-def _figures(
-    connection: sqlite3.Connection, selected: str, arguments: Sequence[Any]
-) -> dict[str, FloatArray]:
-    names = ("temperature_low_degc", "temperature_high_degc", *FIGURES)
-    rows = connection.execute(f"SELECT {', '.join(names)}, other_figures {selected}", arguments).fetchall()
-    if not rows:
-        return {name: np.zeros(0) for name in ("temperature_degc", *FIGURES)}
-    *columns, others = zip(*rows, strict=True)
-    known = {name: np.array(column, dtype=np.float64) for name, column in zip(names, columns, strict=True)}
-    low, high = (known.pop(name) for name in names[:2])
+def _figures(column_of: Mapping[str, Sequence[Any]]) -> dict[str, FloatArray]:
+    known = {name: np.array(column_of[name], dtype=np.float64) for name in FIGURE_COLUMNS[:-1]}
+    low, high = (known.pop(name) for name in FIGURE_COLUMNS[:2])
     figures = {"temperature_degc": (low + high) / 2, **known}
-    parsed = [json.loads(text) for text in others]
+    parsed = [json.loads(text) for text in column_of["other_figures"]]
     for name in dict.fromkeys(name for each in parsed for name in each):
         figures[name] = np.array([each.get(name) for each in parsed], dtype=np.float64)
     return figures

@@ -79,8 +79,10 @@ def _first(connection: sqlite3.Connection) -> None:
             other_figures TEXT NOT NULL,
             other_parameters TEXT NOT NULL,
             names INTEGER NOT NULL REFERENCES names (id),
-            parameter_values BLOB NOT NULL, sigmas BLOB NOT NULL, covariance BLOB)""",
-        "CREATE TABLE documents (job INTEGER PRIMARY KEY REFERENCES jobs (id), document BLOB NOT NULL)",
+            parameter_values BLOB NOT NULL, sigmas BLOB NOT NULL)""",
+        # Large values stand apart, so that a query over all results does not read them.
+        """CREATE TABLE documents (
+            job INTEGER PRIMARY KEY REFERENCES jobs (id), covariance BLOB, document BLOB NOT NULL)""",
         """CREATE VIEW measurements AS SELECT units.serial, jobs.*, results.*
             FROM jobs JOIN units ON units.id = jobs.unit LEFT JOIN results ON results.job = jobs.id
             WHERE jobs.current""",

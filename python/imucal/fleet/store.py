@@ -49,7 +49,7 @@ RESULT_COLUMNS: Final = (
     *FIGURES,
     *("gap_verdict", "gap_effects"),
     *(column for name in BASE_NAMES for column in (name, f"{name}_sigma")),
-    *("other_figures", "other_parameters", "names", "parameter_values", "sigmas", "covariance"),
+    *("other_figures", "other_parameters", "names", "parameter_values", "sigmas"),
 )
 # Start of the key of a job whose files cannot be read, which has their paths in the place of a hash.
 UNREAD: Final = "unread:"
@@ -194,10 +194,12 @@ class Store:
             *(each for name in BASE_NAMES for each in pairs.get(name, (None, None))),
             *(json.dumps(other_figures), json.dumps(others)),
             self._id("names", "names", json.dumps(given.names)),
-            *(given.values, given.sigmas, given.covariance),
+            *(given.values, given.sigmas),
         )
         self._connection.execute(INSERT_RESULT, result)
-        self._connection.execute("INSERT INTO documents VALUES (?, ?)", (number, given.document))
+        self._connection.execute(
+            "INSERT INTO documents VALUES (?, ?, ?)", (number, given.covariance, given.document)
+        )
 
     def _insert_job(self, row: Sequence[Any], recording: str) -> int | None:
         """The identifier of the new row; None if its key is in the store already."""
@@ -223,7 +225,7 @@ class Store:
         copied = self._insert_job([values[name] for name in JOB_COLUMNS], row["recording"])
         if copied is None:
             return False
-        for table, columns in (("results", RESULT_COLUMNS), ("documents", ("job", "document"))):
+        for table, columns in (("results", RESULT_COLUMNS), ("documents", ("job", "covariance", "document"))):
             found = source.execute(
                 f"SELECT {', '.join(columns)} FROM {table} WHERE job = ?", [number]
             ).fetchone()
