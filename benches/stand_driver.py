@@ -60,9 +60,22 @@ def ran_on(where, name):
     return row, bool(ran.faults)
 
 
-def table(where, at_once):
+def table(where, at_once, log, names):
+    """Rows of the scenarios; those in the log are not run again, and new ones are added to it."""
+    title = Path(where).name
+    known = {}
+    if log is not None and log.exists():
+        for line in log.read_text(encoding="utf-8").splitlines():
+            of, scenario, broken, row = line.split("\t")
+            known.update({scenario: (row, broken == "True")} if of == title else {})
+    left = [scenario for scenario in names if scenario not in known]
     with ProcessPoolExecutor(at_once) as pool:
-        return list(pool.map(partial(ran_on, where), SCENARIOS))
+        for scenario, (row, broken) in zip(left, pool.map(partial(ran_on, where), left), strict=True):
+            known[scenario] = (row, broken)
+            if log is not None:
+                with log.open("a", encoding="utf-8") as lines:
+                    lines.write(f"{title}\t{scenario}\t{broken}\t{row}\n")
+    return [known[scenario] for scenario in SCENARIOS if scenario in known]
 
 
 def page(tables):
@@ -73,8 +86,7 @@ def page(tables):
         parts.append(
             f"## {title}\n\n{len(done)} scenarios, rules broken in {broken}.\n\n"
             "| fault | ended as | events | at rest, deg | in moves, deg | rules broken |\n"
-            "|---|---|---|---|---|---|\n"
-            + "\n".join(row for row, _ in rows)
+            "|---|---|---|---|---|---|\n" + "\n".join(row for row, _ in rows)
         )
     tables_text = "\n\n".join(parts)
     return f"""# Faults of a stand
@@ -85,7 +97,8 @@ the path of the program (and so if they pass a target), if a run ends as complet
 by more than {AT_REST_DEG:g} deg at rest or {IN_MOVES_DEG:g} deg in moves, if a run waits longer than
 {SILENT_S:g} s without a word, or if it ends in another state than expected. The program has five poses, with
 moves at up to 45 deg/s. The imitation runs in virtual time. Firmware is compiled for the computer and runs
-in real time, so its angles depend on the load of the computer.
+in real time, so its angles depend on the load of the computer: on average {os.getloadavg()[2]:.0f} processes
+wanted one of its {os.cpu_count()} processors.
 
 {tables_text}
 """
@@ -94,11 +107,14 @@ in real time, so its angles depend on the load of the computer.
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--at-once", type=int, default=3)
+    parser.add_argument("--log", type=Path, help="file of rows, with which an interrupted run is resumed")
+    parser.add_argument("--firmware", nargs="*", default=[""], help="beginnings of the names run on firmware")
     given = parser.parse_args()
-    tables = {"Imitation of GRBL 1.1": table(IMITATION, 2)}
+    tables = {"Imitation of GRBL 1.1": table(IMITATION, 2, given.log, SCENARIOS)}
     for path in filter(None, os.environ.get("GRBL_SIM", "").split(":")):
         # The name of the file tells which firmware it is.
-        tables[f"Firmware: {Path(path).name}"] = table(path, given.at_once)
+        names = [name for name in SCENARIOS if name.startswith(tuple(given.firmware))]
+        tables[f"Firmware: {Path(path).name}"] = table(path, given.at_once, given.log, names)
     PAGE.write_text(page(tables), encoding="utf-8")
     print(PAGE.relative_to(ROOT))
 
