@@ -12,6 +12,7 @@ __all__ = [
     "GAP_FOLDS",
     "GRAVITY_ON_EARTH_MPS2",
     "MAX_EFFECTS",
+    "MAX_ITERATIONS",
     "MAX_PASSES",
     "MIN_REST_S",
     "REFERENCE_TEMPERATURE_DEGC",
@@ -83,6 +84,7 @@ MAX_EFFECTS: int
 GRAVITY_ON_EARTH_MPS2: tuple[float, float]
 MAX_PASSES: int
 MIN_REST_S: float
+MAX_ITERATIONS: int
 REFERENCE_TEMPERATURE_DEGC: float
 GAP_FOLDS: int
 
@@ -375,7 +377,7 @@ class Inspection:
     @property
     def findings(self) -> list[Finding]: ...
     @property
-    def rests(self) -> list[tuple[float, float]]: ...
+    def rests(self) -> list[tuple[float, float, int]]: ...
     @property
     def threshold(self) -> _Fields | None: ...
     @property

@@ -109,4 +109,6 @@ def test_a_function_that_uses_the_package_can_be_sent_to_another_process(tmp_pat
 
 
 def test_the_default_in_help_is_that_of_the_library():
-    assert inspect.signature(imucal.calibrate).parameters["min_rest_s"].default == cli_options.MIN_REST_S
+    parameters = inspect.signature(imucal.calibrate).parameters
+    assert parameters["min_rest_s"].default == cli_options.MIN_REST_S
+    assert parameters["max_iterations"].default == cli_options.MAX_ITERATIONS

@@ -34,7 +34,14 @@ SCALES: Final = ("norms", "moves", "inside", "stand")
 NOISE_FLOORS: Final = 6
 MODELS: Final = ("full", "orthogonal", "bias")
 PRIOR_SOURCES: Final = ("given", "unit", "default")
-TERMINATIONS: Final = ("converged", "stalled", "iteration_limit", "not_finite", "weights_not_settled")
+TERMINATIONS: Final = (
+    "converged",
+    "stalled",
+    "iteration_limit",
+    "not_finite",
+    "weights_not_settled",
+    "fields_not_settled",
+)
 # A version of Python packages (PEP 440) or of Rust crates.
 VERSION: Final = (
     r"[0-9]+(\.[0-9]+)*((a|b|rc)[0-9]+)?(\.post[0-9]+)?(\.dev[0-9]+)?(-[0-9A-Za-z.]+)?(\+[0-9A-Za-z.]+)?"

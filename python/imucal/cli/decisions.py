@@ -35,13 +35,15 @@ def show_fit(out: Output, fit: Fit) -> None:
 
 def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Move]) -> None:
     """Tables of rests and moves: residual, its expected standard deviation, and whether it is used."""
+    are_long = any(rest.epochs > 1 for rest in rests)
     out.table(
-        ("rest", "from s", "to s", "|f| - g, m/s^2", "1 sigma", "use"),
+        ("rest", "from s", "to s", *(["epochs"] if are_long else []), "|f| - g, m/s^2", "1 sigma", "use"),
         (
             (
                 str(index),
                 _number(rest.start_s, ".3f"),
                 _number(rest.end_s, ".3f"),
+                *([str(rest.epochs)] if are_long else []),
                 _number(rest.norm_error_mps2, "+.2e"),
                 _number(rest.norm_sigma_mps2, ".2e"),
                 _use(rest),

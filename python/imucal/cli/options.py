@@ -17,6 +17,7 @@ import imucal.cli.completion as completion
 from imucal.cli.parameters import option
 
 __all__ = [
+    "MAX_ITERATIONS",
     "MIN_REST_S",
     "Control",
     "ExcludeSaturated",
@@ -39,6 +40,8 @@ __all__ = [
 
 # Default of --min-rest-s, s. It is the MIN_REST_S of the compiled library, which --help does not load.
 MIN_REST_S: Final = 1.0
+# Default of --max-iterations. It is the MAX_ITERATIONS of the compiled library, which --help does not load.
+MAX_ITERATIONS: Final = 1000
 
 JsonPath = Annotated[
     str | None, option("--json", metavar="PATH", help="JSON file to write; - is standard output.")

@@ -42,6 +42,8 @@ __all__ = ["calibrate", "result_of"]
 
 # Largest number of folds: each takes a fit, and a recording has fewer moves.
 MOST_FOLDS: Final = 1000
+# Largest bound of the iterations: a minimisation that has not ended after so many does not end.
+MOST_ITERATIONS: Final = 100_000
 
 
 def calibrate(
@@ -66,6 +68,7 @@ def calibrate(
     folds: int | None = None,
     noise_mps2: float | None = None,
     calibration: Calibration | None = None,
+    max_iterations: int = _core.MAX_ITERATIONS,
     serial_number: str | None = None,
 ) -> CalibrationResult:
     """Calibrate one unit from one or more of its recordings.
@@ -114,6 +117,8 @@ def calibrate(
                        moves that the gyroscope needs; a gyroscope in it is not used
     folds              number of additional fits that each exclude one part of the moves or of the rests, and
                        predict it
+    max_iterations     maximum number of iterations of the joint fit, over all repetitions with new weights; a
+                       fit that reaches it before its optimum has the verdict poor
 
     The arrays of the recordings must not be changed by another thread meanwhile; the result would describe
     neither the old nor the new values. The signal handlers of Python run during the calculation, and an
@@ -134,6 +139,10 @@ def calibrate(
     if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
         raise InputError(
             f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
+        )
+    if not (is_whole(max_iterations) and 1 <= max_iterations <= MOST_ITERATIONS):
+        raise InputError(
+            f"max_iterations is {max_iterations!r}: a whole number from 1 to {MOST_ITERATIONS} is needed"
         )
     body_frame = as_estimated_frame(frame)
     wanted, partly, own = asked_for(effects, unit_data)
@@ -162,6 +171,7 @@ def calibrate(
         folds=folds,
         partly=partly,
         accelerometer=None if calibration is None else known_accelerometer(calibration, unit_data),
+        max_iterations=max_iterations,
     )
     judges = as_recordings(control)
     require_other_data(unit_data, judges)

@@ -38,8 +38,9 @@ class FitReport:
                                residuals
     iterations                 number of iterations
     termination                why it stopped: "converged"; "stalled" if no step decreases chi2 although the
-                               gradient is not zero, "iteration_limit", "not_finite" or
-                               "weights_not_settled", each of which makes the verdict poor
+                               gradient is not zero, "iteration_limit", "not_finite",
+                               "weights_not_settled" or "fields_not_settled" (of a user-defined effect), each
+                               of which makes the verdict poor
     """
 
     chi2: float | None

@@ -27,10 +27,14 @@ __all__ = ["Inspection", "inspect", "only_moves_determine"]
 
 @dataclass(frozen=True, slots=True)
 class FoundRest:
-    """One rest: times of its first and last sample, s."""
+    """One rest: times of its first and last sample, s, and the number of its epochs.
+
+    A rest of more than two minutes has several epochs, each with a mean, a time and a temperature of its own.
+    """
 
     start_s: float
     end_s: float
+    epochs: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +124,7 @@ def inspect(
         accel_unit=None if recording.specific_force is None else recording.accel_unit,
         gyro_unit=None if recording.angular_rate is None else recording.gyro_unit,
         findings=(*recording.findings, *seen.findings),
-        rests=tuple(FoundRest(start, end) for start, end in seen.rests),
+        rests=tuple(FoundRest(*rest) for rest in seen.rests),
         threshold=None if seen.threshold is None else of_library(RestThreshold, seen.threshold),
         explanation=seen.explanation,
         missing=missing,

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.triad import Frame
 from imucal.effects.definition import UserEffect
@@ -60,6 +61,7 @@ class Options:
     model: str = "full"
     hold: tuple[tuple[str, float | None, float | None], ...] = ()
     profile: tuple[tuple[str, list[float]], ...] = ()
+    max_iterations: int = _core.MAX_ITERATIONS
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ class Rest:
     recording            name of the recording
     first, end           samples [first, end) of the recording
     start_s, end_s       times of its first and last sample, s; None in a table of means
+    epochs               number of its epochs, the parts of a long rest with a mean, time and temperature each;
+                         1 if one mean describes the rest
     unsteadiness         standard deviation of its samples, as a multiple of the noise floor
     mean_specific_force  (3,) mean of the raw samples, in the raw unit
     mean_angular_rate    (3,) mean of the raw samples, in the raw unit
@@ -33,6 +35,7 @@ class Rest:
     end: int
     start_s: float | None
     end_s: float | None
+    epochs: int
     unsteadiness: float | None
     mean_specific_force: Axes
     mean_angular_rate: Axes

@@ -83,6 +83,11 @@ mod _core {
     /// Default of the shortest duration of a rest, s.
     #[pymodule_export]
     const MIN_REST_S: f64 = library::rests::MIN_REST_S;
+
+    /// Default of the maximum number of iterations of a joint fit.
+    #[pymodule_export]
+    const MAX_ITERATIONS: u64 = library::calibrate::MAX_ITERATIONS;
+
     /// Number of cross-validation folds of rests and moves in a search without control recordings.
     #[pymodule_export]
     const GAP_FOLDS: usize = library::gap::FOLDS;

@@ -57,6 +57,7 @@ pub(crate) struct CalibrateOptions<'py> {
     folds: Option<usize>,
     /// Nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance by rows.
     accelerometer: Option<([f64; 9], [[f64; 9]; 9])>,
+    max_iterations: u64,
 }
 
 /// Name, mean and standard deviation of a parameter or group to be held.
@@ -98,6 +99,7 @@ impl CalibrateOptions<'_> {
             partly: self.partly.clone(),
             user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
             folds: self.folds,
+            max_iterations: self.max_iterations,
         })
     }
 }

@@ -331,8 +331,8 @@ impl Evaluation {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Inspection {
     findings: Vec<Py<PyAny>>,
-    /// Start and end of each rest, s.
-    rests: Vec<(f64, f64)>,
+    /// Start and end of each rest, s, and the number of its epochs.
+    rests: Vec<(f64, f64, usize)>,
     threshold: Option<Fields>,
     /// Explanation of the chosen threshold, or the reason why there is no rest.
     explanation: String,
@@ -347,7 +347,9 @@ impl Inspection {
         Ok(match segments {
             Some(Ok(segments)) => Self {
                 findings,
-                rests: segments.rests.iter().map(|rest| (rest.start_s, rest.end_s)).collect(),
+                rests: (segments.rests.iter().zip(&segments.epochs))
+                    .map(|(rest, epochs)| (rest.start_s, rest.end_s, epochs.len().max(1)))
+                    .collect(),
                 explanation: segments.threshold.explain(segments.rests.len()),
                 threshold: Some(fields(py, Threshold::from(&segments.threshold))?),
             },

@@ -15,6 +15,7 @@ mod offer;
 mod outcome;
 mod prospect;
 mod references;
+mod several_units;
 mod two_stages;
 mod unit_data;
 mod user_effects;
@@ -34,6 +35,7 @@ use crate::held::Priors;
 pub use crate::joint::WarmStart;
 pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
 use crate::joint::{Kinds, Prepared};
+
 pub use crate::parameters::{parameter_names, parameter_values};
 use crate::recording::Recording;
 pub use accelerometer_alone::{AccelerometerOutcome, calibrate_accelerometer};
@@ -51,6 +53,10 @@ pub use user_effects::{BriefCorrection, CorrectedSamples, SampledField, UserEffe
 /// Range of gravity on the surface of the Earth with some margin, m/s^2. It is 9.76 on the highest mountains of the
 /// tropics and 9.83 at the poles.
 pub const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
+
+/// Default of the maximum number of iterations of a joint fit, over all repetitions with new weights. Fits that
+/// converge take 5 to 100.
+pub const MAX_ITERATIONS: u64 = 1000;
 
 /// Options of a calibration.
 #[derive(Clone, Debug)]
@@ -88,6 +94,9 @@ pub struct Options<'a> {
     pub user_fields: Vec<UserField<'a>>,
     /// Number of folds of a cross-validation: every `folds`-th move and rest is predicted from a fit without it.
     pub folds: Option<usize>,
+    /// Maximum number of iterations of the joint fit, over all repetitions with new weights. A fit that reaches it
+    /// before its optimum is poor.
+    pub max_iterations: u64,
 }
 
 /// The model that is fitted to checked recordings.
@@ -117,6 +126,7 @@ impl<'a> Options<'a> {
             gyro_nominal,
             priors,
             wander,
+            max_iterations,
             ..
         } = self.clone();
         Options {
@@ -130,6 +140,7 @@ impl<'a> Options<'a> {
             priors,
             joint: self.is_joint(),
             wander,
+            max_iterations,
             ..Options::default()
         }
     }
@@ -201,6 +212,7 @@ impl Default for Options<'_> {
             partly: Vec::new(),
             user_fields: Vec::new(),
             folds: None,
+            max_iterations: MAX_ITERATIONS,
         }
     }
 }
@@ -240,6 +252,9 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
         )));
     }
     options.check_model()?;
+    if options.max_iterations == 0 {
+        return Err(Error::Input("max_iterations = 0: a fit needs at least one iteration".into()));
+    }
     options.references.check()?;
     options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
     // The data cannot distinguish a wrong gravity from a wrong scale, so values that do not occur on Earth are errors.

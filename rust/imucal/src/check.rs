@@ -176,7 +176,7 @@ impl Tally {
 }
 
 /// Name of the unit of a triad's raw data, as used in messages.
-fn unit_name(unit: RawUnit, si: &'static str) -> &'static str {
+pub(crate) fn unit_name(unit: RawUnit, si: &'static str) -> &'static str {
     match unit {
         RawUnit::Si => si,
         RawUnit::Lsb => "lsb",

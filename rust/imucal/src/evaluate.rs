@@ -59,6 +59,8 @@ pub struct RestReport {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
+    /// Number of epochs of the rest, each with its own mean; 1 if one mean describes the rest.
+    pub epochs: usize,
     /// Variance over half a second divided by the noise floor: near 1 on a table, larger for a hand-held unit.
     pub unsteadiness: f64,
     /// Mean of the accelerometer, in raw units; in m/s^2 if effects were removed before.
@@ -296,7 +298,7 @@ fn judge(
     let mut reasons = Vec::from_iter(figures.reason(RecordingSet::Control, uncorrected));
     reasons.extend(impossible_rates(judged, gyroscope));
     reasons.extend(unknown_direction(RecordingSet::Control, &move_reports));
-    reasons.extend(Reason::above_noise(RecordingSet::Control, &groups));
+    reasons.extend(Reason::above_noise(RecordingSet::Control, &groups, &findings));
     Ok(Evaluation {
         verdict: Verdict::of(reasons),
         groups,
@@ -350,6 +352,7 @@ pub(crate) fn rest_report(
         end: rest.rest.end,
         start_s: rest.rest.start_s,
         end_s: rest.rest.end_s,
+        epochs: 1,
         unsteadiness: rest.rest.unsteadiness,
         mean_specific_force: rest.rest.specific_force.mean,
         mean_angular_rate: rest.rest.angular_rate.mean,

@@ -92,6 +92,11 @@ impl Finding {
         self.code.ends_with("_saturation")
     }
 
+    /// Whether the finding reports time stamps that are not those of the samples, or samples that are missing.
+    pub(crate) fn is_about_time_stamps(&self) -> bool {
+        ["clock_irregular", "samples_missing", "samples_duplicated"].contains(&self.code)
+    }
+
     /// A finding that refuses the calibration. The caller sets all fields except the code and the name of the
     /// recording.
     pub(crate) fn error(code: &'static str, recording: &str) -> Self {

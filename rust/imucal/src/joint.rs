@@ -44,7 +44,7 @@ pub use terms::{EffectChoice, UserField};
 pub(crate) use encoders::{Encoders, StandModel, mount_rotation};
 pub(crate) use fields::{Field, move_segments};
 pub(crate) use lanes::Lanes;
-pub(crate) use linear::{INSIDE, Insides, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
+pub(crate) use linear::{EPOCH_RATES, INSIDE, Insides, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
 pub(crate) use model::{Model, force_by_parameters};
@@ -128,26 +128,31 @@ pub(crate) fn fit(
     check_columns(prepared, terms)?;
     let mut parameters = start::start(prepared, terms, triads, warm_start).parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
-    let mut iterations = 0;
+    let (mut iterations, most) = (0, prepared.max_iterations);
     begin(&mut problem, terms, &parameters, |term| term.partly.then_some(WIDE))?;
     choose_shapes(&mut problem, terms, &mut parameters)?;
     let mut reweighting = Reweighting::default();
     for round in 0..MAX_ROUNDS {
         // The weights of the first round are preliminary, so a coarse fit suffices.
         let tolerance = if round == 0 { SEARCH } else { lsq::EXACT };
-        let mut found = minimize(&problem, &parameters, tolerance)?;
+        let mut found = minimize_within(&problem, &parameters, tolerance, most - iterations)?;
         iterations += found.iterations;
         let priors_have_settled = !problem.widen(&found);
         let change = if round > 0 { largest_move(&parameters, &found) } else { f64::INFINITY };
-        if (priors_have_settled && change < SETTLED) || round + 1 == MAX_ROUNDS {
+        let is_last = round + 1 == MAX_ROUNDS || iterations >= most;
+        if (priors_have_settled && change < SETTLED) || is_last {
             // The reported residuals are computed from the samples at the final parameters and not by a first-order
             // update.
-            if problem.refresh(&found.parameters)? {
-                found = minimize(&problem, &found.parameters, lsq::EXACT)?;
+            if problem.refresh(&found.parameters)? && iterations < most {
+                found = minimize_within(&problem, &found.parameters, lsq::EXACT, most - iterations)?;
                 iterations += found.iterations;
             }
-            let have_settled = priors_have_settled && change < NOT_SETTLED;
-            return JointFit::new(&problem, terms, found, (iterations, have_settled));
+            let ending = match priors_have_settled && change < NOT_SETTLED {
+                true => None,
+                false if iterations >= most => Some(Termination::IterationLimit),
+                false => Some(Termination::WeightsNotSettled),
+            };
+            return JointFit::new(&problem, terms, found, (iterations, ending));
         }
         parameters.clone_from(&found.parameters);
         reweighting.update(&mut problem, &found)?;
@@ -185,7 +190,12 @@ pub(crate) fn fit_for_search(
 }
 
 fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Solution, Error> {
-    let found = lsq::minimize(problem, start, tolerance)?;
+    minimize_within(problem, start, tolerance, problem.prepared.max_iterations)
+}
+
+/// As [`minimize`], with at most `iterations` iterations, of which a fit uses some for each set of weights.
+fn minimize_within(problem: &Joint<'_>, start: &[f64], tolerance: f64, iterations: u64) -> Result<Solution, Error> {
+    let found = lsq::minimize_within(problem, start, tolerance, iterations.min(lsq::ITERATION_LIMIT))?;
     if found.termination == Termination::NotFinite {
         return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
     }

@@ -30,14 +30,13 @@ mod stretch;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 
-use nalgebra::Vector6;
-
 use crate::check::{self, RestNoise};
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
 use crate::numerics::workers::in_order;
 use crate::recording::Recording;
 use crate::rests::segment::Segments;
+use crate::rests::segment::epochs::is_noise;
 
 pub use axis::{AllanPoint, AxisNoise, Estimate};
 use cosines::Layout;
@@ -251,25 +250,6 @@ fn interrupted(recording: &Recording<'_>, stretch: &Stretch) -> Finding {
         way_out: "look for lost packets or a full buffer, and record again, if the stretch is too short".into(),
         ..Finding::warning("recording_interrupted", recording.name)
     }
-}
-
-/// Whether a rest and the next one, which starts at sample `next`, are separated only by noise: no sample between them
-/// deviates from the end of the rest by more than six standard deviations. Noise can split a long rest, in particular
-/// filtered noise, whose variance over half a second varies strongly.
-fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &Vector6<f64>) -> bool {
-    const NEAR: usize = 200;
-    const LIMIT: f64 = 6.0;
-    let near = rest.end.saturating_sub(NEAR).max(rest.start)..rest.end;
-    [(recording.angular_rate, 0), (recording.specific_force, 3)].iter().all(|(rows, first)| {
-        rows.is_absent()
-            || (0..3).all(|axis| {
-                let values = || rows.slice(near.clone()).axis(axis);
-                let mean = values().sum::<f64>() / near.len() as f64;
-                let variance = values().map(|value| (value - mean).powi(2)).sum::<f64>() / near.len() as f64;
-                let limit = LIMIT * variance.sqrt().max(floor[first + axis]);
-                rows.slice(rest.end..next).axis(axis).all(|value| (value - mean).abs() <= limit)
-            })
-    })
 }
 
 fn place(recording: &Recording<'_>, rest: &Range<usize>) -> String {

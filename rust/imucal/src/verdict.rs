@@ -10,7 +10,7 @@ use std::fmt;
 pub use group_misfit::{GroupMisfit, ResidualGroup};
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
-use crate::finding::general;
+use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
@@ -168,6 +168,16 @@ pub enum Reason {
         /// The kinds of residuals that exceed their noise; there is at least one.
         groups: Vec<GroupMisfit>,
     },
+    /// Residuals of moves exceed their noise, those of rests do not, and the time stamps of a recording are irregular:
+    /// wrong times falsify what is integrated over a move. The verdict is incomplete.
+    IrregularClock {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// The kinds of residuals that exceed their noise; there is at least one.
+        groups: Vec<GroupMisfit>,
+        /// The finding about the time stamps.
+        clock: Finding,
+    },
 }
 
 /// Samples of a recording that were measured and have no correction.
@@ -241,18 +251,38 @@ impl Reason {
             Self::PriorContradicted { .. } => "prior_contradicted",
             Self::ParametersHeld { .. } => "parameters_held",
             Self::ResidualsAboveNoise { .. } => "residuals_above_noise",
+            Self::IrregularClock { .. } => "irregular_clock",
         }
     }
 
     /// Whether this reason makes a verdict poor; otherwise it makes it incomplete.
     pub fn is_poor(&self) -> bool {
-        !matches!(self, Self::ResidualsAboveNoise { .. } | Self::ParametersHeld { .. } | Self::NotTested { .. })
+        !matches!(
+            self,
+            Self::ResidualsAboveNoise { .. }
+                | Self::ParametersHeld { .. }
+                | Self::NotTested { .. }
+                | Self::IrregularClock { .. }
+        )
     }
 
-    /// The reason for an incomplete verdict: the groups that exceed their noise; `None` if there are none.
-    pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit]) -> Option<Self> {
+    /// The reason for an incomplete verdict: the groups that exceed their noise; `None` if there are none. A finding
+    /// about the time stamps explains residuals of moves, but not of rests.
+    pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
-        (!groups.is_empty()).then_some(Self::ResidualsAboveNoise { set, groups })
+        let is_of_move = |misfit: &GroupMisfit| {
+            matches!(
+                misfit.group,
+                ResidualGroup::MoveDirections | ResidualGroup::MoveForces | ResidualGroup::StandAttitudes
+            )
+        };
+        let clock =
+            findings.iter().find(|finding| finding.is_about_time_stamps()).filter(|_| groups.iter().all(is_of_move));
+        match clock.cloned() {
+            _ if groups.is_empty() => None,
+            Some(clock) => Some(Self::IrregularClock { set, groups, clock }),
+            None => Some(Self::ResidualsAboveNoise { set, groups }),
+        }
     }
 }
 
@@ -365,9 +395,16 @@ impl fmt::Display for Reason {
                 }
                 Ok(())
             }
+            Self::IrregularClock { set, groups, clock } => {
+                write!(f, "{}: residuals exceed their noise: {}: ", set.name(), list(groups))?;
+                write!(
+                    f,
+                    "those of the moves alone, as with wrong time stamps, and {} [{}] of {}: {}",
+                    clock.message, clock.code, clock.recording, clock.way_out
+                )
+            }
             Self::ResidualsAboveNoise { set, groups } => {
-                let groups: Vec<String> = groups.iter().map(GroupMisfit::to_string).collect();
-                write!(f, "{}: residuals exceed their noise: {}: ", set.name(), groups.join(", "))?;
+                write!(f, "{}: residuals exceed their noise: {}: ", set.name(), list(groups))?;
                 f.write_str(match set {
                     RecordingSet::Calibration => {
                         "the unit or its motion does something that the model lacks; `imucal gap FILE --control CONTROL` \
@@ -381,6 +418,10 @@ impl fmt::Display for Reason {
             }
         }
     }
+}
+
+fn list(groups: &[GroupMisfit]) -> String {
+    groups.iter().map(GroupMisfit::to_string).collect::<Vec<_>>().join(", ")
 }
 
 impl fmt::Display for UncorrectedSamples {
@@ -405,7 +446,7 @@ mod tests {
     #[test]
     fn the_gravest_reason_decides() {
         let group = GroupMisfit { group: ResidualGroup::RestNorms, rms: 0.01, chi2: 250.0, degrees_of_freedom: 10.0 };
-        let lacks = Reason::above_noise(RecordingSet::Control, &[group]).unwrap();
+        let lacks = Reason::above_noise(RecordingSet::Control, &[group], &[]).unwrap();
         let contradicts = Reason::ContradictingRests { count: 3, all: 9 };
         assert_eq!(Verdict::of(Vec::new()), Verdict::Good);
         assert_eq!(Verdict::of(vec![lacks.clone()]).name(), "incomplete");

@@ -8,6 +8,7 @@ from typing import Annotated
 import imucal.cli.completion as completion
 from imucal.cli.decisions import show_fit, show_rests_and_moves
 from imucal.cli.options import (
+    MAX_ITERATIONS,
     MIN_REST_S,
     Control,
     ExcludeSaturated,
@@ -101,6 +102,13 @@ def calibrate(
         int | None,
         option("--folds", help="Cross-validate with held-out rests and moves in this number of folds."),
     ] = None,
+    max_iterations: Annotated[
+        int,
+        option(
+            "--max-iterations",
+            help="Maximum number of iterations of the fit; one that ends there before its optimum is poor.",
+        ),
+    ] = MAX_ITERATIONS,
     serial_number: Annotated[
         str | None, option("--serial-number", help="Serial number of the unit, stored in the file.")
     ] = None,
@@ -170,6 +178,7 @@ def calibrate(
             folds=folds,
             noise_mps2=noise,
             calibration=known,
+            max_iterations=max_iterations,
             serial_number=serial_number,
         )
     if wanted is not None:

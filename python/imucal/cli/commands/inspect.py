@@ -48,20 +48,27 @@ def inspect(
             f"{seen.name}: {seen.samples} samples, {seen.duration_s:.3f} s, {seen.rate_hz:.6g} Hz, "
             f"{seen.sensors_in_words}, {len(seen.rests)} rests"
         )
+        are_long = any(rest.epochs > 1 for rest in seen.rests)
         if seen.rests:
             out.table(
-                ["rest", "from s", "to s", "duration s"],
+                ["rest", "from s", "to s", "duration s", *(["epochs"] if are_long else [])],
                 (
                     [
                         str(index),
                         f"{rest.start_s:.3f}",
                         f"{rest.end_s:.3f}",
                         f"{rest.end_s - rest.start_s:.3f}",
+                        *([str(rest.epochs)] if are_long else []),
                     ]
                     for index, rest in enumerate(seen.rests)
                 ),
             )
         out.line(seen.explanation)
+        if are_long:
+            out.line(
+                "a rest of more than 2 minutes is cut into epochs, which share its pose: they show how the "
+                "biases change with time and temperature, and count as one rest for the poses"
+            )
         out.findings(seen.findings)
         if not seen.usable:
             out.line("a calibration would refuse this recording")

@@ -85,7 +85,7 @@ pub fn calibrate_accelerometer(
     let data = UnitData::of_accelerometer(&recordings, options)?;
     let fit = data.fit_rests(options)?;
     let rests: Vec<&Rest> = data.rests.iter().map(|rest| &rest.rest).collect();
-    let reports = data.rest_reports(&fit.triad, &fit.used, options.gravity_mps2);
+    let reports = data.rest_reports(&fit.triad, &fit.used, &[], options.gravity_mps2);
     let held = of_accelerometer(data.held(options)?);
     let mut outcome = AccelerometerOutcome::of_fit(&fit, &rests, reports, &held, options)?;
     outcome.noise_density = noise_density(data.noise(), [&outcome.triad, &Triad::identity()]).specific_force;
@@ -194,7 +194,7 @@ impl AccelerometerOutcome {
             reasons.push(Reason::NotTested { rests, parameters, noise_mps2 });
         }
         reasons.extend(held_by_default(&self.held, self.prior_cost));
-        reasons.extend(Reason::above_noise(set, &self.groups));
+        reasons.extend(Reason::above_noise(set, &self.groups, &[]));
         Verdict::of(reasons)
     }
 }

@@ -8,20 +8,26 @@ use imucal_core::sensor::Triad;
 use super::cross_validation::cross_validate;
 use super::jointly::Selection;
 use super::outcome::Outcome;
+use super::several_units::several_units;
 use super::unit_data::{UnitData, refuse_errors};
 use super::{Kinds, ModelOptions, Options, Prepared};
 use crate::calibrate::two_stages::Gyroscope;
 use crate::check::check_gains;
 use crate::error::Error;
+use crate::finding::Finding;
+use crate::frame::Frame;
 use crate::joint::{Wander, WarmStart};
 use crate::recording::Recording;
-use crate::rests::moves::{Move, Unusable};
+use crate::rests::moves::{Move, Unusable, between};
 use crate::rests::segment::Segments;
 use crate::rounding::Rounding;
 use crate::two_stage::accelerometer::AccelerometerFit;
+use crate::verdict::Verdict;
 
 /// Recordings of one unit that have passed the checks, with their rests and moves and the two-stage fit from which all
 /// joint fits start.
+///
+/// If they do not fit together, each is fitted alone to see whether they are recordings of several units.
 ///
 /// A result depends only on the recordings, the options and the arguments of the call, and not on earlier calls.
 pub struct Checked<'a> {
@@ -36,18 +42,30 @@ pub struct Checked<'a> {
     gyroscope: Gyroscope,
     /// The joint fit without effects, computed when it is first needed.
     plain: OnceLock<Plain>,
+    /// Findings about recordings that do not fit together, made when they are first needed.
+    units: OnceLock<Vec<Finding>>,
 }
 
 /// Result of the joint fit without effects and without a warm start: both triads, and the rests and moves that it uses.
 type Plain = ([Triad<f64>; 2], Selection);
 
 impl<'a> Checked<'a> {
-    /// As [`Checked::try_new`], without the offer of a model of fewer parameters.
+    /// Returns an error if the reason of `error` is that the recordings are of several units.
+    pub(super) fn refuse_several_units(
+        recordings: &[Recording<'_>],
+        options: &Options<'_>,
+        error: &Error,
+    ) -> Result<(), Error> {
+        refuse_errors(&several_units(recordings, Err(error), |recording| fit_alone(recording, options))?)
+    }
+
+    /// As [`Checked::try_new`], without the offer of a model of fewer parameters, and without the test whether a
+    /// failure is due to recordings of several units.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
-        let accelerometer = data.fit_accelerometer(options)?;
-        let (moves, unusable) = data.moves(&accelerometer, options)?;
-        let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
+        let mut accelerometer = data.fit_accelerometer(options)?;
+        let (mut moves, mut unusable) = data.moves(&accelerometer, options)?;
+        let mut gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
         if options.is_joint() {
             let (seen, sound, triads) = (data.clone(), data.sound(), [&accelerometer.triad, &gyroscope.fit.triad]);
             data.free_of_tremor(triads[0], triads[1], &sound);
@@ -59,6 +77,13 @@ impl<'a> Checked<'a> {
                     data.free_of_tremor(triads[0], triads[1], &selection.used);
                 }
             }
+            // Two-stage fits use one mean for each rest, also for long ones.
+            if data.cut_into_epochs() {
+                data.use_epochs(&mut accelerometer);
+                (moves, unusable) = between(recordings, &data.rests, &accelerometer.used, &data.saturated);
+                gyroscope.use_moves(&moves, &data.rests);
+                moves.retain(|m| !m.is_within_rest(&data.rests));
+            }
         }
         Ok(Self {
             recordings: recordings.to_vec(),
@@ -69,6 +94,7 @@ impl<'a> Checked<'a> {
             unusable,
             gyroscope,
             plain: OnceLock::new(),
+            units: OnceLock::new(),
         })
     }
 
@@ -88,6 +114,34 @@ impl<'a> Checked<'a> {
     /// # Errors
     /// As [`calibrate`](super::calibrate()).
     pub fn calibrate(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
+        let mut outcome = self.calibrate_one_unit(model, warm_start);
+        let is_plain = model.effects.is_empty() && model.user_fields.is_empty();
+        if self.recordings.len() > 1 && (is_plain || self.units.get().is_none()) {
+            let of_effects = outcome.as_ref().is_ok_and(|outcome| outcome.verdict() == Verdict::Good);
+            let units = match (is_plain, of_effects) {
+                (true, _) => self.units(outcome.as_ref())?,
+                (false, true) => Vec::new(),
+                (false, false) => self.units(self.calibrate_one_unit(&ModelOptions::default(), None).as_ref())?,
+            };
+            refuse_errors(&units)?;
+            if let Ok(outcome) = &mut outcome {
+                outcome.findings.extend(units);
+            }
+        }
+        outcome
+    }
+
+    /// Findings about recordings that do not fit together; `plain` is the result of the fit without effects.
+    fn units(&self, plain: Result<&Outcome, &Error>) -> Result<Vec<Finding>, Error> {
+        if let Some(known) = self.units.get() {
+            return Ok(known.clone());
+        }
+        let found = several_units(&self.recordings, plain, |recording| fit_alone(recording, &self.options))?;
+        Ok(self.units.get_or_init(|| found).clone())
+    }
+
+    /// As [`calibrate`](Self::calibrate), without the test whether a failure is due to recordings of several units.
+    fn calibrate_one_unit(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
         let options = &self.options.with_model(model);
         options.check_model()?;
         let data = self.data();
@@ -173,6 +227,13 @@ impl<'a> Checked<'a> {
     fn triads(&self) -> [&Triad<f64>; 2] {
         [&self.accelerometer.triad, &self.gyroscope.fit.triad]
     }
+}
+
+/// The fit without effects to one recording, in the symmetric frame.
+fn fit_alone(recording: &Recording<'_>, options: &Options<'_>) -> Result<Outcome, Error> {
+    let options = Options { frame: Frame::Symmetric, joint: true, ..options.without_model() };
+    Checked::of_determined(std::slice::from_ref(recording), &options)?
+        .calibrate_one_unit(&ModelOptions::default(), None)
 }
 
 /// The recording with another temperature column.

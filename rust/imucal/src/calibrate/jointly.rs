@@ -1,5 +1,6 @@
 //! The joint fit of a unit's recordings without outliers (model.md (18), (25)).
 
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use imucal_core::sensor::Triad;
@@ -16,6 +17,7 @@ use crate::numerics::derivative::Width;
 use crate::numerics::stats::rms;
 use crate::recording::Recording;
 use crate::rests::moves::{Ends, Move, Unusable, between, direction_error_rad};
+use crate::rests::unit_rest::ranges_of_rests;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// Maximum share of rests or moves that contradict the others as outliers. If more contradict, the model itself is
@@ -227,10 +229,16 @@ impl UnitData<'_> {
             Ok(angle_rad.to_degrees())
         });
         let direction_error_deg = direction_error_deg.collect::<Result<Vec<f64>, Error>>()?;
-        let mut norm_error_mps2 = vec![f64::NAN; self.rests.len()];
+        let mut norms = vec![f64::NAN; self.rests.len()];
         for (k, error) in found.norm_mps2 {
-            norm_error_mps2[k] = error.unwrap_or(f64::NAN);
+            norms[k] = error.unwrap_or(f64::NAN);
         }
+        // The error of a rest with several epochs is their mean.
+        let mean = |own: Range<usize>| {
+            let known = || norms[own.clone()].iter().filter(|error| error.is_finite());
+            known().sum::<f64>() / known().count() as f64
+        };
+        let norm_error_mps2 = ranges_of_rests(&self.rests).into_iter().map(mean).collect();
         let gravity_direction_rms_deg = rms(direction_error_deg.iter().copied());
         Ok(CrossValidation { gravity_direction_rms_deg, direction_error_deg, norm_error_mps2 })
     }
@@ -282,6 +290,7 @@ impl UnitData<'_> {
             wander,
             held: &held,
             encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
+            max_iterations: options.max_iterations,
             block_s: BLOCK_S,
         })
     }

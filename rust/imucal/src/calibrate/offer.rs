@@ -15,7 +15,11 @@ impl<'a> Checked<'a> {
     /// As [`calibrate`](super::calibrate()). The message of [`Error::NotEnoughMotion`] also offers a model of fewer
     /// parameters that the recordings determine, if there is one.
     pub fn try_new(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
-        match determined(recordings, options) {
+        let checked = determined(recordings, options);
+        if let Err(error) = &checked {
+            Self::refuse_several_units(recordings, options, error)?;
+        }
+        match checked {
             Err(Error::NotEnoughMotion(words)) => Err(Error::NotEnoughMotion(with_offer(recordings, options, &words))),
             other => other,
         }

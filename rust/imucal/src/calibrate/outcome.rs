@@ -20,7 +20,7 @@ use crate::joint::{JointFit, Misfit, Misfits, Model, ResidualScales, TermEstimat
 use crate::numerics::fit_report::FitReport;
 use crate::numerics::stats::median;
 use crate::parameters::{parameter_names, parameter_values};
-use crate::rests::moves::Unusable;
+use crate::rests::moves::{Move, Unusable};
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::segment::Threshold;
 use crate::two_stage::accelerometer::AccelerometerFit;
@@ -93,7 +93,7 @@ impl Outcome {
         unusable: &[Unusable],
         options: &Options<'_>,
     ) -> Result<Self, Error> {
-        let rests = data.rest_reports(&accelerometer.triad, &accelerometer.used, options.gravity_mps2);
+        let rests = data.rest_reports(&accelerometer.triad, &accelerometer.used, &[], options.gravity_mps2);
         let mut moves = gyroscope.move_reports(unusable);
         let figures = figures(&rests, &moves, &gyroscope.used_residuals(), 18);
         let covariance = data.covariance(accelerometer, gyroscope);
@@ -147,25 +147,27 @@ impl Outcome {
         options: &Options<'_>,
     ) -> Result<Self, Error> {
         let Model { accelerometer: force, gyroscope: rate, .. } = &joint.model;
-        let mut rests = data.rest_reports(force, &selection.used, options.gravity_mps2);
-        for (report, norm) in rests.iter_mut().zip(&joint.norms) {
-            if let Some(norm) = norm {
-                (report.norm_error_mps2, report.norm_sigma_mps2) = *norm;
-            }
-        }
+        let mut rests = data.rest_reports(force, &selection.used, &joint.norms, options.gravity_mps2);
         for (report, misfit) in rests.iter_mut().zip(&misfits.rests) {
             report.misfit = *misfit;
         }
-        let judged = selection.moves.iter().zip(&joint.moves).zip(&misfits.moves);
-        let mut moves: Vec<MoveReport> = judged
-            .map(|((m, (ends, r)), misfit)| MoveReport { misfit: *misfit, ..move_report(m, ends, r, None) })
+        // Steps between the epochs of a rest are no moves.
+        let is_move = |m: &Move| !m.is_within_rest(&data.rests);
+        let judged = || {
+            let all = selection.moves.iter().zip(&joint.moves).zip(&misfits.moves);
+            all.filter(|((m, _), _)| is_move(m))
+        };
+        let mut moves: Vec<MoveReport> = judged()
+            .map(|((m, (ends, r)), misfit)| MoveReport {
+                misfit: *misfit,
+                ..move_report(&m.between_rests(&data.rests), ends, r, None)
+            })
             .collect();
-        moves.extend(selection.left_out.iter().map(|u| unusable_report(&u.span, u.reason)));
+        let left_out = selection.left_out.iter().filter(|u| is_move(&u.span));
+        moves.extend(left_out.map(|u| unusable_report(&u.span.between_rests(&data.rests), u.reason)));
         moves.sort_by_key(|report| (report.recording, report.first));
-        let residuals: Vec<f64> = joint
-            .moves
-            .iter()
-            .flat_map(|(ends, rotation)| <[f64; 2]>::from(ends.residual(rotation) / ends.sigma_rad))
+        let residuals: Vec<f64> = judged()
+            .flat_map(|((_, (ends, rotation)), _)| <[f64; 2]>::from(ends.residual(rotation) / ends.sigma_rad))
             .collect();
         let symmetric = Sensitivities { accelerometer: *force.sensitivity(), gyroscope: *rate.sensitivity() };
         let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();

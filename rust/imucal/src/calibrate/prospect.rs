@@ -116,6 +116,7 @@ impl UnitData<'_> {
             wander: Wander::of(options.wander),
             held: &held,
             encoders: None,
+            max_iterations: options.max_iterations,
             block_s: BLOCK_S,
         };
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();

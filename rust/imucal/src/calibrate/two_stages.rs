@@ -1,5 +1,7 @@
 //! The two-stage fit of a unit's recordings: the accelerometer from the rests, then the gyroscope from the moves.
 
+use std::ops::Range;
+
 use faer::Mat;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -16,6 +18,7 @@ use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 use crate::preintegration::kinematics::rate_from_gravity;
 use crate::rests::moves::{Ends, Move, Unusable, between};
 use crate::rests::rest::Rest;
+use crate::rests::unit_rest::{UnitRest, ranges_of_rests};
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::ellipsoid::Start;
 use crate::two_stage::gyroscope::{GyroscopeFit, PreintegratedMoves};
@@ -133,6 +136,18 @@ impl UnitData<'_> {
         Ok((moves, unusable))
     }
 
+    /// Converts the selection of rests of the accelerometer fit from rests to epochs. One mean does not describe a long
+    /// rest, so the two-stage fit cannot exclude it.
+    pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
+        let used = &accelerometer.used;
+        let of = |own: Range<usize>| {
+            let is_used =
+                if own.len() > 1 { self.excluded[own.start].is_none() } else { used[self.rests[own.start].whole] };
+            std::iter::repeat_n(is_used, own.len())
+        };
+        accelerometer.used = ranges_of_rests(&self.rests).into_iter().flat_map(of).collect();
+    }
+
     /// The directions of gravity and the standard deviation of each move, and the part of the latter that does not come
     /// from the means of the rests, rad.
     pub(super) fn ends(
@@ -198,6 +213,15 @@ impl UnitData<'_> {
 }
 
 impl Gyroscope {
+    /// Replaces the moves between rests by `moves` between epochs. A move that contradicts the others is the same move
+    /// before and after.
+    pub(super) fn use_moves(&mut self, moves: &[Move], rests: &[UnitRest]) {
+        let of_fit = self.moves.iter().zip(&self.fit.used);
+        let contradicts: Vec<Move> = of_fit.filter(|(_, used)| !**used).map(|(m, _)| *m).collect();
+        self.fit.used = moves.iter().map(|m| !contradicts.contains(&m.between_rests(rests))).collect();
+        self.moves = moves.to_vec();
+    }
+
     /// Reports of all moves, including those that are not used, in chronological order.
     pub(super) fn move_reports(&self, unusable: &[Unusable]) -> Vec<MoveReport> {
         let report = |k: usize| {

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use imucal_core::sensor::Triad;
+use nalgebra::Vector3;
 
 use super::{Options, check_options};
 use crate::check::{self, at_rest};
@@ -14,9 +15,10 @@ use crate::joint::is_unobservable_hand_held;
 use crate::recording::{RawUnit, Recording};
 use crate::rests::moves::{Directions, Unusable, saturated_stretches};
 use crate::rests::noise_density::NoiseDensity;
+use crate::rests::rest::Rest;
 use crate::rests::segment::Segments;
 use crate::rests::tremor::{self, Hand, Sensors};
-use crate::rests::unit_rest::{UnitRest, rests_of};
+use crate::rests::unit_rest::{UnitRest, in_epochs, ranges_of_rests, rests_of, together};
 use crate::two_stage::gyroscope::{self, GyroscopeBias};
 
 /// Minimum number of moves for the gyroscope. Each move has two residuals, and the sensitivity has nine entries.
@@ -32,7 +34,7 @@ pub(super) struct UnitData<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     /// Result of the rest detection for each recording.
     pub(super) segments: Vec<Segments>,
-    /// All rests of all recordings.
+    /// All rests of all recordings, or the epochs of long rests instead of these rests.
     pub(super) rests: Vec<UnitRest>,
     /// Reason code of each excluded rest; `None` if it is not excluded.
     pub(super) excluded: Vec<Option<&'static str>>,
@@ -94,17 +96,21 @@ impl<'a> UnitData<'a> {
         let saturated = saturated_stretches(recordings, &findings);
         let has_gyroscope = recordings.iter().any(|recording| !recording.angular_rate.is_absent());
         let bias = if has_gyroscope {
-            gyroscope::bias_from_rests(&rests.iter().map(|rest| &rest.rest).collect::<Vec<_>>())
+            let wander: Vec<_> =
+                segments.iter().flat_map(|segments| &segments.epochs).map(|own| rate_wander(own)).collect();
+            gyroscope::bias_from_rests(&rests.iter().map(|rest| &rest.rest).collect::<Vec<_>>(), &wander)
         } else {
             GyroscopeBias::absent(rests.len())
         };
+        let is_long = segments.iter().flat_map(|segments| &segments.epochs).map(|epochs| !epochs.is_empty());
         let excluded: Vec<_> = rests
             .iter()
             .zip(&bias.weights)
-            .map(|(rest, weight)| {
+            .zip(is_long)
+            .map(|((rest, weight), is_long)| {
                 if rest.is_saturated(&saturated) {
                     Some("saturation")
-                } else if weight.min() == 0.0 {
+                } else if weight.min() == 0.0 && !(is_long && has_other_bias(&recordings[0], &rest.rest, &bias.bias)) {
                     // The mean rate is far from that of all others: a slow, uniform rotation appears to be a rest.
                     Some(NOT_STILL)
                 } else {
@@ -129,6 +135,15 @@ impl<'a> UnitData<'a> {
     pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, used: &[bool]) {
         let sensors = Sensors { accelerometer, gyroscope };
         self.hands = tremor::hands(self.recordings, &mut self.rests, used, &mut self.noise, sensors);
+    }
+
+    /// Replaces long rests by their epochs, for the joint fit. Returns whether there are any.
+    pub(super) fn cut_into_epochs(&mut self) -> bool {
+        let epochs = in_epochs(&self.rests, &self.segments);
+        let are_cut = epochs.len() > self.rests.len();
+        self.excluded = epochs.iter().map(|epoch| self.excluded[epoch.whole]).collect();
+        self.rests = epochs;
+        are_cut
     }
 
     /// Whether each rest is without known faults.
@@ -206,15 +221,49 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
-    /// Reports of all rests; `used` states which of them the fit uses.
-    pub(super) fn rest_reports(&self, accelerometer: &Triad<f64>, used: &[bool], gravity_mps2: f64) -> Vec<RestReport> {
-        let report = |k: usize| {
-            let contradicts = (!used[k]).then_some("contradicts_other_rests");
-            let excluded = self.excluded[k].or(contradicts);
-            rest_report(&self.rests[k], accelerometer, gravity_mps2, excluded)
+    /// Reports of all rests; `used` states which of them, or which epochs of them, the fit uses, and `norms` are the
+    /// errors of the norm and their standard deviations in a joint fit.
+    pub(super) fn rest_reports(
+        &self,
+        accelerometer: &Triad<f64>,
+        used: &[bool],
+        norms: &[Option<(f64, f64)>],
+        gravity_mps2: f64,
+    ) -> Vec<RestReport> {
+        let report = |own: Range<usize>| {
+            let contradicts = (!used[own.clone()].contains(&true)).then_some("contradicts_other_rests");
+            let excluded = self.excluded[own.start].or(contradicts);
+            let mut report = rest_report(&together(&self.rests[own.clone()]), accelerometer, gravity_mps2, excluded);
+            report.epochs = own.len();
+            let known: Vec<(f64, f64)> = norms.get(own).unwrap_or_default().iter().flatten().copied().collect();
+            if !known.is_empty() {
+                let count = known.len() as f64;
+                report.norm_error_mps2 = known.iter().map(|(error, _)| error).sum::<f64>() / count;
+                report.norm_sigma_mps2 = known.iter().map(|(_, sigma)| sigma * sigma).sum::<f64>().sqrt() / count;
+            }
+            report
         };
-        (0..self.rests.len()).map(report).collect()
+        ranges_of_rests(&self.rests).into_iter().map(report).collect()
     }
+}
+
+/// Whether the mean rate of a long rest differs from those of the other rests because its bias does, and not because
+/// the unit rotates. A rotation about a horizontal axis would have turned gravity, so a rotation is vertical. Counts
+/// may have offsets that hide the vertical.
+fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
+    /// Maximum cosine of the angle between the difference of the rates and the vertical (18 deg). The axes of the
+    /// sensors may differ by some degrees.
+    const VERTICAL: f64 = 0.95;
+    let difference = rest.angular_rate.mean - bias;
+    let along = difference.dot(&rest.specific_force.mean.normalize()).abs();
+    recording.accel_unit == RawUnit::Si && along < VERTICAL * difference.norm()
+}
+
+/// Variance of the mean rates over the epochs of a rest, raw units squared; zero without epochs.
+fn rate_wander(epochs: &[Rest]) -> Vector3<f64> {
+    let count = epochs.len().max(1) as f64;
+    let mean = epochs.iter().map(|epoch| epoch.angular_rate.mean).sum::<Vector3<f64>>() / count;
+    epochs.iter().map(|epoch| (epoch.angular_rate.mean - mean).map(|rate| rate * rate)).sum::<Vector3<f64>>() / count
 }
 
 /// Recommendation for recordings with too few usable moves; it counts the unusable moves by reason.

@@ -7,6 +7,7 @@ use imucal_core::effects::Sensor;
 
 use super::{Checked, ModelOptions, Outcome, UserField, WarmStart};
 use crate::error::Error;
+use crate::numerics::lsq::Termination;
 use crate::verdict::RecordingSet;
 
 /// Maximum number of fits until the fields converge. Each repetition reduces the change of a field to about the
@@ -90,7 +91,8 @@ impl Checked<'_> {
     /// As [`Checked::calibrate`], with the user-defined effects `names`.
     ///
     /// # Errors
-    /// As [`Checked::calibrate`], errors of `user_effects`, and [`Error::Fit`] if the fields do not converge.
+    /// As [`Checked::calibrate`], and errors of `user_effects`. If the fields do not converge, the verdict of the
+    /// result is poor.
     pub fn calibrate_with(
         &self,
         model: &ModelOptions<'_>,
@@ -111,11 +113,10 @@ impl Checked<'_> {
             outcome = self.calibrate(&ModelOptions { user_fields: views(&fields), ..model.clone() }, warm_start)?;
             last = fields;
         }
-        Err(Error::Fit(format!(
-            "the field of {} still changes after {MAX_FITS} fits, because it depends too strongly on the corrected \
-             rate and force: make it depend less on them",
-            names.join(" and ")
-        )))
+        if let Some(report) = outcome.joint_fit.as_mut().filter(|report| report.termination == Termination::Converged) {
+            report.termination = Termination::FieldsNotSettled;
+        }
+        Ok(outcome)
     }
 }
 

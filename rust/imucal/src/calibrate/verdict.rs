@@ -44,7 +44,7 @@ impl Outcome {
         reasons.extend(self.contradicted_priors());
         reasons.extend(held_by_default(&self.held, self.prior_cost));
         reasons.extend(unknown_direction(RecordingSet::Calibration, &self.moves));
-        reasons.extend(Reason::above_noise(RecordingSet::Calibration, &self.groups));
+        reasons.extend(Reason::above_noise(RecordingSet::Calibration, &self.groups, &self.findings));
         Verdict::of(reasons)
     }
 

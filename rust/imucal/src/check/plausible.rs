@@ -22,10 +22,10 @@ use std::f64::consts::PI;
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
-use super::values::range;
+use super::values::converter_step;
 use super::{CHANNELS, names};
 use crate::finding::{Finding, general};
-use crate::recording::{RawUnit, Recording, Samples};
+use crate::recording::{RawUnit, Recording};
 
 const DEGREE_RAD: f64 = PI / 180.0;
 /// Plausible noise densities of an accelerometer, m/s^2/sqrt(Hz); sources (3) and (4) above.
@@ -142,7 +142,7 @@ fn densities(
 /// The unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be that of a usual sensor.
 fn gyro_way_out(recording: &Recording, density: f64) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
-    let count = (0..3).find_map(|axis| known_count(smallest_step(recording.angular_rate, axis)));
+    let count = (0..3).find_map(|axis| known_count(converter_step(recording.angular_rate, axis)));
     let is_in_dps = count.is_some() || usual(density);
     if is_in_dps {
         let counts = count.map_or_else(String::new, |text| {
@@ -194,19 +194,6 @@ fn known_count(step: f64) -> Option<&'static str> {
     // The nearest, because 1/131 and 250/32768 differ by 0.05 % only.
     let nearest = |a: &&(f64, &str), b: &&(f64, &str)| (step / a.0 - 1.0).abs().total_cmp(&(step / b.0 - 1.0).abs());
     GYRO_COUNTS_DPS.iter().filter(same).min_by(nearest).map(|(_, text)| *text)
-}
-
-/// Smallest difference between consecutive values of a column above rounding; infinite for a constant column.
-fn smallest_step(rows: Samples<'_>, axis: usize) -> f64 {
-    let rounding = 1e-9 * range(rows, axis);
-    let mut smallest = f64::INFINITY;
-    rows.neighbours(axis, |before, after| {
-        let step = (after - before).abs();
-        if step > rounding && step < smallest {
-            smallest = step;
-        }
-    });
-    smallest
 }
 
 fn biases(recording: &Recording, triad: &[RestNoise; 3]) -> Option<Finding> {

@@ -72,7 +72,7 @@ fn judge(
     };
     let groups = used.groups(|| uncertainty.map_or_else(Vec::new, |own| own.changed(calibration, false)));
     let mut reasons = Vec::from_iter(figures.reason_of_accelerometer(RecordingSet::Control));
-    reasons.extend(Reason::above_noise(RecordingSet::Control, &groups));
+    reasons.extend(Reason::above_noise(RecordingSet::Control, &groups, &[]));
     Ok(Evaluation {
         figures,
         before: figures,

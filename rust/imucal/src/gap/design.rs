@@ -12,7 +12,7 @@ use super::known::Known;
 use super::predict::Held;
 use crate::error::Error;
 use crate::held;
-use crate::joint::{INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
+use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, Source, Term, Terms};
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
@@ -230,7 +230,7 @@ impl Design {
         }
         let Rows { groups, items, .. } = &*self.rows;
         let columns = self.rows.columns();
-        let first = STAND_MOVES + 1;
+        let first = EPOCH_RATES + 1;
         let apart = |(&group, &item): (&usize, &usize)| {
             if group == INSIDE { first + prepared.rests[item / 2].recording } else { group }
         };

@@ -188,7 +188,7 @@ impl Candidate {
 /// Residuals of each kind that each candidate of typical size causes after the model is refitted. For a candidate with
 /// a time constant, the trial value with the largest residuals is used.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
-    const NAMES: [&str; 8] = [
+    const NAMES: [&str; 11] = [
         "rest_norm",
         "move_direction",
         "rest_rate_x",
@@ -197,6 +197,9 @@ pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
         "move_force",
         "stand_rest",
         "stand_move",
+        "epoch_norm",
+        "epoch_direction",
+        "epoch_rate",
     ];
     let Design { gram, model, candidates, .. } = &*stage.design;
     let mut traces: Vec<Trace> = Vec::new();

@@ -30,6 +30,8 @@ pub(crate) struct Line {
     pub(crate) jacobian: Vec<f64>,
     pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
     pub(crate) source: Source,
+    /// Whether the residual belongs to an epoch of a long rest after its first one, or to the step to such an epoch.
+    pub(crate) is_of_later_epoch: bool,
 }
 
 impl Line {
@@ -126,11 +128,17 @@ impl Linear {
     }
 
     /// Kind of each row of the whitened residuals, as an index: 0 norms, 1 moves, 2 to 4 rates x, y and z, [`INSIDE`],
-    /// [`STAND_RESTS`], [`STAND_MOVES`].
+    /// [`STAND_RESTS`], [`STAND_MOVES`], [`EPOCH_NORMS`], [`EPOCH_STEPS`], [`EPOCH_RATES`].
     pub(crate) fn groups_of_rows(&self) -> Vec<usize> {
         let groups = self.groups();
-        let lines = self.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
-        let rates = (0..3 * self.rates.len()).map(|row| 2 + row % 3);
+        let lines = self.lines.iter().map(|line| match (line.source, line.is_of_later_epoch) {
+            (Source::Norm(_), false) => 0,
+            (Source::Move(_), false) => 1,
+            (Source::Norm(_), true) => EPOCH_NORMS,
+            (Source::Move(_), true) => EPOCH_STEPS,
+        });
+        let of_axis = |(axis, line): (usize, &Line)| if line.is_of_later_epoch { EPOCH_RATES } else { 2 + axis };
+        let rates = self.rates.iter().flat_map(|(_, lines)| lines.iter().enumerate().map(of_axis));
         let rest = [(INSIDE, groups.inside), (STAND_RESTS, groups.stand_rests), (STAND_MOVES, groups.stand_moves)];
         let rest = rest.into_iter().flat_map(|(group, range)| range.map(move |_| group));
         lines.chain(rates).chain(rest).collect()
@@ -143,6 +151,13 @@ pub(crate) const INSIDE: usize = 5;
 pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves against the stand.
 pub(crate) const STAND_MOVES: usize = 7;
+/// Index of a kind of residuals: norms at the epochs of long rests after their first ones. They scatter by the
+/// wandering of the biases alone, so they must not decide on the scatter of the norms at different poses.
+pub(crate) const EPOCH_NORMS: usize = 8;
+/// Index of a kind of residuals: changes of the gravity direction between the epochs of a rest.
+pub(crate) const EPOCH_STEPS: usize = 9;
+/// Index of a kind of residuals: mean rates at the epochs of long rests after their first ones, all axes.
+pub(crate) const EPOCH_RATES: usize = 10;
 
 /// Cost of a sample with effects or with blocks inside the move, relative to a sample of plain preintegration.
 /// It decides the number of threads.
@@ -216,6 +231,7 @@ impl Prepared<'_> {
                 jacobian: force.jacobian.iter().map(|column| up.dot(column)).collect(),
                 by_means: vec![(k, by_mean.tr_mul(&up))],
                 source: Source::Norm(k),
+                is_of_later_epoch: self.rests[k].is_later_epoch(),
             });
             while self.moves.get(next_move).is_some_and(|m| m.from == k) {
                 if !terms.kinds.look_inside() {
@@ -251,6 +267,7 @@ impl Prepared<'_> {
             jacobian: columns.iter().map(|column| column[c]).collect(),
             by_means: from.iter().chain(&to).map(|(rest, by)| (*rest, by.row(c).transpose())).collect(),
             source: Source::Move(index),
+            is_of_later_epoch: m.is_within_rest(self.rests),
         })
     }
 
@@ -296,6 +313,7 @@ impl Prepared<'_> {
             jacobian,
             by_means: Vec::new(),
             source: Source::Norm(k),
+            is_of_later_epoch: self.rests[k].is_later_epoch(),
         })
     }
 }

@@ -66,17 +66,19 @@ impl Misfits {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let (residuals, jacobian) = problem.whiten(linear);
         let without = LeaveOut::new(&problem, linear, (&residuals, &jacobian));
-        let (mut of_rests, mut of_moves) =
-            (vec![Vec::new(); prepared.rests.len()], vec![Vec::new(); linear.moves.len()]);
+        // The epochs of a rest are judged together.
+        let (whole, count) =
+            (|k: usize| prepared.rests[k].whole, prepared.rests.last().map_or(0, |rest| rest.whole + 1));
+        let (mut of_rests, mut of_moves) = (vec![Vec::new(); count], vec![Vec::new(); linear.moves.len()]);
         for (row, line) in linear.lines.iter().enumerate() {
             match line.source {
-                Source::Norm(k) => of_rests[k].push(row),
+                Source::Norm(k) => of_rests[whole(k)].push(row),
                 Source::Move(k) => of_moves[k].push(row),
             }
         }
         for (place, (k, _)) in linear.rates.iter().enumerate() {
             let first = linear.lines.len() + 3 * place;
-            of_rests[*k].extend(first..first + 3);
+            of_rests[whole(*k)].extend(first..first + 3);
         }
         let judged = |groups: Vec<Vec<usize>>| -> Vec<Option<Misfit>> {
             let judge = |rows: Vec<usize>| {

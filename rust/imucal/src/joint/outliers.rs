@@ -62,6 +62,15 @@ struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
+    /// Whether the item is an epoch of a long rest after its first one, or the step to it. These items have scales of
+    /// their own, because their errors are those of one pose.
+    is_of_later_epoch: bool,
+}
+
+impl Group {
+    fn new(item: Item, columns: Vec<usize>, kind: Kind, is_of_later_epoch: bool) -> Self {
+        Self { item, columns, kind, is_of_later_epoch }
+    }
 }
 
 /// Kinds of residuals. The decrease d of chi2 (model.md (25)) is divided by one common scale for all residuals of a
@@ -109,8 +118,10 @@ pub(crate) fn outliers(
             .map(|group| (group, without.misfit(&group.columns)))
             .map(|(group, (misfit, freedom))| (group, misfit, freedom))
             .collect();
-        let scales = [Kind::Norm, Kind::Rate, Kind::Move].map(|kind| scale(kind, &judged));
+        let scales =
+            [false, true].map(|later| [Kind::Norm, Kind::Rate, Kind::Move].map(|kind| scale((kind, later), &judged)));
         let log_p = |(group, misfit, freedom): &(&Group, f64, usize)| {
+            let scales = scales[usize::from(group.is_of_later_epoch)];
             let scale = match group.kind {
                 Kind::Norm if only_moves_judge.contains(&group.item) => scales[0].max(scales[2]),
                 Kind::Norm => scales[0],
@@ -122,11 +133,20 @@ pub(crate) fn outliers(
         };
         let Some(worst) = judged.iter().min_by(|a, b| log_p(a).total_cmp(&log_p(b))) else { return Ok(found) };
         let item = worst.0.item;
+        let is_later_rest = |k: usize| prepared.rests[k].is_later_epoch();
+        let is_step = |k: usize| prepared.moves[k].is_within_rest(prepared.rests);
+        let is_alike: &dyn Fn(usize) -> bool = match item {
+            Item::Rest(_) => &|k| is_later_rest(k) == worst.0.is_of_later_epoch,
+            Item::Move(_) => &|k| is_step(k) == worst.0.is_of_later_epoch,
+        };
         let (used, fewest) = match item {
             Item::Rest(_) => (&mut rests, MIN_REMAINING_RESTS),
             Item::Move(_) => (&mut moves, MIN_REMAINING_MOVES),
         };
-        if log_p(worst) > SIGNIFICANCE.ln() || !may_exclude(used, fewest) {
+        // Epochs are counted apart from rests, because they are no poses.
+        let alike: Vec<bool> = (0..used.len()).filter(|&k| is_alike(k)).map(|k| used[k]).collect();
+        let fewest = if worst.0.is_of_later_epoch { 0 } else { fewest };
+        if log_p(worst) > SIGNIFICANCE.ln() || !may_exclude(&alike, fewest) {
             return Ok(found);
         }
         let (Item::Rest(k) | Item::Move(k)) = item;
@@ -174,7 +194,7 @@ fn log_p_value(misfit: f64, freedom: usize) -> f64 {
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
     let mut groups: Vec<Group> =
-        (0..linear.moves.len()).map(|k| Group { item: Item::Move(k), columns: Vec::new(), kind: Kind::Move }).collect();
+        (0..linear.moves.len()).map(|k| Group::new(Item::Move(k), Vec::new(), Kind::Move, false)).collect();
     let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
     // The moves at a hand-held rest do not depend on its mean force, because the directions at its ends are used
     // instead.
@@ -183,18 +203,19 @@ fn groups(linear: &Linear) -> Vec<Group> {
         match line.source {
             Source::Move(k) => {
                 groups[k].columns.push(row);
+                groups[k].is_of_later_epoch = line.is_of_later_epoch;
                 line.by_means.iter().for_each(|(k, _)| in_moves[*k] = true);
             }
             Source::Norm(k) => norm_of[k] = Some(row),
         }
     }
-    for (place, (k, _)) in linear.rates.iter().enumerate() {
-        let item = Item::Rest(*k);
+    for (place, (k, rates)) in linear.rates.iter().enumerate() {
+        let (item, is_later) = (Item::Rest(*k), rates[0].is_of_later_epoch);
         let (rates, means) = (lines.len() + 3 * place, lines.len() + 3 * linear.rates.len() + 3 * place);
-        groups.push(Group { item, columns: norm_of[*k].into_iter().collect(), kind: Kind::Norm });
-        groups.push(Group { item, columns: (rates..rates + 3).collect(), kind: Kind::Rate });
+        groups.push(Group::new(item, norm_of[*k].into_iter().collect(), Kind::Norm, is_later));
+        groups.push(Group::new(item, (rates..rates + 3).collect(), Kind::Rate, is_later));
         if in_moves[*k] {
-            groups.push(Group { item, columns: (means..means + 3).collect(), kind: Kind::Mean });
+            groups.push(Group::new(item, (means..means + 3).collect(), Kind::Mean, is_later));
         }
     }
     groups
@@ -223,8 +244,9 @@ pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usi
 
 /// Scale of the residuals of one kind relative to noise: the median of their decreases of chi2, d of model.md (25),
 /// divided by its expected median under the null hypothesis; at least one.
-fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
-    let of_kind = judged.iter().filter(|(group, _, freedom)| group.kind == kind && *freedom > 0);
+fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
+    let is_own = |group: &Group| group.kind == kind && group.is_of_later_epoch == later;
+    let of_kind = judged.iter().filter(|(group, _, freedom)| is_own(group) && *freedom > 0);
     // Median of the chi2 distribution (Wilson and Hilferty).
     let median_of = |freedom: f64| freedom * (1.0 - 2.0 / (9.0 * freedom)).powi(3);
     let mut ratios: Vec<f64> = of_kind.map(|(_, misfit, freedom)| misfit / median_of(*freedom as f64)).collect();

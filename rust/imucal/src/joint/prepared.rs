@@ -37,6 +37,8 @@ pub(crate) struct Prepared<'a> {
     pub(crate) held: &'a [HeldParameter],
     /// Encoder readings; `Some` if an effect of the encoders is estimated.
     pub(crate) encoders: Option<Encoders>,
+    /// Maximum number of iterations of a joint fit.
+    pub(crate) max_iterations: u64,
     /// Duration of the blocks inside a move over which the force is averaged, s.
     pub(crate) block_s: f64,
 }

@@ -23,6 +23,7 @@ use crate::numerics::stats::median;
 use crate::rests::moves::FINEST_RAD;
 use crate::rests::noise_density::{random_walk_rad, variance_per_axis};
 use crate::rests::rest::FINEST_MPS2;
+use crate::two_stage::observability::REST_ERROR_MPS2;
 use whiten::{Shares, Whitening};
 use widening::rate_covariance;
 pub(super) use widening::{FACTORS, WIDENINGS, Widened};
@@ -78,22 +79,38 @@ impl Weights {
         let scales = &widening.scales;
         let own: Vec<f64> =
             linear.lines.iter().map(|line| own_variance(prepared, model, line.source, scales)).collect();
+        let poses = 3 * prepared.rests.len();
         let shares: Vec<Shares> = linear
             .lines
             .iter()
             .map(|line| {
-                let scale = if matches!(line.source, Source::Norm(_)) { scales.norms } else { 1.0 };
-                line.by_means.iter().flat_map(|(rest, by)| share(prepared, *rest, by, scale)).collect()
+                let scale = match (line.source, line.is_of_later_epoch) {
+                    (Source::Norm(_), true) => scales.epochs,
+                    (Source::Norm(_), false) => scales.norms,
+                    (Source::Move(_), _) => 1.0,
+                };
+                // The epochs of a rest share the model error of their pose. The first one determines |f| at the pose,
+                // as at any other rest, the later ones only its changes, so that they do not count as further poses.
+                let pose = match line.source {
+                    Source::Norm(k) if line.is_of_later_epoch => {
+                        Some((poses + prepared.rests[k].whole, REST_ERROR_MPS2 * scales.epochs))
+                    }
+                    _ => None,
+                };
+                let of_means = line.by_means.iter().flat_map(|(rest, by)| share(prepared, *rest, by, scale));
+                of_means.chain(pose).collect()
             })
             .collect();
         let mut rates = vec![Matrix3::zeros(); prepared.rests.len()];
-        for (k, _) in &linear.rates {
-            let between_rests = Matrix3::from_diagonal(&Vector3::from(widening.between_rests));
+        for (k, lines) in &linear.rates {
+            let is_later = lines[0].is_of_later_epoch;
+            let between = if is_later { widening.epoch_rates } else { widening.between_rests };
+            let between_rests = Matrix3::from_diagonal(&Vector3::from(between));
             let factor = (rate_covariance(prepared, model, *k) + between_rests).cholesky().map(|factor| factor.l());
             rates[*k] = factor.and_then(|l| l.solve_lower_triangular(&Matrix3::identity())).unwrap_or_default();
         }
         Self {
-            whitening: Whitening::new(&own, &shares, 3 * prepared.rests.len()),
+            whitening: Whitening::new(&own, &shares, poses + prepared.rests.last().map_or(0, |rest| rest.whole + 1)),
             rates,
             inside: if linear.sees_inside() || terms.kinds.encoders {
                 inside_noise(prepared, model, scales)
@@ -113,9 +130,14 @@ impl Weights {
         self.widening.bias_instability
     }
 
+    /// Variance of the mean rates between the epochs of a long rest beyond noise, for each axis, raw units squared.
+    pub(crate) fn epoch_rates(&self) -> [f64; 3] {
+        self.widening.epoch_rates
+    }
+
     /// Scatter of each kind of residuals relative to noise, as assumed by the weights. The mean rates are last.
-    pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 6] {
-        let Scales { norms, moves, inside, stand_rests, stand_moves } = self.widening.scales;
+    pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 7] {
+        let Scales { norms, moves, inside, stand_rests, stand_moves, epochs } = self.widening.scales;
         let mut rates = 1.0f64;
         for (rest, whitening) in prepared.rests.iter().zip(&self.rates) {
             let seen = whitening * rest.rate_covariance * whitening.transpose();
@@ -124,7 +146,7 @@ impl Weights {
                 rates = rates.max((seen[(axis, axis)].recip() + wandering).sqrt());
             }
         }
-        [norms, moves, inside, stand_rests, stand_moves, rates]
+        [norms, moves, inside, stand_rests, stand_moves, epochs, rates]
     }
 }
 
@@ -144,13 +166,22 @@ fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) ->
 /// Variance of a residual that is independent of all other residuals.
 fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: &Scales) -> f64 {
     match source {
-        Source::Norm(_) => (FINEST_MPS2 * scales.norms).powi(2),
+        Source::Norm(k) => {
+            let is_later = prepared.rests[k].is_later_epoch();
+            (FINEST_MPS2 * if is_later { scales.epochs } else { scales.norms }).powi(2)
+        }
         Source::Move(k) => {
             let m = &prepared.moves[k];
             let density = &prepared.noise[m.recording].angular_rate;
             let walk = random_walk_rad(density, model.gyroscope.inverse(), m.duration_s);
             let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
-            (walk * walk + ends + FINEST_RAD * FINEST_RAD) * scales.moves * scales.moves
+            let own = walk * walk + ends + FINEST_RAD * FINEST_RAD;
+            if m.is_within_rest(prepared.rests) {
+                // The step between two epochs takes one sample. Their means contain its noise.
+                let means: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
+                return own + means * (scales.epochs * scales.epochs - 1.0);
+            }
+            own * scales.moves * scales.moves
         }
     }
 }
@@ -192,10 +223,12 @@ fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
-/// Covariance of the mean gyroscope biases at the rests in use, for unit bias instability. `None` if there are too many
+/// Covariance of the mean gyroscope biases at the rests in use, without later epochs of long rests, for unit bias
+/// instability. `None` if there are too many
 /// residuals to factor their covariance.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
-    let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
+    let is_later = |k: usize| prepared.rests[k].is_later_epoch();
+    let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k] && !is_later(k)).collect();
     if rows(places.len(), prepared.moves.len()) > MOST_ROWS {
         return None;
     }
@@ -203,6 +236,8 @@ pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let mut covariance = Mat::zeros(places.len(), places.len());
     for (index, recording) in prepared.recordings.iter().enumerate() {
         let (rests, spans) = prepared.rests_of(index);
+        let (rests, spans): (Vec<usize>, Vec<[f64; 2]>) =
+            rests.into_iter().zip(spans).filter(|(k, _)| !is_later(*k)).unzip();
         let at: Vec<usize> = rests.iter().map(|k| places.partition_point(|place| place < k)).collect();
         let own = unit.of_rests(0, &spans, recording.span_s());
         for (i, j) in (0..at.len()).flat_map(|i| (0..at.len()).map(move |j| (i, j))) {

@@ -6,9 +6,9 @@ use std::ops::Range;
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
 use super::departures::{ABRUPT_S, Component, Shape};
-use crate::check::CHANNELS;
+use crate::check::{CHANNELS, unit_name};
 use crate::finding::{Finding, Place, general};
-use crate::recording::{RawUnit, Recording};
+use crate::recording::Recording;
 
 /// Time on both sides of a step that is cut with it, s. The unit may still move in it.
 const MARGIN_S: f64 = 1.0;
@@ -218,10 +218,9 @@ pub(super) fn drift(recording: &Recording<'_>, drifts: &[Drift]) -> Option<Findi
 }
 
 fn unit_of(recording: &Recording<'_>, channel: usize) -> &'static str {
-    match (channel < 3, recording.accel_unit, recording.gyro_unit) {
-        (true, RawUnit::Si, _) => "m/s^2",
-        (false, _, RawUnit::Si) => "rad/s",
-        _ => "lsb",
+    match channel < 3 {
+        true => unit_name(recording.accel_unit, "m/s^2"),
+        false => unit_name(recording.gyro_unit, "rad/s"),
     }
 }
 

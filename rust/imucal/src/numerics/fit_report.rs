@@ -82,6 +82,13 @@ impl FitReport {
             Termination::WeightsNotSettled => {
                 format!("ended after {iterations} iterations with weights of its residuals that had not settled")
             }
+            Termination::FieldsNotSettled => {
+                return Some(format!(
+                    "{name} ended with the field of a user-defined effect that still changed from fit to fit: the result \
+                     is not its optimum; the field depends too strongly on the corrected rate and force, or has a kink \
+                     there: make it a smooth function of them"
+                ));
+            }
         };
         Some(format!(
             "{name} {why}: the result is not its optimum; estimate fewer effects, or record more poses and moves"

@@ -33,6 +33,8 @@ pub enum Termination {
     NotFinite,
     /// The weights of the residuals had not settled in the last repetition of the fit.
     WeightsNotSettled,
+    /// The field of a user-defined effect, which depends on the calibration, still changed in the last repetition.
+    FieldsNotSettled,
 }
 
 /// The end point of a fit, with its residuals and Jacobian.
@@ -72,7 +74,7 @@ pub(crate) const EXACT: f64 = 1e-10;
 /// Convergence tolerance of a start value: relative length of a step.
 pub(crate) const ROUGH: f64 = 1e-3;
 /// Maximum number of iterations of a fit, chosen far above the number that a convergent fit needs.
-const ITERATION_LIMIT: u64 = 200;
+pub(crate) const ITERATION_LIMIT: u64 = 200;
 /// Maximum damping lambda. With larger values a step is smaller than the rounding errors of the parameters.
 const MAX_DAMPING: f64 = 1e16;
 

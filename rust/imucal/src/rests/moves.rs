@@ -98,6 +98,18 @@ pub(crate) fn rows_across(up: &Vector3<f64>) -> Matrix2x3<f64> {
     Matrix2x3::from_rows(&across(up).map(|direction| direction.transpose()))
 }
 
+impl Move {
+    /// Whether this is the step from one epoch of a long rest to the next, in which the unit does not move.
+    pub(crate) fn is_within_rest(&self, rests: &[UnitRest]) -> bool {
+        rests[self.from].whole == rests[self.to].whole
+    }
+
+    /// The same move with the indices of rests that contain the epochs.
+    pub(crate) fn between_rests(&self, rests: &[UnitRest]) -> Self {
+        Self { from: rests[self.from].whole, to: rests[self.to].whole, ..*self }
+    }
+}
+
 /// An interval between two rests that cannot be used as a move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Unusable {

@@ -76,7 +76,8 @@ fn inner(rest: &Rest) -> Range<usize> {
     rest.first + edge..rest.end - edge
 }
 
-fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samples<'a>, usize) {
+/// The samples of the sensor of a channel, in the order gyroscope x, y, z, accelerometer x, y, z, and its axis.
+pub(super) fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samples<'a>, usize) {
     let rows = if channel < 3 { recording.angular_rate } else { recording.specific_force };
     (rows, channel % 3)
 }

@@ -8,6 +8,7 @@
 
 mod blocks;
 mod edges;
+pub(crate) mod epochs;
 mod steadiness;
 mod threshold;
 
@@ -24,10 +25,11 @@ use crate::numerics::stats::sample_interval_s;
 use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::rest::{Rest, RestMean, UNSTEADY};
-use crate::rests::rounded::{at_rest, noise_below_lsb, of_rounded, roundings};
+use crate::rests::rounded::{at_rest, noise_below_lsb, of_channel, of_rounded, roundings};
 use crate::rounding::{Rounding, step};
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
+use epochs::{LONG_REST_S, cut, joined};
 use steadiness::{Steadiness, Stretch, gravity_wanders};
 use threshold::{choose_threshold, still, window_statistic};
 
@@ -57,6 +59,8 @@ pub struct Threshold {
 pub struct Segments {
     /// Rests in chronological order.
     pub rests: Vec<Rest>,
+    /// For each rest, its epochs if it is so long that one mean does not describe it, otherwise none (model.md (41)).
+    pub epochs: Vec<Vec<Rest>>,
     /// Intervals at rest that are shorter than the required duration, as index ranges of samples.
     pub too_short: Vec<Range<usize>>,
     /// The threshold and the reason for its choice.
@@ -93,18 +97,21 @@ impl Segments {
         if blocks.len() < WINDOW_BLOCKS.max(min_blocks) {
             return Err(no_rest(recording, min_rest_s));
         }
-        let step_of = |channel: usize| match channel {
-            0..3 => step::step_of(recording.angular_rate, channel),
-            _ => step::step_of(recording.specific_force, channel - 3),
+        let step_of = |channel: usize| {
+            let (rows, axis) = of_channel(recording, channel);
+            step::step_of(rows, axis)
         };
         let (statistic, floor, coarse) = window_statistic(variances, &(steps / averaged.sqrt()), step_of);
         let threshold = choose_threshold(&statistic, min_blocks);
         // Without an accelerometer there is no gravity that could wander.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
+        let block_s = block_samples as f64 * dt_s;
+        let long_blocks = (LONG_REST_S / block_s).round() as usize;
         let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))
-            .filter(|range| !range.is_empty() && !gravity_wanders(&blocks[range.clone()], gravity))
+            .filter(|range| !range.is_empty() && !gravity_wanders(&blocks[range.clone()], gravity, long_blocks))
             .collect();
+        let still = joined(recording, still, block_samples, block_s, &(floor * averaged).map(f64::sqrt));
         let (long, short): (Vec<_>, Vec<_>) =
             still.iter().cloned().zip(around(&still, blocks.len())).partition(|(range, _)| range.len() >= min_blocks);
         if long.is_empty() {
@@ -112,39 +119,47 @@ impl Segments {
         }
         let stretch = |range: &Range<usize>| Stretch::of(range, blocks, &statistic, &coarse);
         let mut stretches: Vec<Stretch> = long.iter().map(|(range, _)| stretch(range)).collect();
-        let settled = Steadiness::of(stretches.iter());
+        let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
+        let degc = |range: Range<usize>| mean_temperature(&recording.temperature_degc?[samples(range)]);
+        let epochs_of = |rest: &Stretch| -> Vec<Stretch> {
+            // A support that vibrates, or a hand, moves the unit, so no epoch has a pose of its own accuracy.
+            if rest.is_steady() { cut(&rest.blocks, block_s, degc).iter().map(stretch).collect() } else { Vec::new() }
+        };
+        let epochs: Vec<Vec<Stretch>> = stretches.iter().map(epochs_of).collect();
+        let settled = Steadiness::of(described(&stretches, &epochs));
         // The ends of hand-held rests are not refined, because tremor limits their accuracy.
-        for (rest, (_, within)) in stretches.iter_mut().zip(&long) {
-            if settled.unsteadiness(rest) < UNSTEADY {
+        for ((rest, epochs), (_, within)) in stretches.iter_mut().zip(&epochs).zip(&long) {
+            if settled.unsteadiness_of(rest, epochs) < UNSTEADY {
                 let range = onset(rest.blocks.clone(), within, blocks, &coarse);
                 if range != rest.blocks {
                     *rest = stretch(&range);
                 }
             }
         }
-        let steadiness = Steadiness::of(stretches.iter());
-        let mut rests: Vec<Rest> = stretches
-            .iter()
-            .map(|stretch| Rest {
-                unsteadiness: steadiness.unsteadiness(stretch),
-                ..rest(recording, stretch, block_samples, steadiness.colour(stretch))
-            })
-            .collect();
+        let epochs: Vec<Vec<Stretch>> = stretches.iter().map(epochs_of).collect();
+        let steadiness = Steadiness::of(described(&stretches, &epochs));
+        let of = |stretch: &Stretch, epochs: &[Stretch]| Rest {
+            unsteadiness: steadiness.unsteadiness_of(stretch, epochs),
+            ..rest(recording, stretch, block_samples, steadiness.colour(stretch))
+        };
+        let mut rests: Vec<Rest> = stretches.iter().zip(&epochs).map(|(whole, epochs)| of(whole, epochs)).collect();
+        let each = |epochs: &Vec<Stretch>| epochs.iter().map(|epoch| of(epoch, &[])).collect();
+        let mut rests_of_epochs: Vec<Vec<Rest>> = epochs.iter().map(each).collect();
         let colour = &steadiness.steady_colour;
         let colour = &of_rounded(colour, &coarse);
-        let rounding = roundings(recording, &rests, &coarse, colour);
-        for rest in &mut rests {
+        let rounding =
+            roundings(recording, &described(&rests, &rests_of_epochs).copied().collect::<Vec<_>>(), &coarse, colour);
+        for rest in rests.iter_mut().chain(rests_of_epochs.iter_mut().flatten()) {
             let [a, b, c, d, e, f] = at_rest(recording, rest, &rounding);
             (rest.angular_rate.rounding, rest.specific_force.rounding) = ([a, b, c], [d, e, f]);
         }
         let sample_variance = floor * averaged;
-        let mut variance = steadiness.noise_variance(&stretches).unwrap_or(sample_variance);
+        let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
         // The scatter at rest depends on where the mean lies between two levels. Moves sweep over many levels.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
         }
         let density = variance.map(|variance| (variance * dt_s).sqrt());
-        let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
         let mut found = Self {
             noise_density: NoiseDensity {
                 angular_rate: density.fixed_rows::<3>(0).into(),
@@ -159,10 +174,16 @@ impl Segments {
                 window_s: (WINDOW_BLOCKS * block_samples) as f64 * dt_s,
             },
             rests,
+            epochs: rests_of_epochs,
             rounding,
         };
         found.blank(sensors);
         Ok(found)
+    }
+
+    /// The rests and their epochs.
+    fn means(&mut self) -> impl Iterator<Item = &mut Rest> {
+        self.rests.iter_mut().chain(self.epochs.iter_mut().flatten())
     }
 
     /// Sets everything about a sensor that is not there to NaN. `is_there` is in the order gyroscope, accelerometer.
@@ -175,11 +196,11 @@ impl Segments {
         }
         if !is_there[0] {
             self.noise_density.angular_rate = none;
-            self.rests.iter_mut().for_each(|rest| rest.angular_rate = of_none);
+            self.means().for_each(|rest| rest.angular_rate = of_none);
         }
         if !is_there[1] {
             self.noise_density.specific_force = none;
-            self.rests.iter_mut().for_each(|rest| rest.specific_force = of_none);
+            self.means().for_each(|rest| rest.specific_force = of_none);
         }
     }
 }
@@ -238,6 +259,19 @@ impl Segments {
         noise.specific_force = turned(&calibration.accelerometer, noise.specific_force).map(f64::sqrt);
         noise.angular_rate = turned(&calibration.gyroscope, noise.angular_rate).map(f64::sqrt);
     }
+}
+
+/// The intervals that one mean describes: the epochs of long rests, and all other rests.
+fn described<'a, T>(rests: &'a [T], epochs: &'a [Vec<T>]) -> impl Iterator<Item = &'a T> {
+    let of = |(rest, epochs): (&'a T, &'a Vec<T>)| if epochs.is_empty() { std::slice::from_ref(rest) } else { epochs };
+    rests.iter().zip(epochs).flat_map(of)
+}
+
+/// Mean of the known temperatures, degC; `None` if there are none.
+fn mean_temperature(degc: &[f64]) -> Option<f64> {
+    let known = || degc.iter().filter(|degc| degc.is_finite());
+    let count = known().count();
+    (count > 0).then(|| known().sum::<f64>() / count as f64)
 }
 
 /// For each interval at rest, the range from the end of the previous interval to the start of the next one, in blocks.

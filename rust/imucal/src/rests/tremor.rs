@@ -21,6 +21,7 @@ use crate::numerics::workers::{in_order, threads_for};
 use crate::recording::{Recording, Samples};
 use crate::rests::noise_density::{NoiseDensity, variance_per_axis};
 use crate::rests::rest::Rest;
+use crate::rests::segment::epochs::LONG_REST_S;
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
 /// Coefficients of the fourth difference.
@@ -198,9 +199,13 @@ pub(crate) fn hands(
         let mut own: Vec<OwnRest<'_>> = rests
             .iter_mut()
             .zip(used)
-            .filter(|(rest, _)| rest.recording == index)
+            // Nobody holds a unit still for minutes, and a drift of the biases over minutes resembles a tremor.
+            .filter(|(rest, _)| rest.recording == index && rest.rest.end_s - rest.rest.start_s <= LONG_REST_S)
             .map(|(rest, &contributes)| OwnRest { rest, contributes })
             .collect();
+        if own.is_empty() {
+            return None;
+        }
         // If most rests are excluded, they are not isolated slow rotations: the bias of this recording differs from the
         // others.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {

@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::rests::rest::Rest;
+use crate::numerics::stats::median;
+use crate::rests::rest::{Rest, RestMean};
 use crate::rests::segment::Segments;
 
 /// A rest and the recording that contains it.
@@ -19,6 +20,11 @@ pub(crate) struct UnitRest {
     pub(crate) bias: Vector3<f64>,
     /// How the means of a hand-held rest were computed; `None` for a rest without tremor.
     pub(crate) propagated: Option<PropagatedMean>,
+    /// Index of the rest that contains this interval, among the rests of all recordings. The epochs of a long rest have
+    /// the same index.
+    pub(crate) whole: usize,
+    /// Index of the epoch within its rest; 0 for a rest that is not cut into epochs.
+    pub(crate) epoch: usize,
 }
 
 /// Parameters of the mean of a hand-held rest: its samples are rotated by the gyroscope to the ends of the rest
@@ -36,32 +42,85 @@ pub(crate) struct PropagatedMean {
 
 /// The rests of a table of means.
 pub(crate) fn rests_of_means(rests: &[Rest]) -> Vec<UnitRest> {
-    let of = |rest: &Rest| UnitRest {
-        recording: 0,
-        rest: *rest,
-        rate_covariance: Matrix3::from_diagonal(&rest.angular_rate.variance_of_mean),
-        bias: rest.angular_rate.mean,
-        propagated: None,
-    };
-    rests.iter().map(of).collect()
+    rests.iter().enumerate().map(|(whole, rest)| UnitRest::new(0, *rest, whole, 0)).collect()
 }
 
 /// All rests of all recordings, in order of recording and time.
 pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     let of = |(recording, segments): (usize, &Segments)| {
-        let unit_rest = move |rest: &Rest| UnitRest {
-            recording,
-            rest: *rest,
-            rate_covariance: Matrix3::from_diagonal(&rest.angular_rate.variance_of_mean),
-            bias: rest.angular_rate.mean,
-            propagated: None,
-        };
-        segments.rests.iter().map(unit_rest).collect::<Vec<_>>()
+        segments.rests.iter().map(move |rest| (recording, *rest)).collect::<Vec<_>>()
     };
-    segments.iter().enumerate().flat_map(of).collect()
+    let all = segments.iter().enumerate().flat_map(of).enumerate();
+    all.map(|(whole, (recording, rest))| UnitRest::new(recording, rest, whole, 0)).collect()
+}
+
+/// The rests with each long rest replaced by its epochs. `segments` are those from which [`rests_of`] made the rests.
+/// The means of a hand-held unit are not those of epochs, so the rests of such a recording are kept.
+pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRest> {
+    let epochs = segments.iter().flat_map(|segments| &segments.epochs);
+    let of = |(rest, epochs): (&UnitRest, &Vec<Rest>)| -> Vec<UnitRest> {
+        if epochs.is_empty() || rest.propagated.is_some() {
+            return vec![*rest];
+        }
+        let unit_rest = |(epoch, own): (usize, &Rest)| UnitRest::new(rest.recording, *own, rest.whole, epoch);
+        epochs.iter().enumerate().map(unit_rest).collect()
+    };
+    rests.iter().zip(epochs).flat_map(of).collect()
+}
+
+/// The index range of the epochs of each rest.
+pub(crate) fn ranges_of_rests(rests: &[UnitRest]) -> Vec<Range<usize>> {
+    let ends = rests.chunk_by(|a, b| a.whole == b.whole).scan(0, |end, epochs| {
+        *end += epochs.len();
+        Some(*end - epochs.len()..*end)
+    });
+    ends.collect()
+}
+
+/// A rest with the means over all of its epochs.
+pub(crate) fn together(epochs: &[UnitRest]) -> UnitRest {
+    let [first, .., last] = epochs else { return epochs[0] };
+    let samples = |epoch: &UnitRest| (epoch.rest.end - epoch.rest.first) as f64;
+    let all: f64 = epochs.iter().map(samples).sum();
+    let mean = |of: fn(&Rest) -> &RestMean| {
+        let sum = |value: &dyn Fn(&UnitRest) -> Vector3<f64>| epochs.iter().map(value).sum::<Vector3<f64>>();
+        RestMean {
+            mean: sum(&|epoch| of(&epoch.rest).mean * (samples(epoch) / all)),
+            variance_of_mean: sum(&|epoch| of(&epoch.rest).variance_of_mean * (samples(epoch) / all).powi(2)),
+            rounding: of(&first.rest).rounding,
+        }
+    };
+    let rest = Rest {
+        first: first.rest.first,
+        start_s: first.rest.start_s,
+        end: last.rest.end,
+        end_s: last.rest.end_s,
+        unsteadiness: median(&mut epochs.iter().map(|epoch| epoch.rest.unsteadiness).collect::<Vec<_>>()),
+        specific_force: mean(|rest| &rest.specific_force),
+        angular_rate: mean(|rest| &rest.angular_rate),
+    };
+    UnitRest::new(first.recording, rest, first.whole, 0)
 }
 
 impl UnitRest {
+    fn new(recording: usize, rest: Rest, whole: usize, epoch: usize) -> Self {
+        Self {
+            recording,
+            rest,
+            rate_covariance: Matrix3::from_diagonal(&rest.angular_rate.variance_of_mean),
+            bias: rest.angular_rate.mean,
+            propagated: None,
+            whole,
+            epoch,
+        }
+    }
+
+    /// Whether this is an epoch of a long rest after its first one. It has the pose of the first epoch, so it
+    /// determines changes of the readings, but no further direction.
+    pub(crate) fn is_later_epoch(&self) -> bool {
+        self.epoch > 0
+    }
+
     /// Whether any sample of the rest is saturated. `saturated` contains the saturated index ranges of each recording.
     pub(crate) fn is_saturated(&self, saturated: &[Vec<Range<usize>>]) -> bool {
         touches(&saturated[self.recording], &(self.rest.first..self.rest.end))

@@ -7,7 +7,9 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use crate::joint::linear::{INSIDE, Linear, STAND_MOVES, STAND_RESTS, Source};
+use crate::joint::linear::{
+    EPOCH_NORMS, EPOCH_RATES, EPOCH_STEPS, INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source,
+};
 use crate::joint::pass::BLOCK_S;
 use crate::joint::weights::Weights;
 use crate::numerics::lsq;
@@ -30,15 +32,20 @@ pub(super) fn group_misfits(
         let free: f64 = own().map(|row| 1.0 - leverages[row]).sum();
         (own().map(|row| residuals[(row, 0)].powi(2)).sum::<f64>(), free)
     };
-    let of_lines = |is_norm: bool| {
-        let is_own = move |source: &Source| matches!(source, Source::Norm(_)) == is_norm;
-        linear.lines.iter().filter(move |line| is_own(&line.source)).map(|line| line.residual)
+    // The many epochs of a long rest must not hide the scatter of the poses, nor the poses the drift within a rest.
+    let worse = |poses: (f64, f64), epochs: (f64, f64)| {
+        let are_worse = epochs.1 >= MIN_FREEDOM && epochs.0 / epochs.1 > poses.0 / poses.1;
+        if are_worse { (epochs, true) } else { (poses, false) }
     };
-    let [norms, moves, rates] = [of(&|kind| kind == 0), of(&|kind| kind == 1), of(&|kind| (2..=4).contains(&kind))];
+    let (norms, are_of_epochs) = worse(of(&|kind| kind == 0), of(&|kind| kind == EPOCH_NORMS));
+    let of_norms = of_lines(linear, true, are_of_epochs);
+    let (moves, are_of_epochs) = worse(of(&|kind| kind == 1), of(&|kind| kind == EPOCH_STEPS));
+    let of_moves = of_lines(linear, false, are_of_epochs);
+    let (rates, are_of_epochs) = worse(of(&|kind| (2..=4).contains(&kind)), of(&|kind| kind == EPOCH_RATES));
+    let of_rates = linear.rates.iter().filter(|(_, lines)| lines[0].is_of_later_epoch == are_of_epochs);
     let [inside, rests, encoders] = [INSIDE, STAND_RESTS, STAND_MOVES].map(|kind| of(&|own| own == kind));
     let inverse = linear.model.gyroscope.inverse();
-    let rate =
-        |lines: &[crate::joint::Line; 3]| <[f64; 3]>::from(inverse * Vector3::from_fn(|axis, _| lines[axis].residual));
+    let rate = |lines: &[Line; 3]| <[f64; 3]>::from(inverse * Vector3::from_fn(|axis, _| lines[axis].residual));
     // A whitened residual inside a move or against the stand has no size of its own; that of its noise is known.
     let of_noise = |(chi2, free): (f64, f64), sigma: f64| sigma * (chi2 / free).sqrt();
     let force_sigma = rms(noise.inside.iter().map(|noise| (noise.force / BLOCK_S).sqrt()));
@@ -46,10 +53,10 @@ pub(super) fn group_misfits(
     let worst = against_stand.into_iter().filter(|((_, free), _)| *free >= MIN_FREEDOM);
     let worst = worst.max_by(|((a, n), _), ((b, m), _)| (a / n).total_cmp(&(b / m)));
     let groups = [
-        Some((ResidualGroup::RestNorms, norms, rms(of_lines(true)))),
+        Some((ResidualGroup::RestNorms, norms, rms(of_norms))),
         // The angle has two components.
-        Some((ResidualGroup::MoveDirections, moves, rms(of_lines(false)) * 2f64.sqrt())),
-        Some((ResidualGroup::RestRates, rates, rms(linear.rates.iter().flat_map(|(_, lines)| rate(lines))))),
+        Some((ResidualGroup::MoveDirections, moves, rms(of_moves) * 2f64.sqrt())),
+        Some((ResidualGroup::RestRates, rates, rms(of_rates.flat_map(|(_, lines)| rate(lines))))),
         Some((ResidualGroup::MoveForces, inside, of_noise(inside, force_sigma))),
         worst.map(|(found, sigma)| (ResidualGroup::StandAttitudes, found, of_noise(found, sigma))),
     ];
@@ -57,4 +64,12 @@ pub(super) fn group_misfits(
     judged
         .map(|(group, (chi2, degrees_of_freedom), rms)| GroupMisfit { group, rms, chi2, degrees_of_freedom })
         .collect()
+}
+
+/// Residuals of norms or moves, before whitening: those of the later epochs of long rests, or all others.
+fn of_lines(linear: &Linear, are_norms: bool, are_of_epochs: bool) -> impl Iterator<Item = f64> {
+    let is_own = move |line: &&Line| {
+        matches!(line.source, Source::Norm(_)) == are_norms && line.is_of_later_epoch == are_of_epochs
+    };
+    linear.lines.iter().filter(is_own).map(|line| line.residual)
 }

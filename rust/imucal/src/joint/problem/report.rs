@@ -79,7 +79,7 @@ impl JointFit {
         problem: &Joint<'_>,
         terms: &Terms<'_>,
         solution: Solution,
-        (iterations, have_settled): (u64, bool),
+        (iterations, ending): (u64, Option<Termination>),
     ) -> Result<Self, Error> {
         let linear = problem.linear(&solution.parameters)?;
         let model = &linear.model;
@@ -109,8 +109,9 @@ impl JointFit {
             .collect();
         let scales = &problem.weights.widening.scales;
         let mut report = FitReport { inflation: scales.largest(), iterations, ..FitReport::of(&solution) };
-        if report.termination == Termination::Converged && !have_settled {
-            report.termination = Termination::WeightsNotSettled;
+        // The gradient test applies to the weights of the last minimisation.
+        if let Some(ending) = ending.filter(|_| report.termination == Termination::Converged) {
+            report.termination = ending;
         }
         let scales = ResidualScales {
             norms: scales.norms,

@@ -1,4 +1,5 @@
-//! Whitening for errors that several rests share: biases that vary between rests, and rounding.
+//! Whitening for errors that several rests share: biases that vary between rests, rounding, and the pose of the epochs
+//! of a long rest.
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -19,6 +20,10 @@ use crate::rounding::Rounding;
 /// the rest. With 0.8, the error of the rotation of simulated moves agrees best with that computed from the rests, for
 /// filters from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
+/// Standard deviation of the error of the mean rates that the epochs of a long rest share because they share a pose,
+/// rad/s: 0.1 deg/s, the g-sensitivity of a consumer gyroscope at 1 g. The later epochs therefore determine only
+/// changes of the bias.
+const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
 /// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
 /// model.md (28), and of the errors that rounding leaves in the means of the rests, model.md (37).
@@ -37,7 +42,8 @@ impl Wandering {
     pub(crate) fn new(joint: &Joint<'_>, linear: &Linear, unit: Option<&UnitWander>) -> Result<Option<Self>, Error> {
         let rows = linear.lines.len() + 3 * linear.rates.len();
         let is_rounded = rows <= MOST_ROWS && joint.is_rounded();
-        if unit.is_none() && !is_rounded {
+        let shares_poses = rows <= MOST_ROWS && linear.rates.iter().any(|(_, lines)| lines[0].is_of_later_epoch);
+        if unit.is_none() && !is_rounded && !shares_poses {
             return Ok(None);
         }
         if rows > MOST_ROWS {
@@ -53,6 +59,14 @@ impl Wandering {
         }
         if is_rounded {
             covariance += joint.rounding(linear, rows);
+        }
+        if shares_poses {
+            joint.share_poses(linear, &mut covariance);
+        }
+        if !covariance.is_all_finite() {
+            return Err(Error::Fit(
+                "the joint fit left the range of numbers: leave effects out, or check units".into(),
+            ));
         }
         let factor = covariance.llt(faer::Side::Lower).map_err(|_| {
             Error::Fit("the wandering of the biases outgrows all else: check bias_instability and random_walk".into())
@@ -120,6 +134,29 @@ impl Joint<'_> {
             }
         }
         covariance
+    }
+
+    /// Adds the covariance of the whitened mean rates due to an error that the later epochs of a rest share.
+    fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
+        let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
+        // A drift within the rest may also have moved the later epochs from the first one.
+        let variance = Matrix3::from_diagonal(&Vector3::from(self.weights.epoch_rates().map(|drift| variance + drift)));
+        let later: Vec<(usize, usize)> = linear
+            .rates
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, l))| l[0].is_of_later_epoch)
+            .map(|(p, (k, _))| (p, *k))
+            .collect();
+        let head = linear.lines.len();
+        for own in later.chunk_by(|(_, a), (_, b)| self.prepared.rests[*a].whole == self.prepared.rests[*b].whole) {
+            for ((to, k), (from, l)) in own.iter().flat_map(|a| own.iter().map(move |b| (*a, *b))) {
+                let shared = self.weights.rates[k] * variance * self.weights.rates[l].transpose();
+                for (row, column) in (0..3).flat_map(|row| (0..3).map(move |column| (row, column))) {
+                    covariance[(head + 3 * to + row, head + 3 * from + column)] += shared[(row, column)];
+                }
+            }
+        }
     }
 
     /// Whether rounding leaves an error in the means of any rest in use.

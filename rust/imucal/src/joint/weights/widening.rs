@@ -12,10 +12,11 @@ use crate::numerics::fit_report::significance_limit;
 use crate::numerics::lsq::{self, Solution};
 use nalgebra::Matrix3;
 
-/// Number of quantities of a `Widening`: five factors, three variances between rests and three bias instabilities.
-pub(in crate::joint) const WIDENINGS: usize = FACTORS + 6;
+/// Number of quantities of a `Widening`: six factors, three variances between rests, three bias instabilities and three
+/// variances between epochs.
+pub(in crate::joint) const WIDENINGS: usize = FACTORS + 9;
 /// Number of factors of `Scales`, which are the first quantities of a `Widening`.
-pub(in crate::joint) const FACTORS: usize = 5;
+pub(in crate::joint) const FACTORS: usize = 6;
 
 /// What is added to the noise of the residuals.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +26,8 @@ pub(crate) struct Widening {
     pub(super) between_rests: [f64; 3],
     /// Bias instability of each axis of the gyroscope, raw units.
     pub(super) bias_instability: [f64; 3],
+    /// Variance of the mean rates between the epochs of a long rest, for each axis, squared raw units.
+    pub(super) epoch_rates: [f64; 3],
 }
 
 /// Factors by which the standard deviations of the residuals are widened beyond noise; 1 if noise explains the
@@ -36,6 +39,8 @@ pub(crate) struct Scales {
     pub(crate) inside: f64,
     pub(crate) stand_rests: f64,
     pub(crate) stand_moves: f64,
+    /// Mean force at the epochs of long rests after their first ones.
+    pub(crate) epochs: f64,
 }
 
 /// Which residuals are widened, and whether the excess of the mean rates is bias instability.
@@ -44,6 +49,7 @@ pub(in crate::joint) struct Widened {
     /// In the order of `Scales`.
     kinds: [bool; FACTORS],
     rates: [bool; 3],
+    epoch_rates: [bool; 3],
     wanders: bool,
 }
 
@@ -54,12 +60,14 @@ impl Widened {
         let mut all = other;
         all.kinds.iter_mut().zip(self.kinds).for_each(|(to, from)| *to = either((*to, from)));
         all.rates.iter_mut().zip(self.rates).for_each(|(to, from)| *to = either((*to, from)));
+        all.epoch_rates.iter_mut().zip(self.epoch_rates).for_each(|(to, from)| *to = either((*to, from)));
         all
     }
 }
 
 impl Widening {
-    pub(super) const NONE: Self = Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3] };
+    pub(super) const NONE: Self =
+        Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3], epoch_rates: [0.0; 3] };
 
     /// Excess of the residuals at a linearisation. `found` is the fit that ended there, if any, with the scales used in
     /// that fit. A kind of residuals is widened if its excess is significant, or if `kept` widens it.
@@ -75,19 +83,23 @@ impl Widening {
             _ => Scales::NONE,
         };
         let head = linear.lines.len();
-        let free = |axis: usize| {
-            let spent =
-                leverages.as_ref().map_or(1.0, |h| (0..linear.rates.len()).map(|k| h[head + 3 * k + axis]).sum());
-            linear.rates.len() as f64 - spent
+        let free = |axis: usize, later: bool| {
+            let is_own = |k: &usize| linear.rates[*k].1[axis].is_of_later_epoch == later;
+            let own = || (0..linear.rates.len()).filter(is_own);
+            let spent: f64 = leverages.as_ref().map_or(1.0, |h| own().map(|k| h[head + 3 * k + axis]).sum());
+            own().count() as f64 - spent
         };
-        let (between_rests, bias_instability) = excess_of_rates(prepared, linear, [0, 1, 2].map(free), kept);
-        Self { scales, between_rests, bias_instability }
+        let free = [false, true].map(|later| [0, 1, 2].map(|axis| free(axis, later)));
+        let (between_rests, bias_instability) = excess_of_rates(prepared, linear, free[0], kept);
+        let epoch_rates = excess_of_epochs(prepared, linear, free[1], kept);
+        Self { scales, between_rests, bias_instability, epoch_rates }
     }
 
     pub(in crate::joint) fn widened(&self) -> Widened {
         Widened {
             kinds: self.scales.all().map(|scale| scale > 1.0),
             rates: [0, 1, 2].map(|axis| self.between_rests[axis] > 0.0 || self.bias_instability[axis] > 0.0),
+            epoch_rates: self.epoch_rates.map(|variance| variance > 0.0),
             wanders: self.bias_instability != [0.0; 3],
         }
     }
@@ -96,6 +108,7 @@ impl Widening {
     pub(in crate::joint) fn logarithms(&self) -> [f64; WIDENINGS] {
         let mut all = [0.0; WIDENINGS];
         let values = self.scales.all().into_iter().chain(self.between_rests).chain(self.bias_instability);
+        let values = values.chain(self.epoch_rates);
         all.iter_mut().zip(values).for_each(|(to, value)| *to = value.ln());
         all
     }
@@ -103,11 +116,12 @@ impl Widening {
     /// The widening with these logarithms. No factor is below 1.
     pub(in crate::joint) fn from_logarithms(all: &[f64; WIDENINGS]) -> Self {
         let value = |i: usize| all[i].exp();
-        let [norms, moves, inside, stand_rests, stand_moves] = [0, 1, 2, 3, 4].map(|i| value(i).max(1.0));
+        let [norms, moves, inside, stand_rests, stand_moves, epochs] = [0, 1, 2, 3, 4, 5].map(|i| value(i).max(1.0));
         Self {
-            scales: Scales { norms, moves, inside, stand_rests, stand_moves },
-            between_rests: [5, 6, 7].map(value),
-            bias_instability: [8, 9, 10].map(value),
+            scales: Scales { norms, moves, inside, stand_rests, stand_moves, epochs },
+            between_rests: [6, 7, 8].map(value),
+            bias_instability: [9, 10, 11].map(value),
+            epoch_rates: [12, 13, 14].map(value),
         }
     }
 }
@@ -126,16 +140,7 @@ fn excess_of_rates(
     free: [f64; 3],
     kept: Option<&Widened>,
 ) -> ([f64; 3], [f64; 3]) {
-    let of_axis = |axis: usize| -> (Vec<f64>, Vec<f64>) {
-        let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
-        let of_rest = |(k, lines): &(usize, [Line; 3])| {
-            // Errors of rounding differ between rests only if the readings differ, so this variance is an upper bound.
-            let covariance = rate_covariance(prepared, &linear.model, *k);
-            (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
-        };
-        linear.rates.iter().map(of_rest).unzip()
-    };
-    let axes = [0, 1, 2].map(of_axis);
+    let axes = [0, 1, 2].map(|axis| rates_of(prepared, linear, axis, false));
     let one_by_one = [0, 1, 2].map(|axis| {
         let scatter = Scatter::from_rest_to_rest(&axes[axis].0, &axes[axis].1);
         let is_widened = kept.is_some_and(|kept| kept.rates[axis]) || scatter.is_significant(free[axis]);
@@ -163,11 +168,36 @@ fn excess_of_rates(
     (between_rests, [0.0; 3])
 }
 
+/// Excess scatter of the mean rates of the later epochs of long rests, as variances between epochs. The drift within a
+/// long rest says nothing about the biases at other rests, so it has no part in that between rests.
+fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], kept: Option<&Widened>) -> [f64; 3] {
+    [0, 1, 2].map(|axis| {
+        let (residuals, variances) = rates_of(prepared, linear, axis, true);
+        let scatter = Scatter::from_rest_to_rest(&residuals, &variances);
+        let is_widened = kept.is_some_and(|kept| kept.epoch_rates[axis]) || scatter.is_significant(free[axis]);
+        let excess = is_widened.then(|| scatter.excess(free[axis])).flatten();
+        excess.map_or(0.0, |excess| excess.variance)
+    })
+}
+
+/// Residuals of the mean rates on one axis, of later epochs of long rests or of all others, and their variances from
+/// noise, raw units.
+fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
+    let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
+    let of_rest = |(k, lines): &(usize, [Line; 3])| {
+        // Errors of rounding differ between rests only if the readings differ, so this variance is an upper bound.
+        let covariance = rate_covariance(prepared, &linear.model, *k);
+        (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
+    };
+    linear.rates.iter().filter(|(_, lines)| lines[axis].is_of_later_epoch == later).map(of_rest).unzip()
+}
+
 impl Scales {
-    pub(crate) const NONE: Self = Self { norms: 1.0, moves: 1.0, inside: 1.0, stand_rests: 1.0, stand_moves: 1.0 };
+    pub(crate) const NONE: Self =
+        Self { norms: 1.0, moves: 1.0, inside: 1.0, stand_rests: 1.0, stand_moves: 1.0, epochs: 1.0 };
 
     fn all(&self) -> [f64; FACTORS] {
-        [self.norms, self.moves, self.inside, self.stand_rests, self.stand_moves]
+        [self.norms, self.moves, self.inside, self.stand_rests, self.stand_moves, self.epochs]
     }
 
     /// Largest of all factors.
@@ -179,8 +209,10 @@ impl Scales {
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64], kept: Option<&Widened>) -> Self {
         let lines = &linear.lines;
         let groups = linear.groups();
-        let norm = |row: usize| row < lines.len() && matches!(lines[row].source, Source::Norm(_));
-        let a_move = |row: usize| row < lines.len() && matches!(lines[row].source, Source::Move(_));
+        let is_later = |row: usize| row < lines.len() && lines[row].is_of_later_epoch;
+        let is_other = |row: usize| row < lines.len() && !lines[row].is_of_later_epoch;
+        let norm = |row: usize| is_other(row) && matches!(lines[row].source, Source::Norm(_));
+        let a_move = |row: usize| is_other(row) && matches!(lines[row].source, Source::Move(_));
         let kept = kept.copied().unwrap_or_default().kinds;
         let refined = |scale: f64, kept: bool, chosen: &dyn Fn(usize) -> bool| {
             refine((scale, kept), &solution.residuals, leverages, chosen)
@@ -191,6 +223,7 @@ impl Scales {
             inside: refined(self.inside, kept[2], &|row| groups.inside.contains(&row)),
             stand_rests: refined(self.stand_rests, kept[3], &|row| groups.stand_rests.contains(&row)),
             stand_moves: refined(self.stand_moves, kept[4], &|row| groups.stand_moves.contains(&row)),
+            epochs: refined(self.epochs, kept[5], &is_later),
         }
     }
 }

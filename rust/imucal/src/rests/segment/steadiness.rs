@@ -58,6 +58,9 @@ impl Stretch {
     }
 }
 
+/// Maximum deviation of the mean force of a window at rest from that of the rest, as a fraction of gravity (3 deg).
+const MAX_TILT: f64 = 0.05;
+
 /// The factors c of coloured noise (model.md (10)) in a recording. Steady and hand-held rests have different spectra.
 pub(super) struct Steadiness {
     /// Factor c of each channel, for rests without tremor.
@@ -85,11 +88,20 @@ impl Steadiness {
         rest.scatter.max(rest.drift(self.colour(rest)))
     }
 
+    /// Unsteadiness of a rest that is cut into epochs: the median over the epochs. The change of the mean force over
+    /// the whole rest is that of the biases. Without epochs as [`unsteadiness`](Self::unsteadiness).
+    pub(super) fn unsteadiness_of(&self, rest: &Stretch, epochs: &[Stretch]) -> f64 {
+        if epochs.is_empty() {
+            return self.unsteadiness(rest);
+        }
+        median(&mut epochs.iter().map(|epoch| self.unsteadiness(epoch)).collect::<Vec<f64>>())
+    }
+
     /// Variance of one sample of white noise with the same density at low frequencies as the noise of the steady rests;
     /// `None` if there are no steady rests.
-    pub(super) fn noise_variance(&self, rests: &[Stretch]) -> Option<Vector6<f64>> {
+    pub(super) fn noise_variance<'a>(&self, rests: impl Iterator<Item = &'a Stretch>) -> Option<Vector6<f64>> {
         let variances: Vec<Vector6<f64>> =
-            rests.iter().filter(|rest| rest.is_steady()).map(|rest| rest.whole.variance()).collect();
+            rests.filter(|rest| rest.is_steady()).map(|rest| rest.whole.variance()).collect();
         let typical =
             |channel: usize| median(&mut variances.iter().map(|variance| variance[channel]).collect::<Vec<f64>>());
         (!variances.is_empty()).then(|| Vector6::from_fn(|channel, _| typical(channel) * self.steady_colour[channel]))
@@ -105,12 +117,21 @@ pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
     median(&mut statistic[first..end].to_vec())
 }
 
-/// Whether the mean force of any window deviates from that of the whole interval by more than 5 % of gravity `size` (3
-/// deg). A uniform tumble passes the test of the statistic, because no window is quieter, but it is not a rest.
-pub(super) fn gravity_wanders(blocks: &[Block], size: f64) -> bool {
+/// Whether the mean force of any window deviates from that of the interval by more than 5 % of gravity `size` (3 deg).
+/// A uniform tumble passes the test of the statistic, because no window is quieter, but it is not a rest.
+///
+/// In a rest of more than `long` blocks the biases of the accelerometer may change by as much, so each part of this
+/// length is compared with its own mean. Over the whole rest three times the deviation is permitted.
+pub(super) fn gravity_wanders(blocks: &[Block], size: f64, long: usize) -> bool {
     let force = |blocks: &[Block]| -> Vector3<f64> { mean(blocks).fixed_rows::<3>(3).into() };
-    let whole = force(blocks);
-    blocks.chunks_exact(WINDOW_BLOCKS).any(|window| (force(window) - whole).norm() > 0.05 * size)
+    let exceeds = |blocks: &[Block], share: f64| {
+        let whole = force(blocks);
+        blocks.chunks_exact(WINDOW_BLOCKS).any(|window| (force(window) - whole).norm() > share * size)
+    };
+    if blocks.len() <= long {
+        return exceeds(blocks, MAX_TILT);
+    }
+    exceeds(blocks, 3.0 * MAX_TILT) || blocks.chunks(long).any(|part| exceeds(part, MAX_TILT))
 }
 
 #[cfg(test)]

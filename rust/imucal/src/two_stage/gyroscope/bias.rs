@@ -29,8 +29,9 @@ impl GyroscopeBias {
 }
 
 /// Estimates the bias with weights from the noise of each rest and the scatter between rests. At least one rest is
-/// required.
-pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
+/// required. `wander` is the variance of the mean rates over the epochs of each rest, raw units squared, or zero: the
+/// bias may differ from that at the other rests by as much as it changes within the rest.
+pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
         weights: vec![Vector3::zeros(); rests.len()],
@@ -39,7 +40,10 @@ pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
     for axis in 0..3 {
         let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
         // Lower bound for simulated data without noise, whose variances are zero.
-        let variances: Vec<f64> = rests.iter().map(|r| r.angular_rate.whole_variance()[axis].max(1e-30)).collect();
+        let variance = |(rest, wander): (&&Rest, &Vector3<f64>)| {
+            (rest.angular_rate.whole_variance()[axis] + wander[axis]).max(1e-30)
+        };
+        let variances: Vec<f64> = rests.iter().zip(wander).map(variance).collect();
         let kept = kept(&means, &variances);
         let pick = |values: &[f64]| kept.iter().map(|&k| values[k]).collect::<Vec<f64>>();
         let mean = random_effects_mean(&pick(&means), &pick(&variances));
