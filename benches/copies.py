@@ -185,7 +185,7 @@ def rests(recording: imucal.Recording) -> list[tuple[int, int]]:
     found = _core.inspect(recording, GRAVITY_MPS2, MIN_REST_S).rests
     return [
         (int(np.searchsorted(recording.time_s, start)), int(np.searchsorted(recording.time_s, end)) + 1)
-        for start, end in found
+        for start, end, _ in found
     ]
 
 

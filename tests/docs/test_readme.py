@@ -108,7 +108,7 @@ def test_readme_runs(tmp_path):
         ("hand-held.md", 10),
         ("raw-counts.md", 7),
         ("one-sensor.md", 10),
-        ("thermal.md", 9),
+        ("thermal.md", 12),
         ("plan.md", 8),
         ("faces.md", 5),
     ],

@@ -280,6 +280,9 @@ REFUSED = {
         lambda r: [r, rows(lambda n: np.arange(n).repeat(2))(r)], "recordings_overlap", "from sample 0"
     ),
     "one in counts": refused(lambda r: [r, counts(r)], None, "need the same raw units"),
+    "recordings of two units": refused(
+        lambda r: [r, stand_run(3, "ideal").recording], "several_units", "2 different units"
+    ),
     "no recording": refused(lambda r: [], None, "give at least one|Missing argument"),
     # Motion that does not determine the parameters
     "no moves": undetermined(program(((0.0, 0.0, 0.0), 1.0, 60.0)), "1 rests do not determine .* bias x"),
@@ -397,7 +400,6 @@ POOR = {
     ),
     "accelerometer cut off before its filter": force(lambda f: noise(0.01)(np.clip(f, -9.5, 9.5))),
     "accelerometer that warms up": force(lambda f: f * np.linspace(1, 1.02, len(f))[:, None]),
-    "recordings of two units": lambda r: [r, stand_run(3, "ideal").recording],
 }
 
 WARNED = {

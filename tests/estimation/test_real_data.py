@@ -285,10 +285,30 @@ def test_mpu9150_agrees_with_another_fit(data_file):
 
 
 def test_two_units_are_not_taken_for_one(data_file):
-    both = imucal.calibrate([mpu9150(data_file, unit) for unit in (0, 1)])
-    assert both.calibration_set.chi2_per_dof > 100
-    assert both.verdict == "poor"
-    assert "does not describe this unit" in both.reasons[0]
+    with pytest.raises(imucal.InputError) as raised:
+        imucal.calibrate([mpu9150(data_file, unit) for unit in (0, 1)])
+    (finding,) = raised.value.findings
+    assert finding.code == "several_units"
+    assert "each recording fits alone, all together do not: these are 2 different units" in finding.message
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 50.0])
+def test_a_thermal_sweep_of_another_unit_is_not_called_a_wrong_unit_of_a_column(data_file, rate_hz):
+    """The sweep has one pose, so it cannot be fitted alone; beside a run of another unit nothing fits."""
+    rows = np.genfromtxt(data_file("tofupilot_thermal/imu_raw_data.csv"), names=True)
+    of = {
+        sensor: np.column_stack([rows[f"imu{sensor}{axis}"] for axis in "xyz"]) for sensor in ("acc", "gyro")
+    }
+    sweep = imucal.Recording(
+        np.arange(len(rows)) / rate_hz,
+        of["acc"],
+        of["gyro"],
+        temperature_degc=rows["imutemperature"],
+        name="sweep",
+    )
+    run = imucal.simulate("random", unit="bmi088", seed=4, rate_hz=100, temperature=25.0).recording
+    with pytest.raises(imucal.FitError, match="the recordings contradict each other"):
+        imucal.calibrate([run, sweep])
 
 
 def test_mpu9150_by_the_command(data_file, command, tmp_path):

@@ -137,8 +137,8 @@ def test_drawn_units_scatter_as_the_spread_says():
         "accel bias z": ([u.accelerometer.bias[2] for u in units], 0.080 * G),
         "accel scale": ([s[0, 0] - 1 for s in accel], 0.03),
         "accel misalignment": ([s[0, 1] for s in accel], 0.02 / np.sqrt(2)),
-        "gyro bias": ([u.gyroscope.bias[1] for u in units], 20 * DEG),
-        # A maximum of 3 % is three standard deviations.
+        # Maxima of 20 deg/s and of 3 % are three standard deviations.
+        "gyro bias": ([u.gyroscope.bias[1] for u in units], 20 * DEG / 3),
         "gyro scale": ([s[2, 2] - 1 for s in gyro], 0.01),
         "gyro misalignment": ([s[1, 0] for s in gyro], 0.02 * np.sqrt(1 + 1 / 2)),
         "accel bias over temperature": ([u.effects[0].values[2] for u in units], 1.33e-3 * G),

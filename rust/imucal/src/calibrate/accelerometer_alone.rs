@@ -8,6 +8,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use super::held_estimates::{HeldEstimate, held_estimates, prior_cost};
+use super::offer::{Reduced, with_offer};
 use super::outcome::{in_frame, noise_density, rows};
 use super::unit_data::{UnitData, refuse_errors};
 use super::verdict::{MAX_CONTRADICTING_SHARE, are_many, held_by_default};
@@ -81,6 +82,17 @@ pub fn calibrate_accelerometer(
     options: &Options<'_>,
 ) -> Result<AccelerometerOutcome, Error> {
     refuse_options(options)?;
+    match of_recordings(recordings, options) {
+        Err(Error::NotEnoughMotion(words)) => {
+            let fit = |options: &Options<'_>| of_recordings(recordings, options).ok()?.as_reduced();
+            Err(Error::NotEnoughMotion(with_offer(options, &words, fit).unwrap_or(words)))
+        }
+        other => other,
+    }
+}
+
+/// As [`calibrate_accelerometer`], without the offer of a model of fewer parameters.
+fn of_recordings(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<AccelerometerOutcome, Error> {
     let recordings: Vec<Recording<'_>> = recordings.iter().map(Recording::accelerometer_alone).collect();
     let data = UnitData::of_accelerometer(&recordings, options)?;
     let fit = data.fit_rests(options)?;
@@ -160,6 +172,12 @@ impl AccelerometerOutcome {
             findings: Vec::new(),
             triad,
         })
+    }
+
+    /// What the priors leave uncertain; `None` if the result is poor.
+    pub(super) fn as_reduced(&self) -> Option<Reduced> {
+        let is_usable = !matches!(self.verdict(), Verdict::Poor(_));
+        is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost })
     }
 
     /// The covariance of the parameters with the uncertainty of local gravity, by rows (model.md (38)).

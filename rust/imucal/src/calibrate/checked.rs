@@ -3,6 +3,7 @@
 
 use std::sync::OnceLock;
 
+use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
 
 use super::cross_validation::cross_validate;
@@ -14,7 +15,7 @@ use super::{Kinds, ModelOptions, Options, Prepared};
 use crate::calibrate::two_stages::Gyroscope;
 use crate::check::check_gains;
 use crate::error::Error;
-use crate::finding::Finding;
+use crate::finding::{Finding, Severity};
 use crate::frame::Frame;
 use crate::joint::{Wander, WarmStart};
 use crate::recording::Recording;
@@ -148,8 +149,9 @@ impl<'a> Checked<'a> {
         data.require_turns_in_place(options)?;
         let Self { accelerometer, gyroscope, unusable, .. } = self;
         let mut outcome = if options.is_joint() {
-            let (joint, selection) =
-                data.fit_without_outliers(accelerometer, gyroscope, unusable, options, warm_start.cloned())?;
+            let (joint, selection) = data
+                .fit_without_outliers(accelerometer, gyroscope, unusable, options, warm_start.cloned())
+                .map_err(|error| self.of_contradiction(error))?;
             let triads = self.triads();
             let misfits = data.misfits(&joint, &selection, triads, options)?;
             let unseen = |folds| data.held_out(&joint, &selection, (&self.moves, triads), options, folds);
@@ -168,10 +170,39 @@ impl<'a> Checked<'a> {
             Outcome { held_out, ..Outcome::new(data, accelerometer, gyroscope, unusable, options)? }
         };
         let gains = check_gains(&self.recordings[0], &outcome.calibration);
+        self.require_fit(&gains)?;
         refuse_errors(&gains)?;
         outcome.findings.extend(gains);
         outcome.findings.extend(outcome.overestimated_noise(&self.recordings));
         Ok(outcome)
+    }
+
+    /// Returns an error if the joint fit has implausible gains and the two-stage fit, from which it started, has not. The
+    /// reason is then not the unit of a column.
+    fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
+        let is_error = |finding: &Finding| finding.severity == Severity::Error;
+        let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };
+        let [accelerometer, gyroscope] = self.triads().map(|triad| *triad);
+        let started_from = check_gains(&self.recordings[0], &Calibration::new(accelerometer, gyroscope));
+        if self.recordings.len() < 2 || started_from.iter().any(is_error) {
+            return Ok(());
+        }
+        Err(self.of_contradiction(Error::Fit(format!(
+            "the joint fit leaves the gains that sensors have: {}",
+            wrong.message
+        ))))
+    }
+
+    /// Adds to an error of the joint fit of several recordings what it can be due to.
+    fn of_contradiction(&self, error: Error) -> Error {
+        match error {
+            Error::Fit(words) if self.recordings.len() > 1 => Error::Fit(format!(
+                "the recordings contradict each other by far more than noise ({words}): calibrate each alone to find the \
+                 one that differs; it is of another unit, or the unit changed in it, as by temperature: then add the \
+                 effect, such as gyro_bias_temperature"
+            )),
+            other => other,
+        }
     }
 
     /// Prepares the residuals of the joint fit without effects for a search, in which any sensor may drift, and passes

@@ -6,6 +6,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use super::accelerometer_alone::{AccelerometerOutcome, of_accelerometer, refuse_options};
+use super::offer::with_offer;
 use super::unit_data::refuse_errors;
 use super::{Options, check_options};
 use crate::check::{check_accelerometer_gains, check_rests};
@@ -73,6 +74,33 @@ pub fn calibrate_means(
 ) -> Result<(AccelerometerOutcome, Option<RestBias>), Error> {
     refuse_options(options)?;
     require_finite(table)?;
+    match of_table(table, options) {
+        Err(Error::NotEnoughMotion(words)) => Err(Error::NotEnoughMotion(offered(table, options, words))),
+        outcome => Ok((outcome?, table.angular_rate.map(bias_of))),
+    }
+}
+
+/// The words of a refusal, followed by a model of fewer parameters that the table determines.
+fn offered(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
+    let reduced = |noise| {
+        let table = MeanReadings { noise, ..*table };
+        with_offer(options, &words, |options| of_table(&table, options).ok()?.as_reduced())
+    };
+    let with_noise = || {
+        // Six positions determine bias and scale exactly, so nothing is left from which the noise could follow.
+        reduced(MeanNoise::Common(FIRST_GUESS * options.gravity_mps2)).map(|_| {
+            format!(
+                "{words}. Without more poses, give a model of fewer parameters (model = orthogonal) and the \
+                              standard deviation of the means in m/s^2 (noise_mps2 = SIGMA)"
+            )
+        })
+    };
+    let unknown = matches!(table.noise, MeanNoise::Unknown).then(with_noise).flatten();
+    reduced(table.noise).or(unknown).unwrap_or(words)
+}
+
+/// As [`calibrate_means`], for the accelerometer, without the offer of a model of fewer parameters.
+fn of_table(table: &MeanReadings<'_>, options: &Options<'_>) -> Result<AccelerometerOutcome, Error> {
     // The rows as a recording with one sample for each rest, for the checks.
     let time_s: Vec<f64> = (0..table.specific_force.len()).map(|row| row as f64).collect();
     let recording = Recording {
@@ -100,7 +128,7 @@ pub fn calibrate_means(
     refuse_errors(gains.as_slice())?;
     findings.extend(gains);
     outcome.findings = findings;
-    Ok((outcome, table.angular_rate.map(bias_of)))
+    Ok(outcome)
 }
 
 struct Fitted {

@@ -1,7 +1,7 @@
 //! A model of fewer parameters for recordings that do not determine all of them.
 
 use super::held_estimates::{HeldEstimate, listed};
-use super::{Checked, Options, Outcome, prospect};
+use super::{Checked, Options, prospect};
 use crate::error::Error;
 use crate::finding::general;
 use crate::held::{Hold, ParameterModel, PriorCost, Priors};
@@ -20,7 +20,14 @@ impl<'a> Checked<'a> {
             Self::refuse_several_units(recordings, options, error)?;
         }
         match checked {
-            Err(Error::NotEnoughMotion(words)) => Err(Error::NotEnoughMotion(with_offer(recordings, options, &words))),
+            Err(Error::NotEnoughMotion(words)) => {
+                let fit = |options: &Options<'_>| {
+                    let outcome = determined(recordings, options).ok()?.calibrate(&options.model(), None).ok()?;
+                    let is_usable = !matches!(outcome.verdict(), Verdict::Poor(_));
+                    is_usable.then_some(Reduced { held: outcome.held, cost: outcome.prior_cost })
+                };
+                Err(Error::NotEnoughMotion(with_offer(options, &words, fit).unwrap_or(words)))
+            }
             other => other,
         }
     }
@@ -48,40 +55,47 @@ fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result
     Checked::of_determined(recordings, &Options { priors, ..options.clone() }).or(checked)
 }
 
-/// The words of a refusal, followed by the model with the most free parameters that the recordings determine and by
-/// what it leaves uncertain. Each model is tried with a complete calibration.
-fn with_offer(recordings: &[Recording<'_>], options: &Options<'_>, words: &str) -> String {
-    let mut reduced = ParameterModel::ALL.into_iter().skip_while(|model| *model != options.priors.model).skip(1);
-    let works = |model: ParameterModel| {
-        let priors = Priors { model, ..options.priors.clone() };
-        let options = Options { priors, ..options.clone() };
-        let checked = determined(recordings, &options).ok()?;
-        let outcome = checked.calibrate(&options.model(), None).ok()?;
-        (!matches!(outcome.verdict(), Verdict::Poor(_))).then_some((model, outcome))
-    };
-    match reduced.find_map(works) {
-        Some((model, outcome)) => format!("{words}. {}", offered(model, &outcome)),
-        None => words.to_owned(),
-    }
+/// A usable result with a model of fewer parameters: what it leaves uncertain.
+pub(super) struct Reduced {
+    pub(super) held: Vec<HeldEstimate>,
+    pub(super) cost: Option<PriorCost>,
 }
 
-fn offered(model: ParameterModel, outcome: &Outcome) -> String {
+/// The words of a refusal, followed by the model with the most free parameters that the data determine and by what it
+/// leaves uncertain. `fit` makes a complete calibration with the given options; `None` if it has no usable result.
+pub(super) fn with_offer(
+    options: &Options<'_>,
+    words: &str,
+    fit: impl Fn(&Options<'_>) -> Option<Reduced>,
+) -> Option<String> {
+    let mut reduced = ParameterModel::ALL.into_iter().skip_while(|model| *model != options.priors.model).skip(1);
+    let found = reduced.find_map(|model| {
+        let priors = Priors { model, ..options.priors.clone() };
+        fit(&Options { priors, ..options.clone() }).map(|result| (model, result))
+    });
+    found.map(|(model, result)| format!("{words}. {}", offered(model, &result)))
+}
+
+fn offered(model: ParameterModel, result: &Reduced) -> String {
     let free = match model {
         ParameterModel::Full => "all parameters",
         ParameterModel::Orthogonal => "biases and scales",
         ParameterModel::Bias => "biases",
     };
     let mut words = format!("Without more motion, model='{}' estimates {free}", model.name());
-    let undetermined: Vec<&HeldEstimate> = outcome.held.iter().filter(|held| !held.is_determined()).collect();
+    let undetermined: Vec<&HeldEstimate> = result.held.iter().filter(|held| !held.is_determined()).collect();
     if !undetermined.is_empty() {
-        words += &format!("; {} stay at their prior", listed(&undetermined, &outcome.held));
+        words += &format!("; {} stay at their prior", listed(&undetermined, &result.held));
     }
-    if let Some(PriorCost { gravity_direction_deg, rotation_deg }) = outcome.prior_cost {
+    if let Some(PriorCost { gravity_direction_deg, rotation_deg }) = result.cost {
         words += &format!(
-            ", which leaves an error (1 sigma) of {} deg in the direction of gravity and of {} deg in a rotation by 90 deg",
-            general(gravity_direction_deg, 2),
-            general(rotation_deg, 2)
+            ", which leaves an error (1 sigma) of {} deg in the direction of gravity",
+            general(gravity_direction_deg, 2)
         );
+        // An accelerometer alone measures no rotation.
+        if !rotation_deg.is_nan() {
+            words += &format!(" and of {} deg in a rotation by 90 deg", general(rotation_deg, 2));
+        }
     }
     words
 }

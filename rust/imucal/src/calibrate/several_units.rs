@@ -23,8 +23,8 @@ const LEAST_SHARE: f64 = 2e-4;
 /// effect that the model lacks increases both alike.
 const WORSE_TOGETHER: f64 = 4.0;
 /// Minimum share of the rests that the fit to all recordings excludes and the fits to each alone use. Rests of another
-/// unit may all be excluded, and chi2 is then that of one unit.
-const EXCLUDED: f64 = 0.2;
+/// unit may be excluded as outliers, and chi2 is then that of one unit. With fewer, the verdict may be good.
+const EXCLUDED: f64 = 0.1;
 /// Minimum difference of the mean temperature of two recordings, K, above which a difference of their scales does not
 /// distinguish units. Scales of MEMS sensors change by up to 0.05 %/K; misalignments hardly change.
 const WARMER_K: f64 = 5.0;
@@ -57,8 +57,9 @@ pub(super) fn several_units(
     together: Result<&Outcome, &Error>,
     fit_alone: impl Fn(&Recording<'_>) -> Result<Outcome, Error>,
 ) -> Result<Vec<Finding>, Error> {
-    let may_tell = |error: &Error| matches!(error, Error::Data(_) | Error::Fit(_) | Error::NotEnoughMotion(_));
-    let fits_together = together.map_or_else(|error| !may_tell(error), |outcome| outcome.verdict() == Verdict::Good);
+    // A fault of the data, such as an altered copy of another recording, has been named and is not due to the unit.
+    let is_of_fit = |error: &Error| matches!(error, Error::Fit(_) | Error::NotEnoughMotion(_));
+    let fits_together = together.map_or_else(|error| !is_of_fit(error), |outcome| outcome.verdict() == Verdict::Good);
     if recordings.len() < 2 || fits_together {
         return Ok(Vec::new());
     }
@@ -68,7 +69,7 @@ pub(super) fn several_units(
             Ok(outcome) if !matches!(outcome.verdict(), Verdict::Poor(_)) => {
                 alone.push(Alone { name: recording.name, outcome, temperature_degc: mean_temperature(recording) });
             }
-            Err(error) if !may_tell(&error) => return Err(error),
+            Err(error) if !is_of_fit(&error) && !matches!(error, Error::Data(_)) => return Err(error),
             // Too few poses, or a fault of this recording: it says nothing about the unit.
             _ => {}
         }

@@ -69,7 +69,12 @@ impl Wandering {
             ));
         }
         let factor = covariance.llt(faer::Side::Lower).map_err(|_| {
-            Error::Fit("the wandering of the biases outgrows all else: check bias_instability and random_walk".into())
+            Error::Fit(match unit {
+                Some(_) => {
+                    "the wandering of the biases outgrows all else: check bias_instability and random_walk".into()
+                }
+                None => "the joint fit left the range of numbers: leave effects out, or check units".into(),
+            })
         })?;
         Ok(Some(Self { factor: factor.L().to_owned() }))
     }
