@@ -280,9 +280,6 @@ REFUSED = {
         lambda r: [r, rows(lambda n: np.arange(n).repeat(2))(r)], "recordings_overlap", "from sample 0"
     ),
     "one in counts": refused(lambda r: [r, counts(r)], None, "need the same raw units"),
-    "recordings of two units": refused(
-        lambda r: [r, stand_run(3, "ideal").recording], "several_units", "2 different units"
-    ),
     "no recording": refused(lambda r: [], None, "give at least one|Missing argument"),
     # Motion that does not determine the parameters
     "no moves": undetermined(program(((0.0, 0.0, 0.0), 1.0, 60.0)), "1 rests do not determine .* bias x"),

@@ -83,9 +83,9 @@ def test_six_positions_need_a_smaller_model(means, truth):
         imucal.calibrate(six, noise_mps2=SIGMA)
     assert "Without more motion, model='orthogonal' estimates biases and scales" in str(raised.value)
     assert "direction of gravity" in str(raised.value) and "rotation by 90 deg" not in str(raised.value)
-    with pytest.raises(imucal.NotEnoughMotionError, match=r"noise_mps2 = SIGMA") as raised:
+    # The residuals of six rows and six parameters do not show their noise.
+    with pytest.raises(imucal.NotEnoughMotionError, match="model='bias'"):
         imucal.calibrate(six)
-    assert "model='" not in str(raised.value)
     result = imucal.calibrate(six, noise_mps2=SIGMA, model="orthogonal")
     assert (np.abs(errors(result, truth)) < 4).all(), errors(result, truth)
     assert result.verdict == "incomplete"

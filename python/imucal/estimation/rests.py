@@ -20,7 +20,7 @@ class Rest:
     recording            name of the recording
     first, end           samples [first, end) of the recording
     start_s, end_s       times of its first and last sample, s; None in a table of means
-    epochs               number of its epochs, the parts of a long rest with a mean, time and temperature each;
+    epochs               number of its epochs, the parts of a long rest, each with a mean and a temperature;
                          1 if one mean describes the rest
     unsteadiness         standard deviation of its samples, as a multiple of the noise floor
     mean_specific_force  (3,) mean of the raw samples, in the raw unit

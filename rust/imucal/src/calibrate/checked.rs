@@ -177,8 +177,8 @@ impl<'a> Checked<'a> {
         Ok(outcome)
     }
 
-    /// Returns an error if the joint fit has implausible gains and the two-stage fit, from which it started, has not. The
-    /// reason is then not the unit of a column.
+    /// Returns an error if the joint fit has implausible gains and the two-stage fit, from which it started, has not.
+    /// The reason is then not the unit of a column.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };

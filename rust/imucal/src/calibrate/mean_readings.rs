@@ -75,28 +75,12 @@ pub fn calibrate_means(
     refuse_options(options)?;
     require_finite(table)?;
     match of_table(table, options) {
-        Err(Error::NotEnoughMotion(words)) => Err(Error::NotEnoughMotion(offered(table, options, words))),
+        Err(Error::NotEnoughMotion(words)) => {
+            let fit = |options: &Options<'_>| of_table(table, options).ok()?.as_reduced();
+            Err(Error::NotEnoughMotion(with_offer(options, &words, fit).unwrap_or(words)))
+        }
         outcome => Ok((outcome?, table.angular_rate.map(bias_of))),
     }
-}
-
-/// The words of a refusal, followed by a model of fewer parameters that the table determines.
-fn offered(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
-    let reduced = |noise| {
-        let table = MeanReadings { noise, ..*table };
-        with_offer(options, &words, |options| of_table(&table, options).ok()?.as_reduced())
-    };
-    let with_noise = || {
-        // Six positions determine bias and scale exactly, so nothing is left from which the noise could follow.
-        reduced(MeanNoise::Common(FIRST_GUESS * options.gravity_mps2)).map(|_| {
-            format!(
-                "{words}. Without more poses, give a model of fewer parameters (model = orthogonal) and the \
-                              standard deviation of the means in m/s^2 (noise_mps2 = SIGMA)"
-            )
-        })
-    };
-    let unknown = matches!(table.noise, MeanNoise::Unknown).then(with_noise).flatten();
-    reduced(table.noise).or(unknown).unwrap_or(words)
 }
 
 /// As [`calibrate_means`], for the accelerometer, without the offer of a model of fewer parameters.
