@@ -275,7 +275,7 @@ docs-pictures: $(VENV)/.installed
 # nightly toolchain; without it, `make test` runs the same targets with seeded numbers.
 MINUTES ?= 30
 SEED ?= 1000000
-FUZZ_TARGETS := check inspect calibrate
+FUZZ_TARGETS := check inspect calibrate stored
 .PHONY: fuzz
 fuzz: $(VENV)/.installed
 	$(call say,Damaged files)

@@ -328,8 +328,11 @@ def test_the_temperatures_of_the_recordings_are_in_both_programs(tmp_path):
     unit = dataclasses.replace(warm, temperature_range_degc=(-5.5, 40.0))
     header, module = (imucal.export(unit, name).text for name in ("c-header", "rust"))
     (tmp_path / "unit.h").write_text(header)
-    wanted = "IMUCAL_TEMPERATURE_MAX_DEGC-IMUCAL_TEMPERATURE_MIN_DEGC == 45.5"
-    main = f"int main(void) {{ return {wanted} ? 0 : 1; }}\n"
+    wanted = "IMUCAL_TEMPERATURE_MAX_DEGC-IMUCAL_TEMPERATURE_MIN_DEGC == 45.5f"
+    main = (
+        f"static int ok(float t) {{ return t < IMUCAL_TEMPERATURE_MAX_DEGC && {wanted}; }}\n"
+        "int main(void) { return ok(39.0f) ? 0 : 1; }\n"
+    )
     (tmp_path / "main.c").write_text(f'#include "unit.h"\n{main}')
     gcc(*GCC, tmp_path / "main.c", "-o", tmp_path / "main")
     assert subprocess.run([tmp_path / "main"]).returncode == 0

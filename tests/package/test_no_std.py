@@ -84,8 +84,8 @@ def device(shared_library):
     library.imucal_integrate.argtypes = [column, vectors, size, column]
     library.imucal_integrate.restype = None
     samples, rests = [vectors, vectors, size], [numbers(np.uintp, 2), size]
-    library.imucal_correct_effect.argtypes = [ctypes.c_char_p, size, column, size, *samples]
-    library.imucal_correct_effect.restype = ctypes.c_int32
+    library.imucal_correct_g_sensitivity.argtypes = [column, size, *samples]
+    library.imucal_correct_g_sensitivity.restype = ctypes.c_int32
     library.imucal_find_rests.argtypes = [column, size, ctypes.c_double, *samples, *rests]
     library.imucal_find_rests.restype = ctypes.c_int32
     return library
@@ -204,10 +204,8 @@ def test_a_g_sensitivity_is_taken_away(device, count):
     rate, force = random_samples(100)
     g_sensitivity = np.array([[0.02, 0.06, 0.14], [-0.28, 0.004, 0.17], [-0.15, -0.17, 0.05]]) * 1e-3
     corrected_rate, corrected_force = rate + force @ g_sensitivity.T, force.copy()
-    values, name = g_sensitivity.ravel()[:count].copy(), b"gyro_g_sensitivity"
-    status = device.imucal_correct_effect(
-        name, len(name), values, count, corrected_rate, corrected_force, len(rate)
-    )
+    values = g_sensitivity.ravel()[:count].copy()
+    status = device.imucal_correct_g_sensitivity(values, count, corrected_rate, corrected_force, len(rate))
     assert status == (0 if count == 9 else -1)
     if status == 0:
         np.testing.assert_allclose(corrected_rate, rate, rtol=0, atol=1e-14)

@@ -83,7 +83,8 @@ def _macros(calibration: Calibration, prefix: str) -> list[str]:
     if calibration.serial_number:
         values.append(f"SERIAL_NUMBER {_string(calibration.serial_number)}")
     for end, degc in zip(("MIN", "MAX"), calibration.temperature_range_degc or (), strict=False):
-        values.append(f"TEMPERATURE_{end}_DEGC ({number(degc)})")
+        # A double constant would promote the temperature of the device, which -Wdouble-promotion rejects.
+        values.append(f"TEMPERATURE_{end}_DEGC ({number(degc, single=True)}f)")
     return [*(f"#define {prefix.upper()}_{value}" for value in values), *([""] if values else [])]
 
 

@@ -33,9 +33,7 @@ FUNCTION = """
 /// # Errors
 /// None with these numbers; the signatures of the constructors require a `Result`.
 pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str> {
-    let vector = |row: &[f64; 3]| Vector3::from(row.map(convert::<f64, F>));
-    let matrix = |rows: &[[f64; 3]; 3]| Matrix3::from_rows(&[0, 1, 2].map(|i| vector(&rows[i]).transpose()));
-    let triad = |rows, bias| Triad::try_new(matrix(rows), vector(bias)).map_err(|_| "axes in one plane");
+    let real = convert::<f64, F>;
 """
 
 
@@ -56,9 +54,6 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
             "/// In raw units.",
             f"pub const {name}_BIAS: [f64; 3] = {_row(triad.bias)};",
         ]
-    triads = ", ".join(
-        f"triad(&{name}_SENSITIVITY, &{name}_BIAS)?" for name in ("ACCELEROMETER", "GYROSCOPE")
-    )
     if calibration.temperature_effects:
         lines += [
             "/// Temperature at which the temperature effects are zero, degC.",
@@ -73,14 +68,29 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
             f"pub const TEMPERATURE_{end}_DEGC: f64 = {number(degc)};",
         ]
     lines.append(FUNCTION.rstrip("\n"))
-    lines.append(f"    let {'mut ' if effects else ''}calibration = Calibration::new({triads});")
-    for values in effects:
-        name = values.name
-        shape = "None" if values.shape is None else f"Some(convert({number(values.shape)}))"
+    # Constant expressions: the compiler leaves no conversion, no index and no panic for the device.
+    for name in ("ACCELEROMETER", "GYROSCOPE"):
         lines += [
-            f'    let effect = Effect::find("{name}").ok_or("this imucal-core has no {name}")?;',
-            f"    let numbers = {_row(values.values)}.map(convert::<f64, F>);",
-            f'    let values = EffectValues::try_new(effect, &numbers, {shape}).map_err(|_| "{name}")?;',
+            f"    let {name.lower()} = Triad::try_new(",
+            "        Matrix3::new(",
+            *(
+                "            " + " ".join(f"real({name}_SENSITIVITY[{i}][{k}])," for k in range(3))
+                for i in range(3)
+            ),
+            "        ),",
+            "        Vector3::new(" + ", ".join(f"real({name}_BIAS[{i}])" for i in range(3)) + "),",
+            "    )",
+            '    .map_err(|_| "axes in one plane")?;',
+        ]
+    lines.append(
+        f"    let {'mut ' if effects else ''}calibration = Calibration::new(accelerometer, gyroscope);"
+    )
+    for values in effects:
+        name, constant = values.name, f"Effect::{values.name.upper()}"
+        shape = "None" if values.shape is None else f"Some(real({number(values.shape)}))"
+        lines += [
+            f"    let numbers = [{', '.join(f'real({number(value)})' for value in values.values)}];",
+            f'    let values = EffectValues::try_new({constant}, &numbers, {shape}).map_err(|_| "{name}")?;',
             '    calibration.effects.push(values).map_err(|_| "there are too many effects")?;',
         ]
     lines += ["    Ok(calibration)", "}"]

@@ -9,16 +9,15 @@
 //! The simulation adds `Phi theta`. The correction on the device subtracts it ([`EffectSet::remove`]). Every Jacobian
 //! of an estimate follows from Phi by the chain rule.
 //!
-//! Each family of effects has a file with a table. To add an effect, add a row to the table and write its field
-//! function.
+//! Each family of effects has a file. To add an effect, add a row to the file of its family and a line to the family's
+//! list. The field is written once; the row derives from it the columns of Phi and the product `Phi theta`.
 //!
 //! ```
 //! use imucal_core::effects::{Effect, EffectValues, State, Surroundings};
 //! use nalgebra::Vector3;
 //!
 //! // A gyroscope whose x bias changes by 1e-4 rad/s per kelvin, 20 K above the temperature of its calibration.
-//! let effect = Effect::<f64>::find("gyro_bias_temperature").expect("it is in the catalogue");
-//! let drifting = EffectValues::try_new(effect, &[1e-4, 0.0, 0.0], None)?;
+//! let drifting = EffectValues::<f64>::try_new(Effect::GYRO_BIAS_TEMPERATURE, &[1e-4, 0.0, 0.0], None)?;
 //! let surroundings = Surroundings { temperature_difference_k: Some(20.0), ..Surroundings::unknown() };
 //! let state = State { angular_rate: Vector3::zeros(), specific_force: Vector3::z() * 9.80665, surroundings };
 //! assert!((drifting.at(&state) - Vector3::new(2e-3, 0.0, 0.0)).norm() < 1e-15);
@@ -29,20 +28,24 @@
 //!
 //! It does not contain noise, bias instability or random walks, which have no field; the geometry of the stand that
 //! moves the unit; and faults of the data such as saturation or lost samples. Errors of the encoders of a stand are
-//! included: their fields are motor angles, rad. The correction on the device ignores them, because a device has no
-//! stand.
+//! included with the feature `catalogue`: their fields are motor angles, rad. The correction on the device ignores them,
+//! because a device has no stand.
 
 mod drift;
 mod dynamics;
+#[cfg(feature = "catalogue")]
 mod encoder;
 mod g_sensitivity;
 mod scale;
 mod temperature;
+mod terms;
 mod values;
 
 #[cfg(test)]
 mod tests;
 
+use crate::vector::each;
+use terms::{Terms, effect, same};
 pub use values::{EffectError, EffectSet, EffectValues, MAX_EFFECTS, MAX_PASSES};
 
 use nalgebra::{RealField, UnitQuaternion, Vector3};
@@ -77,10 +80,12 @@ pub struct Surroundings<F: RealField + Copy> {
     /// Time since power-on, or since another reference instant that the calibration defines, s.
     pub time_s: Option<F>,
     /// State of the stand that moves the unit.
+    #[cfg(feature = "catalogue")]
     pub stand: Option<StandState<F>>,
 }
 
 /// True state of the three motors of a stand, outermost motor first.
+#[cfg(feature = "catalogue")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StandState<F: RealField + Copy> {
     /// Motor angles, rad, not reduced to one revolution.
@@ -91,6 +96,7 @@ pub struct StandState<F: RealField + Copy> {
     pub direction: Vector3<F>,
 }
 
+#[cfg(feature = "catalogue")]
 impl<F: RealField + Copy> StandState<F> {
     /// State of motors at rest that have not moved yet.
     pub fn still(angle_rad: Vector3<F>) -> Self {
@@ -106,42 +112,63 @@ impl<F: RealField + Copy> Surroundings<F> {
             rotation_world_from_body: None,
             temperature_difference_k: None,
             time_s: None,
+            #[cfg(feature = "catalogue")]
             stand: None,
         }
     }
 }
 
-/// An effect: one row of the catalogue.
+/// An effect: one row of the catalogue. A device names it by its constant, such as `Effect::GYRO_G_SENSITIVITY`, which
+/// without the feature `catalogue` contains no text.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
-    /// Name of the effect in files, commands and reports.
-    pub name: &'static str,
+    /// Number of the effect in the binary form of a calibration, which is never reused; 0 if it has none.
+    pub number: u8,
     /// Sensor that the effect acts on.
     pub sensor: Sensor,
-    /// The parameters theta, in the order of the columns of the field.
-    pub parameters: &'static [Parameter],
     /// Number of parameters of the plain form, which uses the first ones. The full form uses all parameters.
     pub plain: usize,
-    /// A positive number on which the field depends nonlinearly, such as a time constant.
-    pub shape: Option<Parameter>,
+    /// Number of parameters of the full form.
+    pub count: usize,
+    /// Whether the field depends nonlinearly on a positive number, the shape, such as a time constant.
+    pub is_shaped: bool,
     /// Sensors on whose true values the field depends. The field is constant while these values are constant.
     pub reads: &'static [Sensor],
     /// Quantities of the [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
+    /// The field times the parameters, `Phi theta`, from the state, the shape and theta.
+    pub sum: fn(&State<F>, F, &[F]) -> Vector3<F>,
+    /// Field function: sets the columns of Phi, one for each parameter, from the state and the shape.
+    #[cfg(feature = "catalogue")]
+    pub columns: fn(&State<F>, F, &mut Columns<F>),
+    /// Name of the effect in files, commands and reports.
+    #[cfg(feature = "catalogue")]
+    pub name: &'static str,
+    /// The parameters theta, in the order of the columns of the field.
+    #[cfg(feature = "catalogue")]
+    pub parameters: &'static [Parameter],
+    /// The shape, if the field depends on one.
+    #[cfg(feature = "catalogue")]
+    pub shape: Option<Parameter>,
     /// Formula of the field times the parameters, as text.
+    #[cfg(feature = "catalogue")]
     pub formula: &'static str,
     /// Measurements in which the effect is observable, as text.
+    #[cfg(feature = "catalogue")]
     pub observable: &'static str,
     /// Other explanations of the data with which the effect is easily confused.
+    #[cfg(feature = "catalogue")]
     pub aliases: &'static [Alias],
-    /// Field function: sets the columns of Phi, one for each parameter, from the state and the shape.
-    pub columns: fn(&State<F>, F, &mut Columns<F>),
 }
 
-/// Two effects are equal if they have the same name.
+/// Two effects are equal if they have the same name; without names, if they have the same number.
 impl<F: RealField + Copy> PartialEq for Effect<F> {
     fn eq(&self, other: &Self) -> bool {
-        self.name == other.name
+        #[cfg(feature = "catalogue")]
+        let same = self.name == other.name;
+        #[cfg(not(feature = "catalogue"))]
+        let same = self.number == other.number && core::ptr::fn_addr_eq(self.sum, other.sum);
+        same
     }
 }
 
@@ -194,12 +221,65 @@ pub struct Alias {
 }
 
 impl<F: RealField + Copy> Effect<F> {
-    const FAMILIES: [&'static [Self]; 6] =
+    /// The sensor error with this number in the binary form of a calibration; `None` if there is none. The Earth rate is
+    /// no sensor error.
+    pub fn numbered(number: u8) -> Option<&'static Self> {
+        match number {
+            1 => Some(Self::GYRO_G_SENSITIVITY),
+            2 => Some(Self::GYRO_G2_SENSITIVITY),
+            3 => Some(Self::GYRO_SCALE_G_SENSITIVITY),
+            4 => Some(Self::GYRO_SCALE_QUADRATIC),
+            5 => Some(Self::GYRO_SCALE_CUBIC),
+            6 => Some(Self::GYRO_SCALE_ASYMMETRY),
+            7 => Some(Self::GYRO_CROSS_AXIS_QUADRATIC),
+            8 => Some(Self::ACCEL_SCALE_QUADRATIC),
+            9 => Some(Self::ACCEL_SCALE_CUBIC),
+            10 => Some(Self::ACCEL_SCALE_ASYMMETRY),
+            11 => Some(Self::ACCEL_CROSS_AXIS_QUADRATIC),
+            12 => Some(Self::GYRO_BIAS_TEMPERATURE),
+            13 => Some(Self::GYRO_SCALE_TEMPERATURE),
+            14 => Some(Self::ACCEL_BIAS_TEMPERATURE),
+            15 => Some(Self::ACCEL_SCALE_TEMPERATURE),
+            16 => Some(Self::GYRO_BIAS_DRIFT),
+            17 => Some(Self::GYRO_BIAS_WARMUP),
+            18 => Some(Self::GYRO_SCALE_DRIFT),
+            19 => Some(Self::ACCEL_BIAS_DRIFT),
+            20 => Some(Self::ACCEL_BIAS_WARMUP),
+            21 => Some(Self::GYRO_ANGULAR_ACCELERATION),
+            22 => Some(Self::GYRO_TIME_OFFSET),
+            24 => Some(Self::ACCEL_LEVER_ARM),
+            25 => Some(Self::ACCEL_SIZE_EFFECT),
+            _ => None,
+        }
+    }
+
+    /// Name for messages; a device has no names.
+    fn label(&self) -> &'static str {
+        #[cfg(feature = "catalogue")]
+        let label = self.name;
+        #[cfg(not(feature = "catalogue"))]
+        let label = "the effect";
+        label
+    }
+
+    /// Name of the shape for messages; `None` if the effect has no shape.
+    fn shape_label(&self) -> Option<&'static str> {
+        #[cfg(feature = "catalogue")]
+        let label = self.shape.map(|shape| shape.name);
+        #[cfg(not(feature = "catalogue"))]
+        let label = self.is_shaped.then_some("shape");
+        label
+    }
+}
+
+#[cfg(feature = "catalogue")]
+impl<F: RealField + Copy> Effect<F> {
+    const FAMILIES: [&'static [&'static Self]; 6] =
         [Self::G_SENSITIVITY, Self::SCALE, Self::TEMPERATURE, Self::DRIFT, Self::DYNAMICS, Self::ENCODER];
 
     /// All effects of the catalogue, family by family.
     pub fn catalogue() -> impl Iterator<Item = &'static Self> {
-        Self::FAMILIES.into_iter().flatten()
+        Self::FAMILIES.into_iter().flatten().copied()
     }
 
     /// The effect with this name; `None` if the catalogue does not contain it.
@@ -233,26 +313,10 @@ const fn parameters<const N: usize>(names: [&'static str; N], unit: &'static str
     all
 }
 
-/// Sets the field of `diag(theta) cause`, where theta has one parameter for each of the [`AXES`].
-#[inline]
-fn set_axes<F: RealField + Copy>(cause: Vector3<F>, columns: &mut [Vector3<F>]) {
-    for (i, column) in columns.iter_mut().take(3).enumerate() {
-        *column = Vector3::ith(i, cause[i]);
-    }
-}
-
-/// Sets the field of `Theta cause`, where Theta is a 3x3 matrix whose [`ENTRIES`] are the parameters.
-#[inline]
-fn set_entries<F: RealField + Copy>(cause: Vector3<F>, columns: &mut [Vector3<F>]) {
-    for (k, column) in columns.iter_mut().take(9).enumerate() {
-        *column = Vector3::ith(k / 3, cause[k % 3]);
-    }
-}
-
 /// Squares of the components: `(x^2, y^2, z^2)`.
 #[inline]
 fn squares<F: RealField + Copy>(v: &Vector3<F>) -> Vector3<F> {
-    v.component_mul(v)
+    each(v, v)
 }
 
 /// Products of two different components: `(y z, x z, x y)`.

@@ -10,14 +10,18 @@
 //! product. If the rate is smooth but not linear between samples, linear interpolation leaves an error of O(dt^3) per
 //! step.
 
-use crate::so3;
+use crate::{
+    so3,
+    vector::{add, cross, scaled},
+};
 use nalgebra::{RealField, UnitQuaternion, Vector3, convert};
 
 /// Rotation vector, rad, over a step of `dt_s` seconds in which the rate changes linearly from `w0` to `w1`, rad/s in
 /// the body frame.
 #[inline]
 pub fn increment<F: RealField + Copy>(w0: &Vector3<F>, w1: &Vector3<F>, dt_s: F) -> Vector3<F> {
-    (w0 + w1) * (dt_s * convert(0.5)) + w0.cross(w1) * (dt_s * dt_s * convert(1.0 / 12.0))
+    let mean = scaled(&add(w0, w1), dt_s * convert(0.5));
+    add(&mean, &scaled(&cross(w0, w1), dt_s * dt_s * convert(1.0 / 12.0)))
 }
 
 /// How an [`Integrator`] combines two consecutive samples into a rotation.
@@ -60,13 +64,10 @@ impl<F: RealField + Copy> Integrator<F> {
     pub fn push(&mut self, dt_s: F, rate: Vector3<F>) {
         if let Some(last_rate) = self.last_rate {
             let turn = match self.order {
-                Order::Midpoint => (last_rate + rate) * (dt_s * convert(0.5)),
+                Order::Midpoint => scaled(&add(&last_rate, &rate), dt_s * convert(0.5)),
                 Order::Magnus4 => increment(&last_rate, &rate, dt_s),
             };
-            self.rotation *= so3::exp(&turn);
-            // Rounding changes the length of the quaternion product; over millions of products the deviation becomes
-            // visible.
-            self.rotation.renormalize_fast();
+            self.rotation = so3::product(&self.rotation, &so3::exp(&turn));
         }
         self.last_rate = Some(rate);
     }

@@ -20,6 +20,7 @@
 //! * [`calibration`] combines both triads and their effects.
 //! * [`integrate`] integrates corrected rates to a rotation.
 //! * [`rest`] detects the intervals in which the unit is at rest.
+//! * [`stored`] reads a calibration from its binary form.
 //! * [`so3`] contains the rotations and defines their conventions.
 //!
 //! All types are generic over the float type: `f32` for a small processor, `f64` for the same results as the crate
@@ -54,9 +55,21 @@
 //!
 //! # Features
 //!
-//! The features `std` (default) and `libm` only select the implementation of square root, sine and the like. On a
-//! device without `std` use `default-features = false, features = ["libm"]`.
+//! * `std` (default) and `libm` only select the implementation of square root, sine and the like. On a device without
+//!   `std` use `default-features = false, features = ["libm"]`.
+//! * `catalogue` (default) adds what estimation, simulation and reports need of the [`effects`]: their names, units and
+//!   texts, lookup by name, the field of each parameter, and the effects on the encoders of a stand. A device needs none
+//!   of them: it names its effects by constants such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its
+//!   calibration take memory.
+//!
+//! # Panics
+//!
+//! [`calibration::Calibration::correct`], [`integrate::Integrator::push`] and [`rest::RestDetector::push`] contain no
+//! panic at any optimisation level without debug assertions. A test links them with a panic handler that does not exist.
 #![no_std]
+
+#[cfg(test)]
+extern crate std;
 
 pub mod calibration;
 pub mod effects;
@@ -64,6 +77,8 @@ pub mod integrate;
 pub mod rest;
 pub mod sensor;
 pub mod so3;
+pub mod stored;
+mod vector;
 
 /// Standard gravity, m/s^2: the unit g in datasheets.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;

@@ -11,7 +11,8 @@
 //! the next without exceeding the threshold. These two blocks are trimmed and do not contribute to the means.
 //!
 //! Detection works on raw or corrected samples, in any unit, as long as the noise variances use the same unit. It
-//! counts samples and does not use time; call [`RestDetector::finish`] at a gap in the data.
+//! counts samples and does not use time; call [`RestDetector::finish`] at a gap in the data. Counts wrap around at
+//! `usize::MAX`: where this is 2^32, after 49 days at 1 kHz.
 
 mod block;
 
@@ -59,8 +60,10 @@ pub struct RestDetector<F: RealField + Copy> {
     filling: BlockSums<F>,
     /// Number of complete blocks.
     blocks: usize,
-    /// Ring buffer of the last complete blocks: block k is at index k modulo the window length.
+    /// Ring buffer of the last complete blocks, of the length of a window.
     ring: [BlockSums<F>; MAX_WINDOW_BLOCKS],
+    /// Index of the oldest block in the ring buffer, which the next one replaces.
+    oldest: usize,
     open: Option<OpenRest<F>>,
 }
 
@@ -97,6 +100,7 @@ impl<F: RealField + Copy> RestDetector<F> {
             filling: BlockSums::new(),
             blocks: 0,
             ring: [BlockSums::new(); MAX_WINDOW_BLOCKS],
+            oldest: 0,
             open: None,
         })
     }
@@ -108,9 +112,12 @@ impl<F: RealField + Copy> RestDetector<F> {
         if self.filling.count() < self.config.block_samples {
             return None;
         }
-        self.ring[self.blocks % self.config.window_blocks] = self.filling;
+        if let Some(place) = self.ring.get_mut(self.oldest) {
+            *place = self.filling;
+        }
+        self.oldest = if self.oldest + 1 < self.config.window_blocks { self.oldest + 1 } else { 0 };
         self.filling = BlockSums::new();
-        self.blocks += 1;
+        self.blocks = self.blocks.wrapping_add(1);
         self.judge_window()
     }
 
@@ -122,23 +129,34 @@ impl<F: RealField + Copy> RestDetector<F> {
     /// Ends the stream, or its part before a gap, and returns the rest in progress, if any. Sample indices continue.
     pub fn finish(&mut self) -> Option<Rest<F>> {
         let last = self.close();
-        self.start_sample += self.blocks * self.config.block_samples + self.filling.count();
+        let samples = self.blocks.wrapping_mul(self.config.block_samples).wrapping_add(self.filling.count());
+        self.start_sample = self.start_sample.wrapping_add(samples);
         self.filling = BlockSums::new();
         self.blocks = 0;
+        self.oldest = 0;
         last
+    }
+
+    /// The blocks of the last window, oldest first.
+    fn window(&self) -> impl Iterator<Item = &BlockSums<F>> {
+        let newer = self.ring.get(..self.oldest).unwrap_or_default();
+        let older = self.ring.get(self.oldest..self.config.window_blocks).unwrap_or_default();
+        older.iter().chain(newer)
     }
 
     fn judge_window(&mut self) -> Option<Rest<F>> {
         let length = self.config.window_blocks;
         let window_start = self.blocks.checked_sub(length)?;
         let mut window = BlockSums::new();
-        (window_start..self.blocks).for_each(|block| window.merge(&self.ring[block % length]));
+        for block in self.window() {
+            window.merge(block);
+        }
 
         // A NaN is not below the threshold, so it ends a rest and does not contribute to the means.
         if rest_statistic(&window, &self.config.noise_variance) < self.config.threshold {
             self.extend_rest(window_start);
             None
-        } else if self.open.is_some_and(|rest| window_start + 2 > rest.end_block) {
+        } else if self.open.is_some_and(|rest| window_start.wrapping_add(2) > rest.end_block) {
             // The next window will not overlap the current rest, so this rest is complete.
             self.close()
         } else {
@@ -149,28 +167,33 @@ impl<F: RealField + Copy> RestDetector<F> {
     /// Extends the current rest, or starts a new one, up to the end of the still window that starts at block
     /// `window_start`.
     fn extend_rest(&mut self, window_start: usize) {
-        let rest = self.open.get_or_insert(OpenRest {
+        let mut rest = self.open.unwrap_or(OpenRest {
             first_block: window_start,
-            end_block: window_start + 2,
+            end_block: window_start.wrapping_add(2),
             sums: BlockSums::new(),
         });
         // The previous last block of the rest was not added yet, because it was the end of the rest. The window
         // overlaps this block, so the ring buffer still contains it.
-        for block in rest.end_block - 1..self.blocks - 1 {
-            rest.sums.merge(&self.ring[block % self.config.window_blocks]);
+        let mut block = window_start;
+        for sums in self.window() {
+            if block.wrapping_add(1) >= rest.end_block && block.wrapping_add(1) < self.blocks {
+                rest.sums.merge(sums);
+            }
+            block = block.wrapping_add(1);
         }
         rest.end_block = self.blocks;
+        self.open = Some(rest);
     }
 
     fn close(&mut self) -> Option<Rest<F>> {
         let rest = self.open.take()?;
-        let sample_of = |block: usize| self.start_sample + block * self.config.block_samples;
+        let sample_of = |block: usize| self.start_sample.wrapping_add(block.wrapping_mul(self.config.block_samples));
         let mean = rest.sums.mean();
         Some(Rest {
-            first_sample: sample_of(rest.first_block + 1),
-            end_sample: sample_of(rest.end_block - 1),
-            mean_rate: mean.fixed_rows::<3>(0).into(),
-            mean_force: mean.fixed_rows::<3>(3).into(),
+            first_sample: sample_of(rest.first_block.wrapping_add(1)),
+            end_sample: sample_of(rest.end_block.wrapping_sub(1)),
+            mean_rate: Vector3::new(mean.x, mean.y, mean.z),
+            mean_force: Vector3::new(mean.w, mean.a, mean.b),
         })
     }
 }

@@ -10,6 +10,7 @@
 //! For raw data in SI units the sensitivity is near the identity. For raw data in counts it is in lsb per SI unit, and
 //! the bias is in counts.
 
+use crate::vector::{add, cross, dot, magnitude, product, sub};
 use core::{error::Error, fmt};
 use nalgebra::{Matrix3, RealField, Vector3};
 
@@ -31,11 +32,21 @@ impl<F: RealField + Copy> Triad<F> {
     /// [`SensorError::NotFinite`] if an entry is infinite or NaN, [`SensorError::Singular`] if the axes lie in one
     /// plane.
     pub fn try_new(sensitivity: Matrix3<F>, bias: Vector3<F>) -> Result<Self, SensorError> {
-        if !sensitivity.iter().chain(bias.iter()).all(F::is_finite) {
+        if !(is_finite(&sensitivity) && bias.x.is_finite() && bias.y.is_finite() && bias.z.is_finite()) {
             return Err(SensorError::NotFinite);
         }
         let inverse = invert(&sensitivity)?;
         Ok(Self { sensitivity, bias, inverse })
+    }
+
+    /// As [`try_new`](Self::try_new), from the inverse sensitivity, which [`correct`](Self::correct) then applies bit for
+    /// bit.
+    ///
+    /// # Errors
+    /// Those of [`try_new`](Self::try_new).
+    pub fn from_inverse(inverse: Matrix3<F>, bias: Vector3<F>) -> Result<Self, SensorError> {
+        let turned_round = Self::try_new(inverse, bias)?;
+        Ok(Self { sensitivity: turned_round.inverse, bias, inverse })
     }
 
     /// The triad without errors, for raw data in SI units: raw values equal true values.
@@ -46,13 +57,13 @@ impl<F: RealField + Copy> Triad<F> {
     /// Reading of the triad, in raw units and without noise, for a true value in SI units.
     #[inline]
     pub fn measure(&self, true_value: Vector3<F>) -> Vector3<F> {
-        self.sensitivity * true_value + self.bias
+        add(&product(&self.sensitivity, &true_value), &self.bias)
     }
 
     /// True value, in SI units and in the body frame, for a reading of the triad in raw units.
     #[inline]
     pub fn correct(&self, raw: Vector3<F>) -> Vector3<F> {
-        self.inverse * (raw - self.bias)
+        product(&self.inverse, &sub(&raw, &self.bias))
     }
 
     /// The matrix `sensitivity` in `raw = sensitivity * true + bias`, raw unit per SI unit.
@@ -103,22 +114,39 @@ impl fmt::Display for SensorError {
 impl Error for SensorError {}
 
 /// Inverse of a 3x3 matrix as adjugate over determinant. The columns of the adjugate are cross products of the rows.
-fn invert<F: RealField + Copy>(sensitivity: &Matrix3<F>) -> Result<Matrix3<F>, SensorError> {
-    let [x, y, z] = [0, 1, 2].map(|i| sensitivity.row(i).transpose());
-    let adjugate = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
-    let determinant = x.dot(&y.cross(&z));
-    let inverse = adjugate / determinant;
+fn invert<F: RealField + Copy>(m: &Matrix3<F>) -> Result<Matrix3<F>, SensorError> {
+    let x = Vector3::new(m.m11, m.m12, m.m13);
+    let y = Vector3::new(m.m21, m.m22, m.m23);
+    let z = Vector3::new(m.m31, m.m32, m.m33);
+    let (a, b, c) = (cross(&y, &z), cross(&z, &x), cross(&x, &y));
+    let determinant = dot(&x, &a);
+    let inverse = Matrix3::new(
+        a.x / determinant,
+        b.x / determinant,
+        c.x / determinant,
+        a.y / determinant,
+        b.y / determinant,
+        c.y / determinant,
+        a.z / determinant,
+        b.z / determinant,
+        c.z / determinant,
+    );
 
     // The determinant over the product of the row lengths measures how close the axes are to one plane, in any raw
     // unit.
-    let lengths = x.norm() * y.norm() * z.norm();
+    let lengths = dot(&x, &x).sqrt() * dot(&y, &y).sqrt() * dot(&z, &z).sqrt();
     let rounding: F = nalgebra::convert::<f64, F>(64.0) * F::default_epsilon();
-    if determinant.abs() > rounding * lengths && inverse.iter().all(F::is_finite) {
+    if magnitude(determinant) > rounding * lengths && is_finite(&inverse) {
         Ok(inverse)
     } else {
-        let volume = if lengths > F::zero() { (determinant / lengths).abs() } else { F::zero() };
+        let volume = if lengths > F::zero() { magnitude(determinant / lengths) } else { F::zero() };
         Err(SensorError::Singular { volume: volume.to_subset().unwrap_or(0.0) })
     }
+}
+
+fn is_finite<F: RealField + Copy>(m: &Matrix3<F>) -> bool {
+    let row = |x: F, y: F, z: F| x.is_finite() && y.is_finite() && z.is_finite();
+    row(m.m11, m.m12, m.m13) && row(m.m21, m.m22, m.m23) && row(m.m31, m.m32, m.m33)
 }
 
 #[cfg(test)]

@@ -18,6 +18,8 @@ type ParameterTuple = (&'static str, &'static str, f64);
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Effect {
     name: &'static str,
+    /// Number in the binary form of a calibration; 0 if it has none.
+    number: u8,
     sensor: &'static str,
     parameters: Vec<ParameterTuple>,
     plain: usize,
@@ -34,6 +36,7 @@ impl From<&library::Effect<f64>> for Effect {
         let parameter = |p: &library::Parameter| (p.name, p.unit, p.typical);
         Self {
             name: effect.name,
+            number: library::Effect::<f64>::numbered(effect.number).map_or(0, |effect| effect.number),
             sensor: match effect.sensor {
                 library::Sensor::Accelerometer => "accelerometer",
                 library::Sensor::Gyroscope => "gyroscope",

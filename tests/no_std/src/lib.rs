@@ -15,16 +15,16 @@ use imucal_core::{
 };
 use nalgebra::{Matrix3, RealField, Vector3, Vector6};
 
+mod no_panic;
+
+#[cfg(not(feature = "undefined_panic"))]
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo) -> ! {
     loop {}
 }
 
 fn triad<F: RealField + Copy>(numbers: &[F; 12]) -> Result<Triad<F>, SensorError> {
-    Triad::try_new(
-        Matrix3::from_row_slice(&numbers[..9]),
-        Vector3::from_column_slice(&numbers[9..]),
-    )
+    Triad::try_new(Matrix3::from_row_slice(&numbers[..9]), Vector3::from_column_slice(&numbers[9..]))
 }
 
 fn correct<F: RealField + Copy>(calibration: &Calibration<F>, rates: &mut [[F; 3]], forces: &mut [[F; 3]]) {
@@ -50,17 +50,8 @@ macro_rules! export_correct {
             let (Ok(accelerometer), Ok(gyroscope)) = (unsafe { (triad(&*accelerometer), triad(&*gyroscope)) }) else {
                 return -1;
             };
-            let (rates, forces) = unsafe {
-                (
-                    from_raw_parts_mut(rates, count),
-                    from_raw_parts_mut(forces, count),
-                )
-            };
-            correct(
-                &Calibration::new(accelerometer, gyroscope),
-                rates,
-                forces,
-            );
+            let (rates, forces) = unsafe { (from_raw_parts_mut(rates, count), from_raw_parts_mut(forces, count)) };
+            correct(&Calibration::new(accelerometer, gyroscope), rates, forces);
             0
         }
     };
@@ -69,26 +60,23 @@ macro_rules! export_correct {
 export_correct!(imucal_correct_f64, f64);
 export_correct!(imucal_correct_f32, f32);
 
-/// Corrects `count` samples in place for the effect of this name alone; 0, or -1 if the values are not its parameters.
+/// Corrects `count` samples in place for a g-sensitivity alone; 0, or -1 if the values are not its parameters.
 ///
 /// # Safety
-/// `name` stands for `name_length` bytes, `values` for `value_count` numbers, `rates` and `forces` for `count` samples.
+/// `values` stands for `value_count` numbers, `rates` and `forces` for `count` samples.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn imucal_correct_effect(
-    name: *const u8,
-    name_length: usize,
+pub unsafe extern "C" fn imucal_correct_g_sensitivity(
     values: *const f64,
     value_count: usize,
     rates: *mut [f64; 3],
     forces: *mut [f64; 3],
     count: usize,
 ) -> i32 {
-    let (name, values) = unsafe { (from_raw_parts(name, name_length), from_raw_parts(values, value_count)) };
-    let Some(effect) = Effect::catalogue().find(|effect| effect.name.as_bytes() == name) else {
-        return -1;
-    };
+    let values = unsafe { from_raw_parts(values, value_count) };
     let mut calibration = Calibration::identity();
-    let Ok(()) = EffectValues::try_new(effect, values, None).and_then(|values| calibration.effects.push(values)) else {
+    let Ok(()) = EffectValues::try_new(Effect::GYRO_G_SENSITIVITY, values, None)
+        .and_then(|values| calibration.effects.push(values))
+    else {
         return -1;
     };
     let (rates, forces) = unsafe { (from_raw_parts_mut(rates, count), from_raw_parts_mut(forces, count)) };
@@ -133,12 +121,7 @@ pub unsafe extern "C" fn imucal_find_rests(
     capacity: usize,
 ) -> i32 {
     let noise_variance = Vector6::from(unsafe { *noise_variance });
-    let config = RestDetectorConfig {
-        block_samples,
-        window_blocks: 10,
-        noise_variance,
-        threshold,
-    };
+    let config = RestDetectorConfig { block_samples, window_blocks: 10, noise_variance, threshold };
     let Ok(mut detector) = RestDetector::try_new(config) else {
         return -1;
     };
@@ -147,11 +130,8 @@ pub unsafe extern "C" fn imucal_find_rests(
     let mut found = 0;
     for sample in 0..=count {
         // One turn more than there are samples: the last rest ends with the stream.
-        let over = if sample < count {
-            detector.push(rates[sample].into(), forces[sample].into())
-        } else {
-            detector.finish()
-        };
+        let over =
+            if sample < count { detector.push(rates[sample].into(), forces[sample].into()) } else { detector.finish() };
         if let Some(rest) = over {
             if let Some(place) = rests.get_mut(found) {
                 *place = [rest.first_sample, rest.end_sample];

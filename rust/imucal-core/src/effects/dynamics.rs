@@ -12,117 +12,142 @@
 //! The size effect describes an accelerometer whose axes have different positions; the origin is the position of the x
 //! axis.
 
-use super::{AXES, Alias, Columns, ENTRIES, Effect, Need, Parameter, Sensor, State, parameters, set_entries};
-use crate::{EARTH_RATE_RADPS, so3::hat};
+use super::{AXES, Alias, ENTRIES, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters};
+use crate::{EARTH_RATE_RADPS, vector::neg};
 use nalgebra::{Matrix3, RealField, UnitQuaternion, Vector3};
 
 impl<F: RealField + Copy> Effect<F> {
-    pub(super) const DYNAMICS: &'static [Self] = &[
-        Self {
-            name: "gyro_angular_acceleration",
-            sensor: Sensor::Gyroscope,
-            parameters: &parameters(ENTRIES, "s", 1e-4),
-            plain: 9,
-            shape: None,
-            reads: &[],
-            needs: &[Need::AngularAcceleration],
-            formula: "D dw/dt",
-            observable: "forces during turns that speed up and slow down; from rest to rest it nearly integrates to zero",
-            aliases: &[Alias {
-                with: "gyro_time_offset",
-                told_apart_by: "turns about three axes: a delay is the same multiple of the identity for all",
-            }],
-            columns: |state, _, columns| set_entries(angular_acceleration(state), columns),
-        },
-        Self {
-            name: "gyro_time_offset",
-            sensor: Sensor::Gyroscope,
-            parameters: &[Parameter { name: "tau", unit: "s", typical: 2e-3 }],
-            plain: 1,
-            shape: None,
-            reads: &[],
-            needs: &[Need::AngularAcceleration],
-            formula: "-tau dw/dt",
-            observable: "forces during turns, the accelerometer being the clock",
-            aliases: &[
-                Alias { with: "a delay of the accelerometer", told_apart_by: "nothing: only the difference is seen" },
-                Alias { with: "gyro_angular_acceleration", told_apart_by: "turns about three axes" },
-            ],
-            columns: |state, _, columns| columns[0] = -angular_acceleration(state),
-        },
-        Self {
-            name: "earth_rate",
-            sensor: Sensor::Gyroscope,
-            parameters: &parameters(AXES, "rad/s", EARTH_RATE_RADPS),
-            plain: 3,
-            shape: None,
-            reads: &[],
-            needs: &[Need::Attitude],
-            formula: "R_wb^T Omega, Omega in the world frame",
-            observable: "the gyroscope's mean in long rests of many orientations and headings",
-            aliases: &[Alias {
-                with: "gyro_g_sensitivity",
-                told_apart_by: "the latitude: the vertical part is an isotropic g-sensitivity",
-            }],
-            columns: earth_rate,
-        },
-        Self {
-            name: "accel_lever_arm",
-            sensor: Sensor::Accelerometer,
-            parameters: &parameters(AXES, "m", 20e-3),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Gyroscope],
-            needs: &[Need::AngularAcceleration],
-            formula: "dw/dt x r + w x (w x r)",
-            observable: "forces during turns about two axes or more",
-            aliases: &[Alias { with: "accel_size_effect", told_apart_by: "turns about three axes" }],
-            columns: lever_arm,
-        },
-        Self {
-            name: "accel_size_effect",
-            sensor: Sensor::Accelerometer,
-            parameters: &parameters(["yx", "yy", "yz", "zx", "zy", "zz"], "m", 2e-3),
-            plain: 6,
-            shape: None,
-            reads: &[Sensor::Gyroscope],
-            needs: &[Need::AngularAcceleration],
-            formula: "(dw/dt x r_i + w x (w x r_i))_i, i = y, z; r_x = 0",
-            observable: "forces during turns about three axes",
-            aliases: &[Alias { with: "accel_lever_arm", told_apart_by: "turns about three axes" }],
-            columns: size_effect,
-        },
+    #[cfg(feature = "catalogue")]
+    pub(super) const DYNAMICS: &'static [&'static Self] = &[
+        Self::GYRO_ANGULAR_ACCELERATION,
+        Self::GYRO_TIME_OFFSET,
+        Self::EARTH_RATE,
+        Self::ACCEL_LEVER_ARM,
+        Self::ACCEL_SIZE_EFFECT,
     ];
+
+    /// `gyro_angular_acceleration`: `D dw/dt`.
+    pub const GYRO_ANGULAR_ACCELERATION: &'static Self = &effect! {
+        number: 21,
+        name: "gyro_angular_acceleration",
+        sensor: Sensor::Gyroscope,
+        parameters: &parameters(ENTRIES, "s", 1e-4),
+        plain: 9,
+        shape: None,
+        reads: &[],
+        needs: &[Need::AngularAcceleration],
+        formula: "D dw/dt",
+        observable: "forces during turns that speed up and slow down; from rest to rest it nearly integrates to zero",
+        aliases: &[Alias {
+            with: "gyro_time_offset",
+            told_apart_by: "turns about three axes: a delay is the same multiple of the identity for all",
+        }],
+        field: |state, _, terms| terms.entries(angular_acceleration(state)),
+    };
+
+    /// `gyro_time_offset`: `-tau dw/dt`.
+    pub const GYRO_TIME_OFFSET: &'static Self = &effect! {
+        number: 22,
+        name: "gyro_time_offset",
+        sensor: Sensor::Gyroscope,
+        parameters: &[Parameter { name: "tau", unit: "s", typical: 2e-3 }],
+        plain: 1,
+        shape: None,
+        reads: &[],
+        needs: &[Need::AngularAcceleration],
+        formula: "-tau dw/dt",
+        observable: "forces during turns, the accelerometer being the clock",
+        aliases: &[
+            Alias { with: "a delay of the accelerometer", told_apart_by: "nothing: only the difference is seen" },
+            Alias { with: "gyro_angular_acceleration", told_apart_by: "turns about three axes" },
+        ],
+        field: |state, _, terms| terms.column(neg(&angular_acceleration(state))),
+    };
+
+    /// `earth_rate`: `R_wb^T Omega, Omega in the world frame`.
+    pub const EARTH_RATE: &'static Self = &effect! {
+        number: 23,
+        name: "earth_rate",
+        sensor: Sensor::Gyroscope,
+        parameters: &parameters(AXES, "rad/s", EARTH_RATE_RADPS),
+        plain: 3,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Attitude],
+        formula: "R_wb^T Omega, Omega in the world frame",
+        observable: "the gyroscope's mean in long rests of many orientations and headings",
+        aliases: &[Alias {
+            with: "gyro_g_sensitivity",
+            told_apart_by: "the latitude: the vertical part is an isotropic g-sensitivity",
+        }],
+        field: |state, _, terms| earth_rate(state, terms),
+    };
+
+    /// `accel_lever_arm`: `dw/dt x r + w x (w x r)`.
+    pub const ACCEL_LEVER_ARM: &'static Self = &effect! {
+        number: 24,
+        name: "accel_lever_arm",
+        sensor: Sensor::Accelerometer,
+        parameters: &parameters(AXES, "m", 20e-3),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Gyroscope],
+        needs: &[Need::AngularAcceleration],
+        formula: "dw/dt x r + w x (w x r)",
+        observable: "forces during turns about two axes or more",
+        aliases: &[Alias { with: "accel_size_effect", told_apart_by: "turns about three axes" }],
+        field: |state, _, terms| lever_arm(state, terms),
+    };
+
+    /// `accel_size_effect`: `(dw/dt x r_i + w x (w x r_i))_i, i = y, z; r_x = 0`.
+    pub const ACCEL_SIZE_EFFECT: &'static Self = &effect! {
+        number: 25,
+        name: "accel_size_effect",
+        sensor: Sensor::Accelerometer,
+        parameters: &parameters(["yx", "yy", "yz", "zx", "zy", "zz"], "m", 2e-3),
+        plain: 6,
+        shape: None,
+        reads: &[Sensor::Gyroscope],
+        needs: &[Need::AngularAcceleration],
+        formula: "(dw/dt x r_i + w x (w x r_i))_i, i = y, z; r_x = 0",
+        observable: "forces during turns about three axes",
+        aliases: &[Alias { with: "accel_lever_arm", told_apart_by: "turns about three axes" }],
+        field: |state, _, terms| size_effect(state, terms),
+    };
 }
 
-fn earth_rate<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+fn earth_rate<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let world_from_body = state.surroundings.rotation_world_from_body.map(UnitQuaternion::to_rotation_matrix);
-    for (i, column) in columns.iter_mut().take(3).enumerate() {
-        *column = world_from_body.map_or_else(Vector3::zeros, |matrix| matrix.matrix().row(i).transpose());
+    for i in 0..3 {
+        terms.column(world_from_body.map_or_else(Vector3::zeros, |matrix| matrix.matrix().row(i).transpose()));
     }
 }
 
-fn lever_arm<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+fn lever_arm<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let lever = lever(state);
-    for (k, column) in columns.iter_mut().take(3).enumerate() {
-        *column = lever.column(k).into_owned();
-    }
+    terms.column(Vector3::new(lever.m11, lever.m21, lever.m31));
+    terms.column(Vector3::new(lever.m12, lever.m22, lever.m32));
+    terms.column(Vector3::new(lever.m13, lever.m23, lever.m33));
 }
 
-fn size_effect<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+fn size_effect<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let lever = lever(state);
-    for (k, column) in columns.iter_mut().take(6).enumerate() {
-        let axis = 1 + k / 3;
-        *column = Vector3::ith(axis, lever[(axis, k % 3)]);
+    for cause in [lever.m21, lever.m22, lever.m23] {
+        terms.y(cause);
+    }
+    for cause in [lever.m31, lever.m32, lever.m33] {
+        terms.z(cause);
     }
 }
 
 fn angular_acceleration<F: RealField + Copy>(state: &State<F>) -> Vector3<F> {
-    state.surroundings.angular_acceleration.unwrap_or_else(Vector3::zeros)
+    state.surroundings.angular_acceleration.unwrap_or(Vector3::new(F::zero(), F::zero(), F::zero()))
 }
 
-/// The matrix L in `dw/dt x r + w x (w x r) = L r`, 1/s^2.
+/// The matrix L in `dw/dt x r + w x (w x r) = L r`, 1/s^2: `[dw/dt]x + [w]x [w]x`.
 fn lever<F: RealField + Copy>(state: &State<F>) -> Matrix3<F> {
-    let rate = hat(&state.angular_rate);
-    hat(&angular_acceleration(state)) + rate * rate
+    let (w, a) = (state.angular_rate, angular_acceleration(state));
+    let (xx, yy, zz) = (w.x * w.x, w.y * w.y, w.z * w.z);
+    let (xy, xz, yz) = (w.x * w.y, w.x * w.z, w.y * w.z);
+    Matrix3::new(-zz - yy, xy - a.z, xz + a.y, xy + a.z, -zz - xx, yz - a.x, xz - a.y, yz + a.x, -yy - xx)
 }

@@ -10,7 +10,7 @@
 //! revolution. An oval disk has an error with a period of half a revolution. Column m belongs to motor m; the outermost
 //! motor is the first.
 
-use super::{Alias, Columns, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, parameters, set_axes};
+use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};
 
 /// Parameter names: harmonic `sin` or `cos`, number of the motor, number of periods per revolution.
@@ -22,64 +22,77 @@ const HARMONICS: [&str; 12] = [
 const MOTORS: [&str; 3] = ["1", "2", "3"];
 
 impl<F: RealField + Copy> Effect<F> {
-    pub(super) const ENCODER: &'static [Self] = &[
-        Self {
-            name: "encoder_eccentricity",
-            sensor: Sensor::Encoder,
-            parameters: &parameters(HARMONICS, "rad", 0.02 * DEGREE),
-            plain: 6,
-            shape: None,
-            reads: &[],
-            needs: &[Need::Stand],
-            formula: "s_m sin q_m + c_m cos q_m, full form + the same of 2 q_m",
-            observable: "rests at many angles of each motor, all around",
-            aliases: &[Alias {
-                with: "a motor's zero",
-                told_apart_by: "half a turn or more: over a small angle the cosine is a constant",
-            }],
-            columns: eccentricity,
-        },
-        Self {
-            name: "encoder_time_offset",
-            sensor: Sensor::Encoder,
-            parameters: &[Parameter { name: "tau", unit: "s", typical: 2e-3 }],
-            plain: 1,
-            shape: None,
-            reads: &[],
-            needs: &[Need::Stand],
-            formula: "tau dq/dt",
-            observable: "turns with encoder angles",
-            aliases: &[Alias {
-                with: "a delay of both sensors",
-                told_apart_by: "nothing: only the difference is seen",
-            }],
-            columns: |state, _, columns| columns[0] = stand(state).rate_radps,
-        },
-        Self {
-            name: "encoder_backlash",
-            sensor: Sensor::Encoder,
-            parameters: &parameters(MOTORS, "rad", 0.05 * DEGREE),
-            plain: 3,
-            shape: None,
-            reads: &[],
-            needs: &[Need::Stand],
-            formula: "b_m d_m, d_m the sign of the last motion of motor m",
-            observable: "rests at one angle that is reached from both sides",
-            aliases: &[Alias { with: "a motor's zero", told_apart_by: "turns of both signs" }],
-            columns: |state, _, columns| set_axes(stand(state).direction, columns),
-        },
-    ];
+    pub(super) const ENCODER: &'static [&'static Self] =
+        &[Self::ENCODER_ECCENTRICITY, Self::ENCODER_TIME_OFFSET, Self::ENCODER_BACKLASH];
+
+    /// `encoder_eccentricity`: `s_m sin q_m + c_m cos q_m, full form + the same of 2 q_m`.
+    pub const ENCODER_ECCENTRICITY: &'static Self = &effect! {
+        number: 0,
+        name: "encoder_eccentricity",
+        sensor: Sensor::Encoder,
+        parameters: &parameters(HARMONICS, "rad", 0.02 * DEGREE),
+        plain: 6,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Stand],
+        formula: "s_m sin q_m + c_m cos q_m, full form + the same of 2 q_m",
+        observable: "rests at many angles of each motor, all around",
+        aliases: &[Alias {
+            with: "a motor's zero",
+            told_apart_by: "half a turn or more: over a small angle the cosine is a constant",
+        }],
+        field: |state, _, terms| eccentricity(state, terms),
+    };
+
+    /// `encoder_time_offset`: `tau dq/dt`.
+    pub const ENCODER_TIME_OFFSET: &'static Self = &effect! {
+        number: 0,
+        name: "encoder_time_offset",
+        sensor: Sensor::Encoder,
+        parameters: &[Parameter { name: "tau", unit: "s", typical: 2e-3 }],
+        plain: 1,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Stand],
+        formula: "tau dq/dt",
+        observable: "turns with encoder angles",
+        aliases: &[Alias {
+            with: "a delay of both sensors",
+            told_apart_by: "nothing: only the difference is seen",
+        }],
+        field: |state, _, terms| terms.column(stand(state).rate_radps),
+    };
+
+    /// `encoder_backlash`: `b_m d_m, d_m the sign of the last motion of motor m`.
+    pub const ENCODER_BACKLASH: &'static Self = &effect! {
+        number: 0,
+        name: "encoder_backlash",
+        sensor: Sensor::Encoder,
+        parameters: &parameters(MOTORS, "rad", 0.05 * DEGREE),
+        plain: 3,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Stand],
+        formula: "b_m d_m, d_m the sign of the last motion of motor m",
+        observable: "rests at one angle that is reached from both sides",
+        aliases: &[Alias { with: "a motor's zero", told_apart_by: "turns of both signs" }],
+        field: |state, _, terms| terms.axes(stand(state).direction),
+    };
 }
 
-fn eccentricity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+fn eccentricity<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     // If the state of the stand is unknown, the effect is zero, so the cosines must be zero as well.
     let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };
-    for (motor, angle_rad) in stand(state).angle_rad.iter().enumerate() {
+    let angles = stand(state).angle_rad;
+    for (motor, angle_rad) in angles.iter().enumerate() {
         let (sine, cosine) = angle_rad.sin_cos();
-        columns[2 * motor] = Vector3::ith(motor, sine);
-        columns[2 * motor + 1] = Vector3::ith(motor, cosine * known);
-        columns[6 + 2 * motor] = Vector3::ith(motor, (sine + sine) * cosine);
-        columns[7 + 2 * motor] = Vector3::ith(motor, (cosine * cosine - sine * sine) * known);
+        terms.column(Vector3::ith(motor, sine));
+        terms.column(Vector3::ith(motor, cosine * known));
+    }
+    for (motor, angle_rad) in angles.iter().enumerate() {
+        let (sine, cosine) = angle_rad.sin_cos();
+        terms.column(Vector3::ith(motor, (sine + sine) * cosine));
+        terms.column(Vector3::ith(motor, (cosine * cosine - sine * sine) * known));
     }
 }
 

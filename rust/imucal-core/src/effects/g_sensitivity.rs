@@ -6,11 +6,8 @@
 //! gyro_scale_g_sensitivity   k_i w_i f_i
 //! ```
 
-use super::{
-    AXES, Alias, Columns, DEGREE, ENTRIES, Effect, Sensor, State, cross_products, parameters, set_axes, set_entries,
-    squares,
-};
-use crate::STANDARD_GRAVITY_MPS2;
+use super::{AXES, Alias, DEGREE, ENTRIES, Effect, Sensor, Terms, cross_products, effect, parameters, squares};
+use crate::{STANDARD_GRAVITY_MPS2, vector::each};
 use nalgebra::RealField;
 
 /// Parameter names: first the nine coefficients of squares, which are the plain form, then the nine of mixed products.
@@ -20,74 +17,74 @@ const PRODUCTS: [&str; 18] = [
 ];
 
 impl<F: RealField + Copy> Effect<F> {
-    pub(super) const G_SENSITIVITY: &'static [Self] = &[
-        Self {
-            name: "gyro_g_sensitivity",
-            sensor: Sensor::Gyroscope,
-            // Typical value: 0.1 deg/s per g.
-            parameters: &parameters(ENTRIES, "rad/s/(m/s^2)", 0.1 * DEGREE / STANDARD_GRAVITY_MPS2),
-            plain: 9,
-            shape: None,
-            reads: &[Sensor::Accelerometer],
-            needs: &[],
-            formula: "G f",
-            observable: "the gyroscope's mean in rests of many orientations, and moves between them",
-            aliases: &[
-                Alias { with: "earth_rate", told_apart_by: "turns of the heading, or the latitude" },
-                Alias { with: "gyro_bias_drift", told_apart_by: "orientations that come back later" },
-            ],
-            columns: g_sensitivity,
-        },
-        Self {
-            name: "gyro_g2_sensitivity",
-            sensor: Sensor::Gyroscope,
-            // Typical value: 0.0004 deg/s per g^2.
-            parameters: &parameters(
-                PRODUCTS,
-                "rad/s/(m/s^2)^2",
-                0.0004 * DEGREE / (STANDARD_GRAVITY_MPS2 * STANDARD_GRAVITY_MPS2),
-            ),
-            plain: 9,
-            shape: None,
-            reads: &[Sensor::Accelerometer],
-            needs: &[],
-            formula: "G2 (fx^2, fy^2, fz^2) + H (fy fz, fx fz, fx fy)",
-            observable: "rests of many orientations, for six of the nine directions of G2; forces far from g for all",
-            aliases: &[Alias {
-                with: "gyro_bias",
-                told_apart_by: "forces far from g: at rest fx^2 + fy^2 + fz^2 does not change",
-            }],
-            columns: g2_sensitivity,
-        },
-        Self {
-            name: "gyro_scale_g_sensitivity",
-            sensor: Sensor::Gyroscope,
-            // Typical value: 0.1 % per g.
-            parameters: &parameters(AXES, "1/(m/s^2)", 0.001 / STANDARD_GRAVITY_MPS2),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Gyroscope, Sensor::Accelerometer],
-            needs: &[],
-            formula: "k_i w_i f_i",
-            observable: "turns about an axis that points up, down and across",
-            aliases: &[Alias {
-                with: "gyro_scale",
-                told_apart_by: "turns about an axis that points down as well as up",
-            }],
-            columns: scale_g_sensitivity,
-        },
-    ];
-}
+    #[cfg(feature = "catalogue")]
+    pub(super) const G_SENSITIVITY: &'static [&'static Self] =
+        &[Self::GYRO_G_SENSITIVITY, Self::GYRO_G2_SENSITIVITY, Self::GYRO_SCALE_G_SENSITIVITY];
 
-fn g_sensitivity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
-    set_entries(state.specific_force, columns);
-}
+    /// `gyro_g_sensitivity`: `G f`.
+    pub const GYRO_G_SENSITIVITY: &'static Self = &effect! {
+        number: 1,
+        name: "gyro_g_sensitivity",
+        sensor: Sensor::Gyroscope,
+        // Typical value: 0.1 deg/s per g.
+        parameters: &parameters(ENTRIES, "rad/s/(m/s^2)", 0.1 * DEGREE / STANDARD_GRAVITY_MPS2),
+        plain: 9,
+        shape: None,
+        reads: &[Sensor::Accelerometer],
+        needs: &[],
+        formula: "G f",
+        observable: "the gyroscope's mean in rests of many orientations, and moves between them",
+        aliases: &[
+            Alias { with: "earth_rate", told_apart_by: "turns of the heading, or the latitude" },
+            Alias { with: "gyro_bias_drift", told_apart_by: "orientations that come back later" },
+        ],
+        field: |state, _, terms| terms.entries(state.specific_force),
+    };
 
-fn g2_sensitivity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
-    set_entries(squares(&state.specific_force), columns);
-    set_entries(cross_products(&state.specific_force), &mut columns[9..]);
-}
+    /// `gyro_g2_sensitivity`: `G2 (fx^2, fy^2, fz^2) + H (fy fz, fx fz, fx fy)`.
+    pub const GYRO_G2_SENSITIVITY: &'static Self = &effect! {
+        number: 2,
+        name: "gyro_g2_sensitivity",
+        sensor: Sensor::Gyroscope,
+        // Typical value: 0.0004 deg/s per g^2.
+        parameters: &parameters(
+            PRODUCTS,
+            "rad/s/(m/s^2)^2",
+            0.0004 * DEGREE / (STANDARD_GRAVITY_MPS2 * STANDARD_GRAVITY_MPS2),
+        ),
+        plain: 9,
+        shape: None,
+        reads: &[Sensor::Accelerometer],
+        needs: &[],
+        formula: "G2 (fx^2, fy^2, fz^2) + H (fy fz, fx fz, fx fy)",
+        observable: "rests of many orientations, for six of the nine directions of G2; forces far from g for all",
+        aliases: &[Alias {
+            with: "gyro_bias",
+            told_apart_by: "forces far from g: at rest fx^2 + fy^2 + fz^2 does not change",
+        }],
+        field: |state, _, terms| {
+            terms.entries(squares(&state.specific_force));
+            terms.entries(cross_products(&state.specific_force));
+        },
+    };
 
-fn scale_g_sensitivity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
-    set_axes(state.angular_rate.component_mul(&state.specific_force), columns);
+    /// `gyro_scale_g_sensitivity`: `k_i w_i f_i`.
+    pub const GYRO_SCALE_G_SENSITIVITY: &'static Self = &effect! {
+        number: 3,
+        name: "gyro_scale_g_sensitivity",
+        sensor: Sensor::Gyroscope,
+        // Typical value: 0.1 % per g.
+        parameters: &parameters(AXES, "1/(m/s^2)", 0.001 / STANDARD_GRAVITY_MPS2),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Gyroscope, Sensor::Accelerometer],
+        needs: &[],
+        formula: "k_i w_i f_i",
+        observable: "turns about an axis that points up, down and across",
+        aliases: &[Alias {
+            with: "gyro_scale",
+            told_apart_by: "turns about an axis that points down as well as up",
+        }],
+        field: |state, _, terms| terms.axes(each(&state.angular_rate, &state.specific_force)),
+    };
 }

@@ -11,10 +11,11 @@
 //! cross-axis effect has fifteen: for each axis all products except the square of that axis, which is the quadratic
 //! scale effect.
 
-use super::{
-    AXES, Alias, Columns, DEGREE, Effect, Sensor, State, cross_products, parameters, set_axes, set_entries, squares,
+use super::{AXES, Alias, DEGREE, Effect, Sensor, State, Terms, cross_products, effect, parameters, squares};
+use crate::{
+    STANDARD_GRAVITY_MPS2,
+    vector::{each, magnitude},
 };
-use crate::STANDARD_GRAVITY_MPS2;
 use nalgebra::{RealField, Vector3};
 
 const GYROSCOPE_PRODUCTS: [&str; 9] = ["x_yz", "x_xz", "x_xy", "y_yz", "y_xz", "y_xy", "z_yz", "z_xz", "z_xy"];
@@ -27,156 +28,185 @@ const ACCELEROMETER_PRODUCTS: [&str; 15] = [
 const FULL_RATE: f64 = 250.0 * DEGREE;
 
 impl<F: RealField + Copy> Effect<F> {
-    pub(super) const SCALE: &'static [Self] = &[
-        Self {
-            name: "gyro_scale_quadratic",
-            sensor: Sensor::Gyroscope,
-            // Typical value: 0.2 % at 250 deg/s.
-            parameters: &parameters(AXES, "s/rad", 0.002 / FULL_RATE),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Gyroscope],
-            needs: &[],
-            formula: "k_i w_i^2",
-            observable: "turns of both signs",
-            aliases: &[Alias { with: "gyro_scale_asymmetry", told_apart_by: "turns at several rates" }],
-            columns: |state, _, columns| quadratic(&state.angular_rate, columns),
-        },
-        Self {
-            name: "gyro_scale_cubic",
-            sensor: Sensor::Gyroscope,
-            // Typical value: 0.5 % at 250 deg/s.
-            parameters: &parameters(AXES, "s^2/rad^2", 0.005 / (FULL_RATE * FULL_RATE)),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Gyroscope],
-            needs: &[],
-            formula: "k_i w_i^3",
-            observable: "turns at several rates",
-            aliases: &[Alias { with: "gyro_scale", told_apart_by: "turns at several rates" }],
-            columns: |state, _, columns| cubic(&state.angular_rate, columns),
-        },
-        Self {
-            name: "gyro_scale_asymmetry",
-            sensor: Sensor::Gyroscope,
-            // Typical value: 0.2 %.
-            parameters: &parameters(AXES, "1", 0.002),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Gyroscope],
-            needs: &[],
-            formula: "k_i |w_i|",
-            observable: "turns of both signs",
-            aliases: &[Alias { with: "gyro_scale_quadratic", told_apart_by: "turns at several rates" }],
-            columns: |state, _, columns| asymmetry(&state.angular_rate, columns),
-        },
-        Self {
-            name: "gyro_cross_axis_quadratic",
-            sensor: Sensor::Gyroscope,
-            parameters: &parameters(GYROSCOPE_PRODUCTS, "s/rad", 1e-4),
-            plain: 9,
-            shape: None,
-            reads: &[Sensor::Gyroscope],
-            needs: &[],
-            formula: "k_i,yz wy wz + k_i,xz wx wz + k_i,xy wx wy",
-            observable: "turns about axes between the sensor axes",
-            aliases: &[],
-            columns: |state, _, columns| set_entries(cross_products(&state.angular_rate), columns),
-        },
-        Self {
-            name: "accel_scale_quadratic",
-            sensor: Sensor::Accelerometer,
-            // Typical value: 2e-3 per g.
-            parameters: &parameters(AXES, "1/(m/s^2)", 2e-3 / STANDARD_GRAVITY_MPS2),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Accelerometer],
-            needs: &[],
-            formula: "k_i f_i^2",
-            observable: "rests with each axis up, down and between",
-            aliases: &[
-                Alias { with: "accel_scale_asymmetry", told_apart_by: "rests every 15 deg" },
-                Alias {
-                    with: "accel_cross_axis_quadratic",
-                    told_apart_by: "a stand whose angles are known: |f| alone cannot tell",
-                },
-            ],
-            columns: |state, _, columns| quadratic(&state.specific_force, columns),
-        },
-        Self {
-            name: "accel_scale_cubic",
-            sensor: Sensor::Accelerometer,
-            // Typical value: 2e-3 per g^2.
-            parameters: &parameters(AXES, "1/(m/s^2)^2", 2e-3 / (STANDARD_GRAVITY_MPS2 * STANDARD_GRAVITY_MPS2)),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Accelerometer],
-            needs: &[],
-            formula: "k_i f_i^3",
-            observable: "rests every 15 deg, weakly",
-            aliases: &[Alias { with: "accel_scale", told_apart_by: "rests every 15 deg, or forces above g" }],
-            columns: |state, _, columns| cubic(&state.specific_force, columns),
-        },
-        Self {
-            name: "accel_scale_asymmetry",
-            sensor: Sensor::Accelerometer,
-            // Typical value: 0.1 %.
-            parameters: &parameters(AXES, "1", 0.001),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Accelerometer],
-            needs: &[],
-            formula: "k_i |f_i|",
-            observable: "rests with each axis up, down and between",
-            aliases: &[Alias { with: "accel_scale_quadratic", told_apart_by: "rests every 15 deg" }],
-            columns: |state, _, columns| asymmetry(&state.specific_force, columns),
-        },
-        Self {
-            name: "accel_cross_axis_quadratic",
-            sensor: Sensor::Accelerometer,
-            // Typical value: 1e-3 per g.
-            parameters: &parameters(ACCELEROMETER_PRODUCTS, "1/(m/s^2)", 1e-3 / STANDARD_GRAVITY_MPS2),
-            plain: 15,
-            shape: None,
-            reads: &[Sensor::Accelerometer],
-            needs: &[],
-            formula: "sum of k_i,jl f_j f_l over all products but f_i^2",
-            observable: "rests on a stand whose angles are known",
-            aliases: &[Alias {
-                with: "accel_scale_quadratic",
-                told_apart_by: "a stand whose angles are known: |f| alone cannot tell",
-            }],
-            columns: accelerometer_cross_axis,
-        },
+    #[cfg(feature = "catalogue")]
+    pub(super) const SCALE: &'static [&'static Self] = &[
+        Self::GYRO_SCALE_QUADRATIC,
+        Self::GYRO_SCALE_CUBIC,
+        Self::GYRO_SCALE_ASYMMETRY,
+        Self::GYRO_CROSS_AXIS_QUADRATIC,
+        Self::ACCEL_SCALE_QUADRATIC,
+        Self::ACCEL_SCALE_CUBIC,
+        Self::ACCEL_SCALE_ASYMMETRY,
+        Self::ACCEL_CROSS_AXIS_QUADRATIC,
     ];
+
+    /// `gyro_scale_quadratic`: `k_i w_i^2`.
+    pub const GYRO_SCALE_QUADRATIC: &'static Self = &effect! {
+        number: 4,
+        name: "gyro_scale_quadratic",
+        sensor: Sensor::Gyroscope,
+        // Typical value: 0.2 % at 250 deg/s.
+        parameters: &parameters(AXES, "s/rad", 0.002 / FULL_RATE),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Gyroscope],
+        needs: &[],
+        formula: "k_i w_i^2",
+        observable: "turns of both signs",
+        aliases: &[Alias { with: "gyro_scale_asymmetry", told_apart_by: "turns at several rates" }],
+        field: |state, _, terms| quadratic(&state.angular_rate, terms),
+    };
+
+    /// `gyro_scale_cubic`: `k_i w_i^3`.
+    pub const GYRO_SCALE_CUBIC: &'static Self = &effect! {
+        number: 5,
+        name: "gyro_scale_cubic",
+        sensor: Sensor::Gyroscope,
+        // Typical value: 0.5 % at 250 deg/s.
+        parameters: &parameters(AXES, "s^2/rad^2", 0.005 / (FULL_RATE * FULL_RATE)),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Gyroscope],
+        needs: &[],
+        formula: "k_i w_i^3",
+        observable: "turns at several rates",
+        aliases: &[Alias { with: "gyro_scale", told_apart_by: "turns at several rates" }],
+        field: |state, _, terms| cubic(&state.angular_rate, terms),
+    };
+
+    /// `gyro_scale_asymmetry`: `k_i |w_i|`.
+    pub const GYRO_SCALE_ASYMMETRY: &'static Self = &effect! {
+        number: 6,
+        name: "gyro_scale_asymmetry",
+        sensor: Sensor::Gyroscope,
+        // Typical value: 0.2 %.
+        parameters: &parameters(AXES, "1", 0.002),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Gyroscope],
+        needs: &[],
+        formula: "k_i |w_i|",
+        observable: "turns of both signs",
+        aliases: &[Alias { with: "gyro_scale_quadratic", told_apart_by: "turns at several rates" }],
+        field: |state, _, terms| asymmetry(&state.angular_rate, terms),
+    };
+
+    /// `gyro_cross_axis_quadratic`: `k_i,yz wy wz + k_i,xz wx wz + k_i,xy wx wy`.
+    pub const GYRO_CROSS_AXIS_QUADRATIC: &'static Self = &effect! {
+        number: 7,
+        name: "gyro_cross_axis_quadratic",
+        sensor: Sensor::Gyroscope,
+        parameters: &parameters(GYROSCOPE_PRODUCTS, "s/rad", 1e-4),
+        plain: 9,
+        shape: None,
+        reads: &[Sensor::Gyroscope],
+        needs: &[],
+        formula: "k_i,yz wy wz + k_i,xz wx wz + k_i,xy wx wy",
+        observable: "turns about axes between the sensor axes",
+        aliases: &[],
+        field: |state, _, terms| terms.entries(cross_products(&state.angular_rate)),
+    };
+
+    /// `accel_scale_quadratic`: `k_i f_i^2`.
+    pub const ACCEL_SCALE_QUADRATIC: &'static Self = &effect! {
+        number: 8,
+        name: "accel_scale_quadratic",
+        sensor: Sensor::Accelerometer,
+        // Typical value: 2e-3 per g.
+        parameters: &parameters(AXES, "1/(m/s^2)", 2e-3 / STANDARD_GRAVITY_MPS2),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Accelerometer],
+        needs: &[],
+        formula: "k_i f_i^2",
+        observable: "rests with each axis up, down and between",
+        aliases: &[
+            Alias { with: "accel_scale_asymmetry", told_apart_by: "rests every 15 deg" },
+            Alias {
+                with: "accel_cross_axis_quadratic",
+                told_apart_by: "a stand whose angles are known: |f| alone cannot tell",
+            },
+        ],
+        field: |state, _, terms| quadratic(&state.specific_force, terms),
+    };
+
+    /// `accel_scale_cubic`: `k_i f_i^3`.
+    pub const ACCEL_SCALE_CUBIC: &'static Self = &effect! {
+        number: 9,
+        name: "accel_scale_cubic",
+        sensor: Sensor::Accelerometer,
+        // Typical value: 2e-3 per g^2.
+        parameters: &parameters(AXES, "1/(m/s^2)^2", 2e-3 / (STANDARD_GRAVITY_MPS2 * STANDARD_GRAVITY_MPS2)),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Accelerometer],
+        needs: &[],
+        formula: "k_i f_i^3",
+        observable: "rests every 15 deg, weakly",
+        aliases: &[Alias { with: "accel_scale", told_apart_by: "rests every 15 deg, or forces above g" }],
+        field: |state, _, terms| cubic(&state.specific_force, terms),
+    };
+
+    /// `accel_scale_asymmetry`: `k_i |f_i|`.
+    pub const ACCEL_SCALE_ASYMMETRY: &'static Self = &effect! {
+        number: 10,
+        name: "accel_scale_asymmetry",
+        sensor: Sensor::Accelerometer,
+        // Typical value: 0.1 %.
+        parameters: &parameters(AXES, "1", 0.001),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Accelerometer],
+        needs: &[],
+        formula: "k_i |f_i|",
+        observable: "rests with each axis up, down and between",
+        aliases: &[Alias { with: "accel_scale_quadratic", told_apart_by: "rests every 15 deg" }],
+        field: |state, _, terms| asymmetry(&state.specific_force, terms),
+    };
+
+    /// `accel_cross_axis_quadratic`: `sum of k_i,jl f_j f_l over all products but f_i^2`.
+    pub const ACCEL_CROSS_AXIS_QUADRATIC: &'static Self = &effect! {
+        number: 11,
+        name: "accel_cross_axis_quadratic",
+        sensor: Sensor::Accelerometer,
+        // Typical value: 1e-3 per g.
+        parameters: &parameters(ACCELEROMETER_PRODUCTS, "1/(m/s^2)", 1e-3 / STANDARD_GRAVITY_MPS2),
+        plain: 15,
+        shape: None,
+        reads: &[Sensor::Accelerometer],
+        needs: &[],
+        formula: "sum of k_i,jl f_j f_l over all products but f_i^2",
+        observable: "rests on a stand whose angles are known",
+        aliases: &[Alias {
+            with: "accel_scale_quadratic",
+            told_apart_by: "a stand whose angles are known: |f| alone cannot tell",
+        }],
+        field: |state, _, terms| accelerometer_cross_axis(state, terms),
+    };
 }
 
-fn quadratic<F: RealField + Copy>(v: &Vector3<F>, columns: &mut Columns<F>) {
-    set_axes(squares(v), columns);
+fn quadratic<F: RealField + Copy>(v: &Vector3<F>, terms: &mut impl Terms<F>) {
+    terms.axes(squares(v));
 }
 
-fn cubic<F: RealField + Copy>(v: &Vector3<F>, columns: &mut Columns<F>) {
-    set_axes(squares(v).component_mul(v), columns);
+fn cubic<F: RealField + Copy>(v: &Vector3<F>, terms: &mut impl Terms<F>) {
+    terms.axes(each(&squares(v), v));
 }
 
-fn asymmetry<F: RealField + Copy>(v: &Vector3<F>, columns: &mut Columns<F>) {
-    set_axes(v.abs(), columns);
+fn asymmetry<F: RealField + Copy>(v: &Vector3<F>, terms: &mut impl Terms<F>) {
+    terms.axes(Vector3::new(magnitude(v.x), magnitude(v.y), magnitude(v.z)));
 }
 
-fn accelerometer_cross_axis<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+fn accelerometer_cross_axis<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let own = squares(&state.specific_force);
     let mixed = cross_products(&state.specific_force);
-    for (i, columns) in columns.chunks_exact_mut(5).enumerate() {
-        let others = if i == 0 {
-            [own.y, own.z]
-        } else if i == 1 {
-            [own.x, own.z]
-        } else {
-            [own.x, own.y]
-        };
-        let products = [others[0], others[1], mixed.x, mixed.y, mixed.z];
-        for (column, product) in columns.iter_mut().zip(products) {
-            *column = Vector3::ith(i, product);
-        }
+    for cause in [own.y, own.z, mixed.x, mixed.y, mixed.z] {
+        terms.x(cause);
+    }
+    for cause in [own.x, own.z, mixed.x, mixed.y, mixed.z] {
+        terms.y(cause);
+    }
+    for cause in [own.x, own.y, mixed.x, mixed.y, mixed.z] {
+        terms.z(cause);
     }
 }

@@ -7,8 +7,8 @@
 //!
 //! dT is the temperature minus the reference temperature of sensitivity and bias, K. v is the rate or the force.
 
-use super::{AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, Sensor, State, parameters, set_axes};
-use crate::STANDARD_GRAVITY_MPS2;
+use super::{AXES, Alias, DEGREE, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters, same};
+use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};
 use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
@@ -20,71 +20,88 @@ const GYROSCOPE: f64 = 0.015 * DEGREE;
 const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY_MPS2;
 
 impl<F: RealField + Copy> Effect<F> {
-    pub(super) const TEMPERATURE: &'static [Self] = &[
-        Self {
-            name: "gyro_bias_temperature",
-            sensor: Sensor::Gyroscope,
-            parameters: &linear_and_square("rad/s/K", "rad/s/K^2", GYROSCOPE),
-            plain: 3,
-            shape: None,
-            reads: &[],
-            needs: &[Need::Temperature],
-            formula: "k_i dT + q_i dT^2",
-            observable: "rests at several temperatures",
-            aliases: &[
-                Alias { with: "gyro_bias_drift", told_apart_by: HEAT_AND_COOL },
-                Alias { with: "gyro_bias_warmup", told_apart_by: HEAT_AND_COOL },
-            ],
-            columns: bias,
-        },
-        Self {
-            name: "gyro_scale_temperature",
-            sensor: Sensor::Gyroscope,
-            // Typical value: 300 ppm per kelvin.
-            parameters: &parameters(AXES, "1/K", 300e-6),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Gyroscope],
-            needs: &[Need::Temperature],
-            formula: "k_i dT w_i",
-            observable: "turns at several temperatures",
-            aliases: &[Alias { with: "gyro_scale_drift", told_apart_by: HEAT_AND_COOL }],
-            columns: |state, _, columns| scale(&state.angular_rate, state, columns),
-        },
-        Self {
-            name: "accel_bias_temperature",
-            sensor: Sensor::Accelerometer,
-            parameters: &linear_and_square("m/s^2/K", "m/s^2/K^2", ACCELEROMETER),
-            plain: 3,
-            shape: None,
-            reads: &[],
-            needs: &[Need::Temperature],
-            formula: "k_i dT + q_i dT^2",
-            observable: "rests of many orientations at several temperatures",
-            aliases: &[
-                Alias { with: "accel_bias_drift", told_apart_by: HEAT_AND_COOL },
-                Alias { with: "accel_bias_warmup", told_apart_by: HEAT_AND_COOL },
-            ],
-            columns: bias,
-        },
-        Self {
-            name: "accel_scale_temperature",
-            sensor: Sensor::Accelerometer,
-            // Typical value: 100 ppm per kelvin.
-            parameters: &parameters(AXES, "1/K", 100e-6),
-            plain: 3,
-            shape: None,
-            reads: &[Sensor::Accelerometer],
-            needs: &[Need::Temperature],
-            formula: "k_i dT f_i",
-            observable: "rests of many orientations at several temperatures",
-            aliases: &[Alias {
-                with: "accel_bias_temperature",
-                told_apart_by: "each axis up and down at each temperature",
-            }],
-            columns: |state, _, columns| scale(&state.specific_force, state, columns),
-        },
+    #[cfg(feature = "catalogue")]
+    pub(super) const TEMPERATURE: &'static [&'static Self] = &[
+        Self::GYRO_BIAS_TEMPERATURE,
+        Self::GYRO_SCALE_TEMPERATURE,
+        Self::ACCEL_BIAS_TEMPERATURE,
+        Self::ACCEL_SCALE_TEMPERATURE,
     ];
+
+    /// `gyro_bias_temperature`: `k_i dT + q_i dT^2`.
+    pub const GYRO_BIAS_TEMPERATURE: &'static Self = &effect! {
+        number: 12,
+        name: "gyro_bias_temperature",
+        sensor: Sensor::Gyroscope,
+        parameters: &linear_and_square("rad/s/K", "rad/s/K^2", GYROSCOPE),
+        plain: 3,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Temperature],
+        formula: "k_i dT + q_i dT^2",
+        observable: "rests at several temperatures",
+        aliases: &[
+            Alias { with: "gyro_bias_drift", told_apart_by: HEAT_AND_COOL },
+            Alias { with: "gyro_bias_warmup", told_apart_by: HEAT_AND_COOL },
+        ],
+        field: |state, _, terms| bias(state, terms),
+    };
+
+    /// `gyro_scale_temperature`: `k_i dT w_i`.
+    pub const GYRO_SCALE_TEMPERATURE: &'static Self = &effect! {
+        number: 13,
+        name: "gyro_scale_temperature",
+        sensor: Sensor::Gyroscope,
+        // Typical value: 300 ppm per kelvin.
+        parameters: &parameters(AXES, "1/K", 300e-6),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Gyroscope],
+        needs: &[Need::Temperature],
+        formula: "k_i dT w_i",
+        observable: "turns at several temperatures",
+        aliases: &[Alias { with: "gyro_scale_drift", told_apart_by: HEAT_AND_COOL }],
+        field: |state, _, terms| scale(&state.angular_rate, state, terms),
+    };
+
+    /// `accel_bias_temperature`: `k_i dT + q_i dT^2`.
+    pub const ACCEL_BIAS_TEMPERATURE: &'static Self = &effect! {
+        number: 14,
+        name: "accel_bias_temperature",
+        sensor: Sensor::Accelerometer,
+        parameters: &linear_and_square("m/s^2/K", "m/s^2/K^2", ACCELEROMETER),
+        plain: 3,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Temperature],
+        formula: "k_i dT + q_i dT^2",
+        observable: "rests of many orientations at several temperatures",
+        aliases: &[
+            Alias { with: "accel_bias_drift", told_apart_by: HEAT_AND_COOL },
+            Alias { with: "accel_bias_warmup", told_apart_by: HEAT_AND_COOL },
+        ],
+        field: |state, _, terms| bias(state, terms),
+    };
+
+    /// `accel_scale_temperature`: `k_i dT f_i`.
+    pub const ACCEL_SCALE_TEMPERATURE: &'static Self = &effect! {
+        number: 15,
+        name: "accel_scale_temperature",
+        sensor: Sensor::Accelerometer,
+        // Typical value: 100 ppm per kelvin.
+        parameters: &parameters(AXES, "1/K", 100e-6),
+        plain: 3,
+        shape: None,
+        reads: &[Sensor::Accelerometer],
+        needs: &[Need::Temperature],
+        formula: "k_i dT f_i",
+        observable: "rests of many orientations at several temperatures",
+        aliases: &[Alias {
+            with: "accel_bias_temperature",
+            told_apart_by: "each axis up and down at each temperature",
+        }],
+        field: |state, _, terms| scale(&state.specific_force, state, terms),
+    };
 }
 
 const fn linear_and_square(per_kelvin: &'static str, per_square: &'static str, typical: f64) -> [Parameter; 6] {
@@ -93,12 +110,12 @@ const fn linear_and_square(per_kelvin: &'static str, per_square: &'static str, t
     [x, y, z, xx, yy, zz]
 }
 
-fn bias<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+fn bias<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let difference = state.surroundings.temperature_difference_k.unwrap_or(F::zero());
-    set_axes(Vector3::repeat(difference), columns);
-    set_axes(Vector3::repeat(difference * difference), &mut columns[3..]);
+    terms.axes(same(difference));
+    terms.axes(same(difference * difference));
 }
 
-fn scale<F: RealField + Copy>(v: &Vector3<F>, state: &State<F>, columns: &mut Columns<F>) {
-    set_axes(v * state.surroundings.temperature_difference_k.unwrap_or(F::zero()), columns);
+fn scale<F: RealField + Copy>(v: &Vector3<F>, state: &State<F>, terms: &mut impl Terms<F>) {
+    terms.axes(scaled(v, state.surroundings.temperature_difference_k.unwrap_or(F::zero())));
 }

@@ -281,7 +281,8 @@ fn what_encoders_read_has_the_field_as_its_derivative() {
 
 #[test]
 fn a_row_of_ones_own_is_an_effect_like_the_others() {
-    static RUB: Effect<f64> = Effect {
+    static RUB: Effect<f64> = effect! {
+        number: 0,
         name: "gyro_rub",
         sensor: Sensor::Gyroscope,
         parameters: &[Parameter { name: "c", unit: "rad/s", typical: 1e-3 }],
@@ -292,7 +293,7 @@ fn a_row_of_ones_own_is_an_effect_like_the_others() {
         formula: "c sign(wz) along z",
         observable: "turns about z of both signs",
         aliases: &[],
-        columns: |state, _, columns| columns[0] = Vector3::z() * state.angular_rate.z.signum(),
+        field: |state, _, terms| terms.z(state.angular_rate.z.signum()),
     };
     let values = EffectValues::try_new(&RUB, &[2e-3], None).unwrap();
     assert_eq!(values.at(&state()), Vector3::new(0.0, 0.0, 2e-3));

@@ -5,7 +5,8 @@
 //! true <- seen - sum_c Phi_c(true) theta_c,   starting at seen      model.md (16)
 //! ```
 
-use super::{Columns, Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
+use super::{Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
+use crate::vector::{add, largest, sub};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, convert};
 
@@ -32,17 +33,17 @@ impl<F: RealField + Copy> EffectValues<F> {
     /// # Errors
     /// [`EffectError`] states which argument does not match the effect.
     pub fn try_new(effect: &'static Effect<F>, values: &[F], shape: Option<F>) -> Result<Self, EffectError> {
-        let (name, count, all) = (effect.name, values.len(), effect.parameters.len());
+        let (name, count, all) = (effect.label(), values.len(), effect.count);
         if count != effect.plain && count != all {
             return Err(EffectError::Count { name, plain: effect.plain, all, given: count });
         }
         if !values.iter().all(F::is_finite) {
             return Err(EffectError::NotFinite { name });
         }
-        let shape = match (effect.shape, shape) {
+        let shape = match (effect.shape_label(), shape) {
             (None, None) => F::one(),
             (Some(_), Some(shape)) if shape.is_finite() && shape > F::zero() => shape,
-            (wanted, _) => return Err(EffectError::Shape { name, wanted: wanted.map(|parameter| parameter.name) }),
+            (wanted, _) => return Err(EffectError::Shape { name, wanted }),
         };
         let mut all_values = [F::zero(); MAX_PARAMETERS];
         for (place, value) in all_values.iter_mut().zip(values) {
@@ -63,21 +64,14 @@ impl<F: RealField + Copy> EffectValues<F> {
 
     /// Value of the shape; `None` if the effect has no shape.
     pub fn shape(&self) -> Option<F> {
-        self.effect.shape.map(|_| self.shape)
+        self.effect.is_shaped.then_some(self.shape)
     }
 
     /// `Phi(state) theta`: the error that the effect adds to the true rate (rad/s) or force (m/s^2), in the body frame,
     /// or to the motor angles (rad).
     #[inline]
     pub fn at(&self, state: &State<F>) -> Vector3<F> {
-        self.at_by(state, &mut [Vector3::zeros(); MAX_PARAMETERS])
-    }
-
-    /// As [`at`](Self::at), with storage for the columns. Initialising new storage takes as long as evaluating a field.
-    #[inline]
-    fn at_by(&self, state: &State<F>, columns: &mut Columns<F>) -> Vector3<F> {
-        self.effect.field(state, self.shape, columns);
-        columns.iter().zip(self.values()).fold(Vector3::zeros(), |sum, (column, value)| sum + column * *value)
+        (self.effect.sum)(state, self.shape, self.values())
     }
 }
 
@@ -106,7 +100,7 @@ impl<F: RealField + Copy> EffectSet<F> {
     /// Whether the set is empty.
     #[inline]
     pub fn is_empty(&self) -> bool {
-        self.members[0].is_none()
+        self.iter().next().is_none()
     }
 
     /// The effects, in the order in which they were pushed.
@@ -117,28 +111,25 @@ impl<F: RealField + Copy> EffectSet<F> {
 
     /// Sum of all effects on the true rate, rad/s, and on the true force, m/s^2. Effects on encoders are not included.
     pub fn at(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
-        self.at_by(state, &mut [Vector3::zeros(); MAX_PARAMETERS])
-    }
-
-    #[inline]
-    fn at_by(&self, state: &State<F>, columns: &mut Columns<F>) -> (Vector3<F>, Vector3<F>) {
-        let (mut on_rate, mut on_force) = (Vector3::zeros(), Vector3::zeros());
+        let (mut on_rate, mut on_force) = (zeros(), zeros());
         for member in self.iter() {
-            match member.effect.sensor {
-                Sensor::Gyroscope => on_rate += member.at_by(state, columns),
-                Sensor::Accelerometer => on_force += member.at_by(state, columns),
-                Sensor::Encoder => {}
-            }
+            let sum = match member.effect.sensor {
+                Sensor::Gyroscope => &mut on_rate,
+                Sensor::Accelerometer => &mut on_force,
+                Sensor::Encoder => continue,
+            };
+            *sum = add(sum, &member.at(state));
         }
         (on_rate, on_force)
     }
 
     /// Whether the field of any effect depends on the true value of this sensor.
     fn reads(&self, sensor: Sensor) -> bool {
-        self.iter().any(|member| member.effect.reads.contains(&sensor))
+        self.iter().any(|member| member.effect.reads.iter().any(|read| *read == sensor))
     }
 
     /// Sum of all effects on the motor angles that the encoders of the stand read, rad, one component for each motor.
+    #[cfg(feature = "catalogue")]
     pub fn on_encoders(&self, state: &State<F>) -> Vector3<F> {
         let encoders = self.iter().filter(|member| member.effect.sensor == Sensor::Encoder);
         encoders.fold(Vector3::zeros(), |sum, member| sum + member.at(state))
@@ -159,8 +150,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         seen_force: Vector3<F>,
         surroundings: &Surroundings<F>,
     ) -> (Vector3<F>, Vector3<F>) {
-        let reads = [Sensor::Gyroscope, Sensor::Accelerometer].map(|sensor| self.reads(sensor));
-        self.remove_reading(reads, seen_rate, seen_force, surroundings, |_| (Vector3::zeros(), Vector3::zeros()))
+        let reads = [self.reads(Sensor::Gyroscope), self.reads(Sensor::Accelerometer)];
+        self.remove_reading(reads, seen_rate, seen_force, surroundings, |_| (zeros(), zeros()))
     }
 
     /// As [`remove`](Self::remove), with further effects: `own` returns what they add to the true rate and force in a
@@ -187,33 +178,42 @@ impl<F: RealField + Copy> EffectSet<F> {
         own: impl Fn(&State<F>) -> (Vector3<F>, Vector3<F>),
     ) -> (Vector3<F>, Vector3<F>) {
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
-        let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
         let [rate_counts, force_counts] = reads;
-        let change = |counts: bool, change: Vector3<F>| if counts { change } else { Vector3::zeros() };
         for _ in 0..MAX_PASSES {
-            let (mut on_rate, mut on_force) = self.at_by(&state, &mut columns);
+            let (on_rate, on_force) = self.at(&state);
             let (own_rate, own_force) = own(&state);
-            on_rate += own_rate;
-            on_force += own_force;
-            let (rate, force) = (seen_rate - on_rate, seen_force - on_force);
-            let settled = is_rounding(change(rate_counts, rate - state.angular_rate), seen_rate, on_rate)
-                && is_rounding(change(force_counts, force - state.specific_force), seen_force, on_force);
+            let (on_rate, on_force) = (add(&on_rate, &own_rate), add(&on_force, &own_force));
+            let (rate, force) = (sub(&seen_rate, &on_rate), sub(&seen_force, &on_force));
+            let settled = is_rounding(rate_counts, &sub(&rate, &state.angular_rate), &seen_rate, &on_rate)
+                && is_rounding(force_counts, &sub(&force, &state.specific_force), &seen_force, &on_force);
             if settled {
                 return (rate, force);
             }
             (state.angular_rate, state.specific_force) = (rate, force);
         }
-        let nan = Vector3::repeat(convert(f64::NAN));
+        let nan: F = convert(f64::NAN);
+        let nan = Vector3::new(nan, nan, nan);
         (nan, nan)
     }
 }
 
-/// Whether the change of `seen - effects` between two iterations is of the order of rounding.
-fn is_rounding<F: RealField + Copy>(change: Vector3<F>, seen: Vector3<F>, effects: Vector3<F>) -> bool {
+#[inline]
+fn zeros<F: RealField + Copy>() -> Vector3<F> {
+    Vector3::new(F::zero(), F::zero(), F::zero())
+}
+
+/// Whether the change of `seen - effects` between two iterations is of the order of rounding. A change that no field
+/// depends on (`counts` is false) may have any size.
+fn is_rounding<F: RealField + Copy>(
+    counts: bool,
+    change: &Vector3<F>,
+    seen: &Vector3<F>,
+    effects: &Vector3<F>,
+) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
-    let limit = rounding * (seen.amax() + effects.amax());
+    let limit = rounding * (largest(seen) + largest(effects));
     // If the effects diverge to infinity, the limit is infinite; the iteration has not converged.
-    change.amax() <= limit && limit.is_finite()
+    if counts { largest(change) <= limit && limit.is_finite() } else { F::zero() <= limit && limit.is_finite() }
 }
 
 /// Reasons why parameter values do not match an effect, or why a set does not accept an effect.

@@ -30,7 +30,9 @@ pub struct BlockSums<F: RealField + Copy> {
 impl<F: RealField + Copy> BlockSums<F> {
     /// Sums of zero samples.
     pub fn new() -> Self {
-        Self { count: 0, origin: Vector6::zeros(), sum: Vector6::zeros(), squares: Vector6::zeros() }
+        let o = F::zero();
+        let zeros = Vector6::new(o, o, o, o, o, o);
+        Self { count: 0, origin: zeros, sum: zeros, squares: zeros }
     }
 
     /// Adds one sample, in any unit; the unit must be the same for all samples.
@@ -40,10 +42,10 @@ impl<F: RealField + Copy> BlockSums<F> {
         if self.count == 0 {
             self.origin = sample;
         }
-        let offset = sample - self.origin;
-        self.count += 1;
-        self.sum += offset;
-        self.squares += offset.component_mul(&offset);
+        self.count = self.count.wrapping_add(1);
+        let offset = both(&sample, &self.origin, |x, origin| x - origin);
+        self.sum = both(&self.sum, &offset, |sum, x| sum + x);
+        self.squares = both(&self.squares, &offset, |squares, x| squares + x * x);
     }
 
     /// Adds all samples of another interval.
@@ -53,11 +55,14 @@ impl<F: RealField + Copy> BlockSums<F> {
             *self = *other;
             return;
         }
-        let shift = other.origin - self.origin;
-        let shifted_sum = shift * number::<F>(other.count);
-        self.squares += other.squares + shift.component_mul(&(other.sum + other.sum + shifted_sum));
-        self.sum += other.sum + shifted_sum;
-        self.count += other.count;
+        let count = number::<F>(other.count);
+        let shift = both(&other.origin, &self.origin, |other, own| other - own);
+        let shifted_sum = both(&other.sum, &shift, |_, shift| shift * count);
+        let cross = both(&other.sum, &shifted_sum, |sum, shifted| sum + sum + shifted);
+        let added = both(&other.squares, &both(&shift, &cross, |shift, cross| shift * cross), |squares, x| squares + x);
+        self.squares = both(&self.squares, &added, |squares, x| squares + x);
+        self.sum = both(&self.sum, &both(&other.sum, &shifted_sum, |sum, x| sum + x), |sum, x| sum + x);
+        self.count = self.count.wrapping_add(other.count);
     }
 
     /// Number of samples.
@@ -69,15 +74,19 @@ impl<F: RealField + Copy> BlockSums<F> {
     /// Mean of each channel, in the unit of the samples; NaN without samples.
     #[inline]
     pub fn mean(&self) -> Vector6<F> {
-        self.origin + self.sum / number::<F>(self.count)
+        let count = number::<F>(self.count);
+        both(&self.origin, &self.sum, |origin, sum| origin + sum / count)
     }
 
     /// Unbiased variance of each channel, in squared units of the samples; NaN with fewer than two samples.
     #[inline]
     pub fn variance(&self) -> Vector6<F> {
-        let about_mean = self.squares - self.sum.component_mul(&self.sum) / number::<F>(self.count);
-        // Rounding can make the sum of squares of a constant channel slightly negative. A NaN must stay NaN.
-        about_mean.map(|s| if s < F::zero() { F::zero() } else { s }) / (number::<F>(self.count) - F::one())
+        let count = number::<F>(self.count);
+        both(&self.squares, &self.sum, |squares, sum| {
+            let about_mean = squares - sum * sum / count;
+            // Rounding can make the sum of squares of a constant channel slightly negative. A NaN must stay NaN.
+            (if about_mean < F::zero() { F::zero() } else { about_mean }) / (count - F::one())
+        })
     }
 }
 
@@ -103,7 +112,14 @@ pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance
 /// [`rest_statistic`] of a window with a known variance.
 #[inline]
 pub fn statistic_of<F: RealField + Copy>(variance: &Vector6<F>, noise_variance: &Vector6<F>) -> F {
-    variance.component_div(noise_variance).mean()
+    let ratio = both(variance, noise_variance, |variance, noise| variance / noise);
+    (ratio.x + ratio.y + ratio.z + ratio.w + ratio.a + ratio.b) / convert(6.0)
+}
+
+/// `f` of each channel of two vectors. Like the functions of `vector.rs`, it has no branch that panics.
+#[inline]
+fn both<F: RealField + Copy>(a: &Vector6<F>, b: &Vector6<F>, f: impl Fn(F, F) -> F) -> Vector6<F> {
+    Vector6::new(f(a.x, b.x), f(a.y, b.y), f(a.z, b.z), f(a.w, b.w), f(a.a, b.a), f(a.b, b.b))
 }
 
 #[inline]

@@ -1,0 +1,158 @@
+"""A calibration as data for firmware: a binary form with a check sum, and the C header that reads it.
+
+The bytes are those of `imucal_core::stored` (rust/imucal-core/src/stored.rs), whose documentation is the
+definition of the form.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import replace
+from functools import partial
+from importlib.resources import files
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import imucal._core as _core
+from imucal.calibration.calibration import Calibration
+from imucal.effects.effect import EffectValues
+from imucal.errors import InputError
+from imucal.exporting.format import SI, Format, Written, block_comment
+from imucal.exporting.model import FRAMES, inverse, linear, lost_effects, temperature_note
+from imucal.recording.axes import UNCHANGED, Axes
+
+if TYPE_CHECKING:
+    from imucal.calibration.triad import Triad
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["BLOB", "C_LOADER", "blob_of"]
+
+# Version of the form that `imucal_core::stored` and the C header read.
+VERSION: Final = 1
+RATE_IN_COUNTS: Final = 1
+FORCE_IN_COUNTS: Final = 2
+HAS_TEMPERATURE_RANGE: Final = 4
+
+
+def write(calibration: Calibration, noise: NoiseResult | None, axes: str = UNCHANGED) -> Written:
+    """The binary form. It omits user-defined effects, formulas included."""
+    kept = _kept(calibration)
+    lost = lost_effects(calibration, {values.name for values in kept})
+    return Written(
+        body=blob_of(calibration, axes),
+        lost=lost,
+        same_as=linear(calibration, kept),
+        frame=FRAMES[calibration.frame]
+        + ("" if axes == UNCHANGED else f"; corrected samples along {axes} of it"),
+        notes=temperature_note(calibration),
+    )
+
+
+def blob_of(calibration: Calibration, axes: str = UNCHANGED) -> bytes:
+    """The bytes of the binary form.
+
+    axes   of the corrected samples, in terms of the body frame, such as "x,-y,-z"
+    """
+    assert calibration.gyroscope is not None  # `Format.needs_gyroscope`
+    kept = _kept(calibration)
+    omitted = len(lost_effects(calibration, {values.name for values in kept}))
+    known = calibration.temperature_range_degc
+    flags = (
+        (RATE_IN_COUNTS if calibration.gyro_unit == "lsb" else 0)
+        | (FORCE_IN_COUNTS if calibration.accel_unit == "lsb" else 0)
+        | (HAS_TEMPERATURE_RANGE if known is not None else 0)
+    )
+    lowest, highest = known if known is not None else (0.0, 0.0)
+    body = b"".join(
+        (
+            struct.pack("<BB3b3x", len(kept), omitted, *_axis_codes(axes)),
+            _floats(lowest, highest, _core.REFERENCE_TEMPERATURE_DEGC),
+            _triad(calibration.gyroscope),
+            _triad(calibration.accelerometer),
+            *(_effect(values) for values in kept),
+        )
+    )
+    start = struct.pack("<4sBBH", b"IMUC", VERSION, flags, 8 + len(body) + 4)
+    return start + body + struct.pack("<I", zlib.crc32(start + body))
+
+
+def _kept(calibration: Calibration) -> list[EffectValues]:
+    """The effects that the form represents."""
+    numbers = _numbers()
+    own = {effect.name for effect in calibration.user_effects}
+    return [v for v in calibration.effects if v.name not in own and numbers.get(v.name, 0)]
+
+
+def _numbers() -> dict[str, int]:
+    """Number of each effect of the catalogue in the binary form, 0 for those that are no sensor errors."""
+    return {effect.name: effect.number for effect in _core.catalogue()}
+
+
+def _axis_codes(axes: str) -> list[int]:
+    changed = Axes.parse(axes)
+    if not changed.are_alike:
+        raise InputError(f"axes={axes!r}: both sensors of a calibration have one body frame, give one order of axes")
+    matrix = np.asarray(changed.accel)
+    return [int((abs(row).argmax() + 1) * np.sign(row[abs(row).argmax()])) for row in matrix]
+
+
+def _floats(*values: float) -> bytes:
+    return struct.pack(f"<{len(values)}f", *values)
+
+
+def _triad(triad: Triad) -> bytes:
+    return _floats(*inverse(triad).ravel().tolist(), *triad.bias.tolist())
+
+
+def _effect(values: EffectValues) -> bytes:
+    start = struct.pack("<BBxx", _numbers()[values.name], len(values.values))
+    return start + _floats(1.0 if values.shape is None else values.shape, *values.values.tolist())
+
+
+def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The C header, which is the same for every calibration."""
+    kept = _kept(calibration)
+    return Written(
+        body=files("imucal.exporting").joinpath("calibration_loader.h").read_text(),
+        lost=lost_effects(calibration, {values.name for values in kept}),
+        same_as=linear(calibration, kept),
+        frame="that of the binary form",
+        notes=("This header reads the binary form of any unit (--to blob). It contains no calibration.",),
+    )
+
+
+def along(axes: str) -> Format:
+    """The binary form with corrected samples along other axes than those of the body frame."""
+    Axes.parse(axes)
+    return replace(BLOB, write=partial(write, axes=axes))
+
+
+BLOB = Format(
+    name="blob",
+    title="Calibration as data for firmware, read by c-loader or imucal-core",
+    suffix=".bin",
+    formula="true = T^-1 (raw - bias) - effects(true), by imucal_correct or StoredCalibration::correct",
+    source="imucal-core, stored.rs",
+    units=SI,
+    includes="bias, scale and misalignment of both sensors, every effect of the catalogue, in single precision",
+    omits="user-defined effects and formulas, noise figures, standard deviations, provenance",
+    layout=lambda _, body: body,
+    write=write,
+    takes_counts=True,
+)
+
+C_LOADER = Format(
+    name="c-loader",
+    title="C header that reads the binary form (blob) of any unit",
+    suffix=".h",
+    formula="true = T^-1 (raw - bias) - effects(true), by imucal_correct after imucal_calibration_load",
+    source="imucal-core, stored.rs; docs/model.md (16)",
+    units=SI,
+    includes="the correction; no calibration",
+    omits="the calibration itself (blob), user-defined effects and formulas",
+    layout=block_comment,
+    write=write_loader,
+    takes_counts=True,
+)

@@ -1,0 +1,440 @@
+#ifndef IMUCAL_CALIBRATION_LOADER_H
+#define IMUCAL_CALIBRATION_LOADER_H
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define IMUCAL_MAX_EFFECTS 12
+#define IMUCAL_MAX_PARAMETERS 18
+/* Bytes of the longest binary form. */
+#define IMUCAL_LONGEST_BLOB (128 + IMUCAL_MAX_EFFECTS * (8 + 4 * IMUCAL_MAX_PARAMETERS))
+
+/* Results of imucal_calibration_load. */
+#define IMUCAL_LOADED 0
+#define IMUCAL_TOO_SHORT (-1)
+#define IMUCAL_NO_CALIBRATION (-2) /* erased memory, or something else */
+#define IMUCAL_OTHER_VERSION (-3)
+#define IMUCAL_DAMAGED (-4)        /* the check sum is wrong */
+#define IMUCAL_UNKNOWN_EFFECT (-5) /* this header is older than the calibration */
+#define IMUCAL_BAD_CONTENT (-6)
+
+/* Results of imucal_correct: a sum of the warnings, or one of the errors, whose results are NaN. */
+#define IMUCAL_CORRECTED 0
+#define IMUCAL_TEMPERATURE_LIMITED 1 /* outside that of the recordings: the nearest end of their range was taken */
+#define IMUCAL_INPUT_MISSING 2       /* an effect depends on an unknown input; its term was left in */
+#define IMUCAL_NOT_INVERTIBLE (-1)   /* the effects are too large at this sample */
+#define IMUCAL_NOT_COUNTS (-2)       /* imucal_correct_counts with a calibration of SI units */
+
+/* Inputs that an effect may need, in imucal_calibration.needs. */
+#define IMUCAL_NEEDS_TEMPERATURE 1
+#define IMUCAL_NEEDS_TIME 2
+#define IMUCAL_NEEDS_ACCELERATION 4
+
+typedef struct {
+    float inverse[3][3];
+    float bias[3];
+} imucal_triad;
+
+typedef struct {
+    uint8_t number;
+    uint8_t count;
+    float shape;
+    float values[IMUCAL_MAX_PARAMETERS];
+} imucal_effect;
+
+typedef struct {
+    imucal_triad gyroscope;
+    imucal_triad accelerometer;
+    imucal_effect effects[IMUCAL_MAX_EFFECTS];
+    uint8_t effect_count;
+    uint8_t omitted_effects; /* effects that the binary form omits; their errors stay in the data */
+    uint8_t needs;           /* sum of IMUCAL_NEEDS_... */
+    uint8_t rate_in_counts;
+    uint8_t force_in_counts;
+    uint8_t has_temperature_range;
+    uint8_t axis[3];   /* corrected component i is this axis of the body frame, */
+    float axis_sign[3]; /* times this sign; NaN until a calibration is loaded */
+    float lowest_degc;
+    float highest_degc;
+    float reference_degc;
+} imucal_calibration;
+
+/* What the effects may depend on besides rate and force; NAN where it is unknown. */
+typedef struct {
+    float temperature_degc;
+    float time_s;                        /* since power-on, as in the recording */
+    float angular_acceleration_radps2[3]; /* in the body frame, from imucal_differentiate */
+} imucal_surroundings;
+
+/* State of imucal_differentiate; start with IMUCAL_DERIVATIVE_START. */
+typedef struct {
+    float rate[3];
+    float acceleration[3];
+    int started;
+} imucal_derivative;
+
+#define IMUCAL_DERIVATIVE_START {{0, 0, 0}, {0, 0, 0}, 0}
+
+static inline imucal_surroundings imucal_surroundings_unknown(void)
+{
+    imucal_surroundings unknown;
+    unknown.temperature_degc = unknown.time_s = NAN;
+    unknown.angular_acceleration_radps2[0] = NAN;
+    unknown.angular_acceleration_radps2[1] = NAN;
+    unknown.angular_acceleration_radps2[2] = NAN;
+    return unknown;
+}
+
+static inline uint32_t imucal_uint32(const uint8_t *at)
+{
+    return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
+}
+
+static inline float imucal_float(const uint8_t *at)
+{
+    const uint32_t bits = imucal_uint32(at);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* Reads floats; 0 if one of them is not finite. */
+static inline int imucal_floats(const uint8_t *at, float *values, int count)
+{
+    int i, finite = 1;
+    for (i = 0; i < count; ++i) {
+        values[i] = imucal_float(at + 4 * i);
+        /* NaN fails both comparisons. */
+        finite = finite && values[i] <= FLT_MAX && values[i] >= -FLT_MAX;
+    }
+    return finite;
+}
+
+static inline uint32_t imucal_crc32(const uint8_t *bytes, size_t size)
+{
+    uint32_t crc = 0xFFFFFFFFu;
+    size_t i;
+    int bit;
+    for (i = 0; i < size; ++i) {
+        crc ^= bytes[i];
+        for (bit = 0; bit < 8; ++bit) crc = crc & 1u ? crc >> 1 ^ 0xEDB88320u : crc >> 1;
+    }
+    return crc ^ 0xFFFFFFFFu;
+}
+
+/* Numbers of parameters of the plain and the full form of an effect, and what it needs; 0 if it is unknown. */
+static inline int imucal_effect_known(const imucal_effect *effect, uint8_t *needs)
+{
+    /* plain, full, needs */
+    static const uint8_t rows[25][3] = {
+        {9, 9, 0}, {9, 18, 0}, {3, 3, 0}, {3, 3, 0}, {3, 3, 0}, {3, 3, 0}, {9, 9, 0}, {3, 3, 0}, {3, 3, 0},
+        {3, 3, 0}, {15, 15, 0}, {3, 6, 1}, {3, 3, 1}, {3, 6, 1}, {3, 3, 1}, {3, 3, 2}, {3, 3, 2}, {3, 3, 2},
+        {3, 3, 2}, {3, 3, 2}, {9, 9, 4}, {1, 1, 4}, {0, 0, 0}, {3, 3, 4}, {6, 6, 4},
+    };
+    if (effect->number < 1 || effect->number > 25) return 0;
+    *needs |= rows[effect->number - 1][2];
+    return rows[effect->number - 1][0] != 0;
+}
+
+static inline int imucal_effect_counts(const imucal_effect *effect)
+{
+    switch (effect->number) {
+    case 2: return effect->count == 9 || effect->count == 18;
+    case 12: case 14: return effect->count == 3 || effect->count == 6;
+    case 1: case 7: case 21: return effect->count == 9;
+    case 11: return effect->count == 15;
+    case 22: return effect->count == 1;
+    case 25: return effect->count == 6;
+    case 17: case 20: return effect->count == 3 && effect->shape > 0;
+    default: return effect->count == 3;
+    }
+}
+
+/* 0 if the rows of a matrix lie in one plane. */
+static inline int imucal_has_inverse(const imucal_triad *triad)
+{
+    const float(*const m)[3] = triad->inverse;
+    const float determinant = m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) -
+                              m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
+                              m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
+    return determinant > 0 || determinant < 0;
+}
+
+/* Reads the binary form of a calibration. Bytes after its end are ignored. Returns IMUCAL_LOADED, or what is wrong with
+ * the bytes; then the calibration must not be used. */
+static inline int imucal_calibration_load(imucal_calibration *calibration, const void *bytes, size_t size)
+{
+    const uint8_t *const all = (const uint8_t *)bytes;
+    size_t length, at = 124;
+    int i;
+    memset(calibration, 0, sizeof *calibration);
+    for (i = 0; i < 3; ++i) calibration->axis_sign[i] = NAN;
+    if (size < 8) return IMUCAL_TOO_SHORT;
+    if (memcmp(all, "IMUC", 4) != 0) return IMUCAL_NO_CALIBRATION;
+    if (all[4] != 1) return IMUCAL_OTHER_VERSION;
+    length = (size_t)all[6] | (size_t)all[7] << 8;
+    if (length > size || length < 128) return IMUCAL_TOO_SHORT;
+    length -= 4;
+    if (imucal_crc32(all, length) != imucal_uint32(all + length)) return IMUCAL_DAMAGED;
+    calibration->rate_in_counts = all[5] & 1u ? 1 : 0;
+    calibration->force_in_counts = all[5] & 2u ? 1 : 0;
+    calibration->has_temperature_range = all[5] & 4u ? 1 : 0;
+    calibration->effect_count = all[8];
+    calibration->omitted_effects = all[9];
+    if (calibration->effect_count > IMUCAL_MAX_EFFECTS) return IMUCAL_BAD_CONTENT;
+    calibration->lowest_degc = imucal_float(all + 16);
+    calibration->highest_degc = imucal_float(all + 20);
+    calibration->reference_degc = imucal_float(all + 24);
+    if (calibration->has_temperature_range &&
+        !(calibration->lowest_degc <= calibration->highest_degc && calibration->lowest_degc >= -FLT_MAX &&
+          calibration->highest_degc <= FLT_MAX))
+        return IMUCAL_BAD_CONTENT;
+    if (!imucal_floats(all + 24, &calibration->reference_degc, 1) ||
+        !imucal_floats(all + 28, &calibration->gyroscope.inverse[0][0], 9) ||
+        !imucal_floats(all + 64, calibration->gyroscope.bias, 3) ||
+        !imucal_floats(all + 76, &calibration->accelerometer.inverse[0][0], 9) ||
+        !imucal_floats(all + 112, calibration->accelerometer.bias, 3) ||
+        !imucal_has_inverse(&calibration->gyroscope) ||
+        !imucal_has_inverse(&calibration->accelerometer))
+        return IMUCAL_BAD_CONTENT;
+    for (i = 0; i < calibration->effect_count; ++i) {
+        imucal_effect *const effect = &calibration->effects[i];
+        if (length - at < 8) return IMUCAL_BAD_CONTENT;
+        effect->number = all[at];
+        effect->count = all[at + 1];
+        effect->shape = imucal_float(all + at + 4);
+        at += 8;
+        if (!imucal_effect_known(effect, &calibration->needs)) return IMUCAL_UNKNOWN_EFFECT;
+        if (!(effect->shape <= FLT_MAX) || !imucal_effect_counts(effect)) return IMUCAL_BAD_CONTENT;
+        if (length - at < 4u * effect->count || !imucal_floats(all + at, effect->values, effect->count))
+            return IMUCAL_BAD_CONTENT;
+        at += 4u * effect->count;
+    }
+    if (at != length) return IMUCAL_BAD_CONTENT;
+    for (i = 0; i < 3; ++i) {
+        const uint8_t code = all[10 + i], axis = code < 128 ? code : (uint8_t)(256 - code);
+        if (axis < 1 || axis > 3) return IMUCAL_BAD_CONTENT;
+        calibration->axis[i] = (uint8_t)(axis - 1);
+    }
+    if (calibration->axis[0] == calibration->axis[1] || calibration->axis[0] == calibration->axis[2] ||
+        calibration->axis[1] == calibration->axis[2])
+        return IMUCAL_BAD_CONTENT;
+    for (i = 0; i < 3; ++i) calibration->axis_sign[i] = all[10 + i] < 128 ? 1.0f : -1.0f;
+    return IMUCAL_LOADED;
+}
+
+/* on += diag(values) cause */
+static inline void imucal_axes(float on[3], const float *values, float x, float y, float z)
+{
+    on[0] += values[0] * x;
+    on[1] += values[1] * y;
+    on[2] += values[2] * z;
+}
+
+/* on += M cause, where the values are the rows of M with `stride` numbers each. */
+static inline void imucal_entries(float on[3], const float *values, int stride, float x, float y, float z)
+{
+    int i;
+    for (i = 0; i < 3; ++i) on[i] += values[stride * i] * x + values[stride * i + 1] * y + values[stride * i + 2] * z;
+}
+
+/* What an effect adds to the true rate and force (docs/model.md (15)). d is the temperature minus the reference
+ * temperature, K, t the time, s, and a the angular acceleration; 0 where they are unknown. */
+static inline void imucal_effect_at(const imucal_effect *effect, const float w[3], const float f[3], float d, float t,
+                                    int has_time, const float a[3], float on_w[3], float on_f[3])
+{
+    const float *const v = effect->values;
+    float cold;
+    int i;
+    switch (effect->number) {
+    case 1: imucal_entries(on_w, v, 3, f[0], f[1], f[2]); break;
+    case 2:
+        imucal_entries(on_w, v, 3, f[0] * f[0], f[1] * f[1], f[2] * f[2]);
+        if (effect->count == 18) imucal_entries(on_w, v + 9, 3, f[1] * f[2], f[0] * f[2], f[0] * f[1]);
+        break;
+    case 3: imucal_axes(on_w, v, w[0] * f[0], w[1] * f[1], w[2] * f[2]); break;
+    case 4: imucal_axes(on_w, v, w[0] * w[0], w[1] * w[1], w[2] * w[2]); break;
+    case 5: imucal_axes(on_w, v, w[0] * w[0] * w[0], w[1] * w[1] * w[1], w[2] * w[2] * w[2]); break;
+    case 6: imucal_axes(on_w, v, fabsf(w[0]), fabsf(w[1]), fabsf(w[2])); break;
+    case 7: imucal_entries(on_w, v, 3, w[1] * w[2], w[0] * w[2], w[0] * w[1]); break;
+    case 8: imucal_axes(on_f, v, f[0] * f[0], f[1] * f[1], f[2] * f[2]); break;
+    case 9: imucal_axes(on_f, v, f[0] * f[0] * f[0], f[1] * f[1] * f[1], f[2] * f[2] * f[2]); break;
+    case 10: imucal_axes(on_f, v, fabsf(f[0]), fabsf(f[1]), fabsf(f[2])); break;
+    case 11:
+        on_f[0] += v[0] * f[1] * f[1] + v[1] * f[2] * f[2];
+        on_f[1] += v[5] * f[0] * f[0] + v[6] * f[2] * f[2];
+        on_f[2] += v[10] * f[0] * f[0] + v[11] * f[1] * f[1];
+        imucal_entries(on_f, v + 2, 5, f[1] * f[2], f[0] * f[2], f[0] * f[1]);
+        break;
+    case 12: case 14: {
+        float *const on = effect->number == 12 ? on_w : on_f;
+        imucal_axes(on, v, d, d, d);
+        if (effect->count == 6) imucal_axes(on, v + 3, d * d, d * d, d * d);
+        break;
+    }
+    case 13: imucal_axes(on_w, v, w[0] * d, w[1] * d, w[2] * d); break;
+    case 15: imucal_axes(on_f, v, f[0] * d, f[1] * d, f[2] * d); break;
+    case 16: imucal_axes(on_w, v, t, t, t); break;
+    case 19: imucal_axes(on_f, v, t, t, t); break;
+    case 17: case 20:
+        /* If the time is unknown, the unit has most likely been on for long. */
+        cold = has_time ? expf(-t / effect->shape) : 0.0f;
+        imucal_axes(effect->number == 17 ? on_w : on_f, v, cold, cold, cold);
+        break;
+    case 18: imucal_axes(on_w, v, w[0] * t, w[1] * t, w[2] * t); break;
+    case 21: imucal_entries(on_w, v, 3, a[0], a[1], a[2]); break;
+    case 22:
+        for (i = 0; i < 3; ++i) on_w[i] -= v[0] * a[i];
+        break;
+    case 24: case 25: {
+        /* The rows of L in dw/dt x r + w x (w x r) = L r. */
+        const float x[3] = {-w[2] * w[2] - w[1] * w[1], w[0] * w[1] - a[2], w[0] * w[2] + a[1]};
+        const float y[3] = {w[0] * w[1] + a[2], -w[2] * w[2] - w[0] * w[0], w[1] * w[2] - a[0]};
+        const float z[3] = {w[0] * w[2] - a[1], w[1] * w[2] + a[0], -w[1] * w[1] - w[0] * w[0]};
+        const float *const of_z = effect->number == 24 ? v : v + 3;
+        if (effect->number == 24) on_f[0] += x[0] * v[0] + x[1] * v[1] + x[2] * v[2];
+        on_f[1] += y[0] * v[0] + y[1] * v[1] + y[2] * v[2];
+        on_f[2] += z[0] * of_z[0] + z[1] * of_z[1] + z[2] * of_z[2];
+        break;
+    }
+    default: break;
+    }
+}
+
+static inline void imucal_apply_triad(const imucal_triad *triad, const float raw[3], float seen[3])
+{
+    const float x = raw[0] - triad->bias[0], y = raw[1] - triad->bias[1], z = raw[2] - triad->bias[2];
+    int i;
+    for (i = 0; i < 3; ++i) seen[i] = triad->inverse[i][0] * x + triad->inverse[i][1] * y + triad->inverse[i][2] * z;
+}
+
+static inline float imucal_size(const float v[3])
+{
+    float size = 0;
+    int i;
+    for (i = 0; i < 3; ++i) {
+        if (v[i] > size) size = v[i];
+        if (-v[i] > size) size = -v[i];
+    }
+    return size;
+}
+
+/* Corrects one sample: rate in rad/s and force in m/s^2 along the axes of the calibration. The outputs may be the
+ * inputs. `surroundings` may be NULL if nothing is known. Returns IMUCAL_CORRECTED, a sum of warnings (positive), or an
+ * error
+ * (negative) with NaN results. */
+static inline int imucal_correct(const imucal_calibration *calibration, const float raw_rate[3],
+                                 const float raw_force[3], const imucal_surroundings *surroundings, float rate[3],
+                                 float force[3])
+{
+    float seen_w[3], seen_f[3], w[3], f[3], a[3] = {0, 0, 0}, d = 0, t = 0;
+    int i, k, pass, has_time = 0, known = 0, result = IMUCAL_CORRECTED;
+    imucal_apply_triad(&calibration->gyroscope, raw_rate, seen_w);
+    imucal_apply_triad(&calibration->accelerometer, raw_force, seen_f);
+    for (i = 0; i < 3; ++i) {
+        w[i] = seen_w[i];
+        f[i] = seen_f[i];
+    }
+    if (calibration->effect_count > 0) {
+        if (surroundings != NULL) {
+            float degc = surroundings->temperature_degc;
+            const float *const given = surroundings->angular_acceleration_radps2;
+            if (!isnan(degc)) {
+                known |= IMUCAL_NEEDS_TEMPERATURE;
+                if (calibration->has_temperature_range && (calibration->needs & IMUCAL_NEEDS_TEMPERATURE)) {
+                    if (degc < calibration->lowest_degc || degc > calibration->highest_degc)
+                        result |= IMUCAL_TEMPERATURE_LIMITED;
+                    if (degc < calibration->lowest_degc) degc = calibration->lowest_degc;
+                    if (degc > calibration->highest_degc) degc = calibration->highest_degc;
+                }
+                d = degc - calibration->reference_degc;
+            }
+            if (!isnan(surroundings->time_s)) {
+                known |= IMUCAL_NEEDS_TIME;
+                has_time = 1;
+                t = surroundings->time_s;
+            }
+            if (!isnan(given[0]) && !isnan(given[1]) && !isnan(given[2])) {
+                known |= IMUCAL_NEEDS_ACCELERATION;
+                for (i = 0; i < 3; ++i) a[i] = given[i];
+            }
+        }
+        if (calibration->needs & ~known) result |= IMUCAL_INPUT_MISSING;
+        /* true <- seen - effects(true), until the change is at rounding level (docs/model.md (16)). */
+        for (pass = 0; pass < 32; ++pass) {
+            float on_w[3] = {0, 0, 0}, on_f[3] = {0, 0, 0}, limit_w, limit_f;
+            int settled = 1;
+            for (k = 0; k < calibration->effect_count; ++k)
+                imucal_effect_at(&calibration->effects[k], w, f, d, t, has_time, a, on_w, on_f);
+            limit_w = 16 * FLT_EPSILON * (imucal_size(seen_w) + imucal_size(on_w));
+            limit_f = 16 * FLT_EPSILON * (imucal_size(seen_f) + imucal_size(on_f));
+            for (i = 0; i < 3; ++i) {
+                const float next_w = seen_w[i] - on_w[i], next_f = seen_f[i] - on_f[i];
+                /* Comparisons with NaN are false, so NaN never counts as settled. */
+                settled = settled && fabsf(next_w - w[i]) <= limit_w && fabsf(next_f - f[i]) <= limit_f;
+                w[i] = next_w;
+                f[i] = next_f;
+            }
+            if (settled && limit_w <= FLT_MAX && limit_f <= FLT_MAX) break;
+        }
+        if (pass == 32) {
+            for (i = 0; i < 3; ++i) rate[i] = force[i] = NAN;
+            return IMUCAL_NOT_INVERTIBLE;
+        }
+    }
+    for (i = 0; i < 3; ++i) {
+        rate[i] = calibration->axis_sign[i] * w[calibration->axis[i]];
+        force[i] = calibration->axis_sign[i] * f[calibration->axis[i]];
+    }
+    return result;
+}
+
+/* As imucal_correct, from counts of 16 bits as the sensor gives them. */
+static inline int imucal_correct_counts(const imucal_calibration *calibration, const int16_t raw_rate[3],
+                                        const int16_t raw_force[3], const imucal_surroundings *surroundings,
+                                        float rate[3], float force[3])
+{
+    float counts_rate[3], counts_force[3];
+    int i;
+    for (i = 0; i < 3; ++i) {
+        counts_rate[i] = raw_rate[i];
+        counts_force[i] = raw_force[i];
+    }
+    if (!calibration->rate_in_counts || !calibration->force_in_counts) {
+        for (i = 0; i < 3; ++i) rate[i] = force[i] = NAN;
+        return IMUCAL_NOT_COUNTS;
+    }
+    return imucal_correct(calibration, counts_rate, counts_force, surroundings, rate, force);
+}
+
+/* Angular acceleration, rad/s^2 in the body frame, from corrected rates of one sample after the other: `rate` is the
+ * result of imucal_correct, dt_s the time since the sample before. Give the result to imucal_correct with the next
+ * sample. A filter of 20 ms suppresses the noise; it delays the result by as much. */
+static inline void imucal_differentiate(const imucal_calibration *calibration, imucal_derivative *state, float dt_s,
+                                        const float rate[3], float angular_acceleration_radps2[3])
+{
+    const float share = dt_s / (0.02f + dt_s);
+    float body[3] = {0, 0, 0};
+    int i;
+    for (i = 0; i < 3; ++i) body[calibration->axis[i]] = calibration->axis_sign[i] * rate[i];
+    for (i = 0; i < 3; ++i) {
+        if (state->started && dt_s > 0)
+            state->acceleration[i] += share * ((body[i] - state->rate[i]) / dt_s - state->acceleration[i]);
+        state->rate[i] = body[i];
+        angular_acceleration_radps2[i] = state->acceleration[i];
+    }
+    state->started = 1;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,183 @@
+//! The field of an effect, written once, as the columns of Phi or as the product `Phi theta`.
+
+#[cfg(feature = "catalogue")]
+use super::Columns;
+use nalgebra::{RealField, Vector3};
+
+/// Receives the columns of Phi, in the order of the parameters.
+pub(super) trait Terms<F: RealField + Copy> {
+    /// The column of the next parameter.
+    fn column(&mut self, column: Vector3<F>);
+
+    /// The next parameter acts on the x axis only, in proportion to `cause`.
+    fn x(&mut self, cause: F);
+
+    /// The next parameter acts on the y axis only, in proportion to `cause`.
+    fn y(&mut self, cause: F);
+
+    /// The next parameter acts on the z axis only, in proportion to `cause`.
+    fn z(&mut self, cause: F);
+
+    /// The next three parameters: `diag(theta) cause`.
+    #[inline]
+    fn axes(&mut self, cause: Vector3<F>) {
+        self.x(cause.x);
+        self.y(cause.y);
+        self.z(cause.z);
+    }
+
+    /// The next nine parameters: `Theta cause`, where Theta is a 3x3 matrix that is filled row by row.
+    #[inline]
+    fn entries(&mut self, cause: Vector3<F>) {
+        let causes = [cause.x, cause.y, cause.z];
+        causes.iter().for_each(|&cause| self.x(cause));
+        causes.iter().for_each(|&cause| self.y(cause));
+        causes.iter().for_each(|&cause| self.z(cause));
+    }
+}
+
+/// Sets the columns.
+#[cfg(feature = "catalogue")]
+pub(super) struct ToColumns<'a, F: RealField + Copy>(core::slice::IterMut<'a, Vector3<F>>);
+
+#[cfg(feature = "catalogue")]
+impl<'a, F: RealField + Copy> ToColumns<'a, F> {
+    #[inline]
+    pub(super) fn new(columns: &'a mut Columns<F>) -> Self {
+        Self(columns.iter_mut())
+    }
+}
+
+#[cfg(feature = "catalogue")]
+impl<F: RealField + Copy> Terms<F> for ToColumns<'_, F> {
+    #[inline]
+    fn column(&mut self, column: Vector3<F>) {
+        if let Some(place) = self.0.next() {
+            *place = column;
+        }
+    }
+
+    #[inline]
+    fn x(&mut self, cause: F) {
+        self.column(Vector3::new(cause, F::zero(), F::zero()));
+    }
+
+    #[inline]
+    fn y(&mut self, cause: F) {
+        self.column(Vector3::new(F::zero(), cause, F::zero()));
+    }
+
+    #[inline]
+    fn z(&mut self, cause: F) {
+        self.column(Vector3::new(F::zero(), F::zero(), cause));
+    }
+}
+
+/// Adds up the columns times the parameters.
+pub(super) struct Sum<'a, F: RealField + Copy> {
+    values: core::slice::Iter<'a, F>,
+    pub(super) sum: Vector3<F>,
+}
+
+impl<'a, F: RealField + Copy> Sum<'a, F> {
+    #[inline]
+    pub(super) fn new(values: &'a [F]) -> Self {
+        Self { values: values.iter(), sum: same(F::zero()) }
+    }
+
+    /// The next parameter; zero after the last one of the plain form.
+    #[inline]
+    fn value(&mut self) -> F {
+        self.values.next().copied().unwrap_or(F::zero())
+    }
+}
+
+impl<F: RealField + Copy> Terms<F> for Sum<'_, F> {
+    #[inline]
+    fn column(&mut self, column: Vector3<F>) {
+        let value = self.value();
+        self.sum.x += column.x * value;
+        self.sum.y += column.y * value;
+        self.sum.z += column.z * value;
+    }
+
+    #[inline]
+    fn x(&mut self, cause: F) {
+        let value = self.value();
+        self.sum.x += cause * value;
+    }
+
+    #[inline]
+    fn y(&mut self, cause: F) {
+        let value = self.value();
+        self.sum.y += cause * value;
+    }
+
+    #[inline]
+    fn z(&mut self, cause: F) {
+        let value = self.value();
+        self.sum.z += cause * value;
+    }
+}
+
+/// The vector with three equal components.
+#[inline]
+pub(super) fn same<F: RealField + Copy>(x: F) -> Vector3<F> {
+    Vector3::new(x, x, x)
+}
+
+/// A row of the catalogue. Without the feature `catalogue` it drops the texts and the columns.
+macro_rules! effect {
+    (
+        number: $number:expr,
+        name: $name:expr,
+        sensor: $sensor:expr,
+        parameters: $parameters:expr,
+        plain: $plain:expr,
+        shape: $shape:expr,
+        reads: $reads:expr,
+        needs: $needs:expr,
+        formula: $formula:expr,
+        observable: $observable:expr,
+        aliases: $aliases:expr,
+        field: |$state:ident, $shape_value:tt, $terms:ident| $field:expr,
+    ) => {{
+        const PARAMETERS: &[$crate::effects::Parameter] = $parameters;
+        const SHAPE: Option<$crate::effects::Parameter> = $shape;
+        #[allow(dead_code)] // It names the constants that only the texts use.
+        const ALIASES: &[$crate::effects::Alias] = $aliases;
+        $crate::effects::Effect {
+            number: $number,
+            sensor: $sensor,
+            plain: $plain,
+            count: PARAMETERS.len(),
+            is_shaped: SHAPE.is_some(),
+            reads: $reads,
+            needs: $needs,
+            sum: |$state, $shape_value, values| {
+                let mut sum = $crate::effects::terms::Sum::new(values);
+                let $terms = &mut sum;
+                $field;
+                sum.sum
+            },
+            #[cfg(feature = "catalogue")]
+            columns: |$state, $shape_value, columns| {
+                let $terms = &mut $crate::effects::terms::ToColumns::new(columns);
+                $field
+            },
+            #[cfg(feature = "catalogue")]
+            name: $name,
+            #[cfg(feature = "catalogue")]
+            parameters: PARAMETERS,
+            #[cfg(feature = "catalogue")]
+            shape: SHAPE,
+            #[cfg(feature = "catalogue")]
+            formula: $formula,
+            #[cfg(feature = "catalogue")]
+            observable: $observable,
+            #[cfg(feature = "catalogue")]
+            aliases: ALIASES,
+        }
+    }};
+}
+pub(super) use effect;
