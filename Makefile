@@ -14,6 +14,7 @@
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
 #   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
+#   make firmware  the C code on Cortex-M4F, M0+ and RV32 under QEMU, to docs/results/firmware.md
 #   make fuzz      damaged files of every format for MINUTES=30, then arbitrary recordings with cargo-fuzz
 #   make stand-driver  faults of a stand with a GRBL controller, to docs/results/stand-driver.md; GRBL_SIM=path
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
@@ -192,7 +193,7 @@ docs: $(VENV)/.installed
 # --- what it can do ----------------------------------------------------------------------------------------------
 
 .PHONY: demo bench accuracy rounding faces six-positions gap-benchmark laws-benchmark plan traps signals stand first-steps
-.PHONY: docs-figures docs-pictures fleet stand-driver
+.PHONY: docs-figures docs-pictures fleet stand-driver firmware
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -244,6 +245,10 @@ plan: $(VENV)/.installed
 traps: $(VENV)/.installed
 	$(call say,Traps)
 	PYTHONPATH=benches:tests/traps:tests/fixtures $(PY) benches/traps.py
+
+firmware: $(VENV)/.installed
+	$(call say,Firmware under QEMU)
+	PYTHONPATH=benches $(PY) -m firmware
 
 signals: $(VENV)/.installed
 	$(call say,Signals)

@@ -24,6 +24,7 @@ from imucal.errors import InputError
 from imucal.estimation.evaluate import Evaluation, evaluate
 from imucal.exporting.ardupilot import ARDUPILOT
 from imucal.exporting.basalt import BASALT
+from imucal.exporting.blob import BLOB, C_LOADER
 from imucal.exporting.board_rotation import board_rotation
 from imucal.exporting.c_header import C_HEADER
 from imucal.exporting.format import Format, header, require_sensors_of, require_si
@@ -50,6 +51,8 @@ FORMATS: Final[dict[str, Format]] = {
     form.name: form
     for form in (
         C_HEADER,
+        BLOB,
+        C_LOADER,
         RUST,
         MATLAB,
         KALIBR,
@@ -154,6 +157,7 @@ def export(
     board_orientation: int | str | None = None,
     accel_lsb_per_g: float | None = None,
     gyro_lsb_per_dps: float | None = None,
+    body_axes: str | None = None,
 ) -> Export:
     """Write the calibration in `format`, which is a name of `FORMATS`.
 
@@ -164,7 +168,9 @@ def export(
     board_orientation   ardupilot: AHRS_ORIENTATION of the log that was calibrated, a number or the angles
                         "ROLL,PITCH,YAW" in deg. ArduPilot's parameters apply before this rotation, its logs
                         are after it. Default: no rotation.
-    accel_lsb_per_g, gyro_lsb_per_dps   inav: resolution of the sensor's driver, counts per g and per deg/s
+    accel_lsb_per_g, gyro_lsb_per_dps   inav: resolution of the sensor's driver, counts per g and per deg/s.
+                        blob: that of the sensor, for raw samples in counts of a calibration of SI units
+    body_axes   blob: axes of the corrected samples in terms of the body frame, such as "x,-y,-z"
 
     Raises InputError for an unknown format, for an accelerometer alone if the format needs both sensors, for
     a calibration of raw counts if the other program only corrects SI units, for left-handed sensor axes or a
@@ -185,10 +191,16 @@ def export(
             raise InputError(
                 f"{form.name} does not use the resolution: remove --accel-lsb-per-g and --gyro-lsb-per-dps"
             )
+        if form.name == BLOB.name and None in (accel_lsb_per_g, gyro_lsb_per_dps):
+            raise InputError(f"{form.name} needs both --accel-lsb-per-g and --gyro-lsb-per-dps")
         form = form.scaled(
             ACCEL_LSB_PER_G if accel_lsb_per_g is None else accel_lsb_per_g,
             GYRO_LSB_PER_DPS if gyro_lsb_per_dps is None else gyro_lsb_per_dps,
         )
+    if body_axes is not None:
+        if form.along is None:
+            raise InputError(f"{form.name} has no axes of the corrected samples: remove --body-axes")
+        form = form.along(body_axes)
     require_si(calibration, form)
     able = [each.name for each in FORMATS.values() if not each.needs_gyroscope]
     require_sensors_of(calibration, form, able)

@@ -6,8 +6,10 @@ definition of the form.
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.resources import files
@@ -17,14 +19,15 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Triad
 from imucal.effects.effect import EffectValues
 from imucal.errors import InputError
-from imucal.exporting.format import SI, Format, Written, block_comment
+from imucal.exporting.format import SI, Format, Written, block_comment, line_comments
 from imucal.exporting.model import FRAMES, inverse, linear, lost_effects, temperature_note
 from imucal.recording.axes import UNCHANGED, Axes
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
-    from imucal.calibration.triad import Triad
     from imucal.noise_analysis.noise import NoiseResult
 
 __all__ = ["BLOB", "C_LOADER", "blob_of"]
@@ -36,17 +39,71 @@ FORCE_IN_COUNTS: Final = 2
 HAS_TEMPERATURE_RANGE: Final = 4
 
 
-def write(calibration: Calibration, noise: NoiseResult | None, axes: str = UNCHANGED) -> Written:
-    """The binary form. It omits user-defined effects, formulas included."""
+def write(
+    calibration: Calibration,
+    noise: NoiseResult | None,
+    axes: str = UNCHANGED,
+    resolution: tuple[float, float] | None = None,
+) -> Written:
+    """The binary form. It omits user-defined effects, formulas included.
+
+    axes         of the corrected samples, in terms of the body frame, such as "x,-y,-z"
+    resolution   counts per g and per deg/s, with which the firmware gives counts to a calibration of SI units
+    """
+    original = calibration
+    if resolution is not None:
+        calibration = _of_counts(calibration, *resolution)
     kept = _kept(calibration)
     lost = lost_effects(calibration, {values.name for values in kept})
     return Written(
-        body=blob_of(calibration, axes),
+        body="",
         lost=lost,
-        same_as=linear(calibration, kept),
+        same_as=linear(original, kept),
         frame=FRAMES[calibration.frame]
         + ("" if axes == UNCHANGED else f"; corrected samples along {axes} of it"),
-        notes=temperature_note(calibration),
+        notes=(
+            *_warnings(calibration, kept, lost),
+            *(["Raw samples are counts of the given resolution"] if resolution is not None else []),
+            *temperature_note(calibration),
+        ),
+        binary=blob_of(calibration, axes),
+    )
+
+
+def _warnings(calibration: Calibration, kept: Sequence[EffectValues], lost: Sequence[str]) -> list[str]:
+    """What the firmware must know."""
+    needs = sorted({need for v in kept for need in getattr(calibration.definition(v), "needs", ())})
+    notes = [f"Effects compensated: {', '.join(v.name for v in kept) or 'none'}"]
+    if needs:
+        notes.append(f"The firmware must give: {', '.join(needs).replace('_', ' ')}")
+    if lost:
+        notes.append(
+            "Their errors stay in the data; omitted_effects counts them, so that a firmware can refuse"
+        )
+    return notes
+
+
+def _of_counts(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> Calibration:
+    """A calibration of SI units for raw samples in counts."""
+    if calibration.gyroscope is None or "lsb" in (calibration.accel_unit, calibration.gyro_unit):
+        raise InputError(
+            "this calibration is of counts already: remove --accel-lsb-per-g and --gyro-lsb-per-dps"
+        )
+    accel, gyro = accel_lsb_per_g / STANDARD_GRAVITY_MPS2, math.degrees(gyro_lsb_per_dps)
+    if not (math.isfinite(accel) and accel > 0 and math.isfinite(gyro) and gyro > 0):
+        raise InputError("a resolution is not a positive number: give counts per g and per deg/s")
+
+    def counted(triad: Triad, lsb: float) -> Triad:
+        return Triad(triad.sensitivity * lsb, triad.bias * lsb)
+
+    return replace(
+        calibration,
+        accelerometer=counted(calibration.accelerometer, accel),
+        gyroscope=counted(calibration.gyroscope, gyro),
+        accel_unit="lsb",
+        gyro_unit="lsb",
+        covariance=None,
+        covariance_names=(),
     )
 
 
@@ -87,13 +144,15 @@ def _kept(calibration: Calibration) -> list[EffectValues]:
 
 def _numbers() -> dict[str, int]:
     """Number of each effect of the catalogue in the binary form, 0 for those that are no sensor errors."""
-    return {effect.name: effect.number for effect in _core.catalogue()}
+    return {effect.name: effect.number for effect in _core.effects()}
 
 
 def _axis_codes(axes: str) -> list[int]:
     changed = Axes.parse(axes)
     if not changed.are_alike:
-        raise InputError(f"axes={axes!r}: both sensors of a calibration have one body frame, give one order of axes")
+        raise InputError(
+            f"axes={axes!r}: both sensors of a calibration have one body frame, give one order of axes"
+        )
     matrix = np.asarray(changed.accel)
     return [int((abs(row).argmax() + 1) * np.sign(row[abs(row).argmax()])) for row in matrix]
 
@@ -123,10 +182,15 @@ def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written
     )
 
 
-def along(axes: str) -> Format:
-    """The binary form with corrected samples along other axes than those of the body frame."""
+def _with(axes: str = UNCHANGED, resolution: tuple[float, float] | None = None) -> Format:
+    """The format with its options."""
     Axes.parse(axes)
-    return replace(BLOB, write=partial(write, axes=axes))
+    return replace(
+        BLOB,
+        write=partial(write, axes=axes, resolution=resolution),
+        along=lambda given: _with(given, resolution),
+        scaled=lambda accel, gyro: _with(axes, (accel, gyro)),
+    )
 
 
 BLOB = Format(
@@ -136,11 +200,14 @@ BLOB = Format(
     formula="true = T^-1 (raw - bias) - effects(true), by imucal_correct or StoredCalibration::correct",
     source="imucal-core, stored.rs",
     units=SI,
-    includes="bias, scale and misalignment of both sensors, every effect of the catalogue, in single precision",
+    includes="bias, scale and misalignment of both sensors, every effect of the catalogue; single precision",
     omits="user-defined effects and formulas, noise figures, standard deviations, provenance",
-    layout=lambda _, body: body,
+    layout=line_comments("#"),
     write=write,
     takes_counts=True,
+    is_binary=True,
+    along=lambda axes: _with(axes),
+    scaled=lambda accel, gyro: _with(resolution=(accel, gyro)),
 )
 
 C_LOADER = Format(

@@ -81,6 +81,7 @@ class Format:
     named            returns the format with a prefix for its C names; None if its files contain no C names
     oriented         returns the format for recordings after a board rotation (3, 3); None if it takes none
     scaled           returns the format for a resolution, counts per g and per deg/s; None if it needs none
+    along            returns the format for corrected samples along other axes; None if it takes none
     is_binary        the file is not a text, so its header is only in the output of the export
     """
 
@@ -100,6 +101,7 @@ class Format:
     named: Callable[[str], Format] | None = None
     oriented: Callable[[FloatArray], Format] | None = None
     scaled: Callable[[float, float], Format] | None = None
+    along: Callable[[str], Format] | None = None
     is_binary: bool = False
 
 

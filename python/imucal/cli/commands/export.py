@@ -54,11 +54,27 @@ def export(
     ] = None,
     accel_lsb_per_g: Annotated[
         float | None,
-        option("--accel-lsb-per-g", metavar="X", help="inav: acc_1G of the sensor's driver; default 2048."),
+        option(
+            "--accel-lsb-per-g",
+            metavar="X",
+            help="inav: acc_1G of the sensor's driver; default 2048. blob: counts per g, for raw counts.",
+        ),
     ] = None,
     gyro_lsb_per_dps: Annotated[
         float | None,
-        option("--gyro-lsb-per-dps", metavar="X", help="inav: counts per deg/s of the driver; default 16.4."),
+        option(
+            "--gyro-lsb-per-dps",
+            metavar="X",
+            help="inav: counts per deg/s of the driver; default 16.4. blob: of the sensor, for raw counts.",
+        ),
+    ] = None,
+    body_axes: Annotated[
+        str | None,
+        option(
+            "--body-axes",
+            metavar="AXES",
+            help="blob: axes of the corrected samples in terms of the body frame, such as x,-y,-z.",
+        ),
     ] = None,
     min_rest_s: MinRest = MIN_REST_S,
     show_formats: Annotated[
@@ -117,6 +133,7 @@ def export(
             board_orientation=board_orientation,
             accel_lsb_per_g=accel_lsb_per_g,
             gyro_lsb_per_dps=gyro_lsb_per_dps,
+            body_axes=body_axes,
         )
         residual = exported.residual(judges, min_rest_s=min_rest_s) if judges else None
     if output is None:
