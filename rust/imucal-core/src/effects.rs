@@ -28,8 +28,8 @@
 //!
 //! It does not contain noise, bias instability or random walks, which have no field; the geometry of the stand that
 //! moves the unit; and faults of the data such as saturation or lost samples. Errors of the encoders of a stand are
-//! included with the feature `catalogue`: their fields are motor angles, rad. The correction on the device ignores them,
-//! because a device has no stand.
+//! included with the feature `catalogue`: their fields are motor angles, rad. The correction on the device ignores
+//! them, because a device has no stand.
 
 mod drift;
 mod dynamics;
@@ -221,8 +221,8 @@ pub struct Alias {
 }
 
 impl<F: RealField + Copy> Effect<F> {
-    /// The sensor error with this number in the binary form of a calibration; `None` if there is none. The Earth rate is
-    /// no sensor error.
+    /// The sensor error with this number in the binary form of a calibration; `None` if there is none. The Earth rate
+    /// is no sensor error.
     pub fn numbered(number: u8) -> Option<&'static Self> {
         match number {
             1 => Some(Self::GYRO_G_SENSITIVITY),

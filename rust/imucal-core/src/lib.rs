@@ -58,14 +58,15 @@
 //! * `std` (default) and `libm` only select the implementation of square root, sine and the like. On a device without
 //!   `std` use `default-features = false, features = ["libm"]`.
 //! * `catalogue` (default) adds what estimation, simulation and reports need of the [`effects`]: their names, units and
-//!   texts, lookup by name, the field of each parameter, and the effects on the encoders of a stand. A device needs none
-//!   of them: it names its effects by constants such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its
+//!   texts, lookup by name, the field of each parameter, and the effects on the encoders of a stand. A device needs
+//!   none of them: it names its effects by constants such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its
 //!   calibration take memory.
 //!
 //! # Panics
 //!
 //! [`calibration::Calibration::correct`], [`integrate::Integrator::push`] and [`rest::RestDetector::push`] contain no
-//! panic at any optimisation level without debug assertions. A test links them with a panic handler that does not exist.
+//! panic at any optimisation level without debug assertions. A test links them with a panic handler that does not
+//! exist.
 #![no_std]
 
 #[cfg(test)]

@@ -39,8 +39,8 @@ impl<F: RealField + Copy> Triad<F> {
         Ok(Self { sensitivity, bias, inverse })
     }
 
-    /// As [`try_new`](Self::try_new), from the inverse sensitivity, which [`correct`](Self::correct) then applies bit for
-    /// bit.
+    /// As [`try_new`](Self::try_new), from the inverse sensitivity, which [`correct`](Self::correct) then applies bit
+    /// for bit.
     ///
     /// # Errors
     /// Those of [`try_new`](Self::try_new).
