@@ -229,7 +229,8 @@ def page(rows: list[tuple[str, str, str, dict[str, float]]], count: int) -> str:
     names = {"header": "C header", "loaded": "C loader with blob", "rust": 'Rust, `opt-level = "z"`'}
     of_header = {(t, e): f["instructions"] for t, e, code, f in rows if code == "header"}
     head = (
-        "processor", "effects", "code", "bytes", "stack, bytes", "instructions", "of the C header's", "error, lsb"
+        "processor", "effects", "code", "bytes", "stack, bytes", "instructions", "of the C header's",
+        "error, lsb",
     )  # fmt: skip
     lines = [
         "# Firmware",

@@ -59,8 +59,8 @@
 //!   `std` use `default-features = false, features = ["libm"]`.
 //! * `catalogue` (default) adds what estimation, simulation and reports need of the [`effects`]: their names, units and
 //!   texts, lookup by name, the field of each parameter, and the effects on the encoders of a stand. A device needs
-//!   none of them: it names its effects by constants such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its
-//!   calibration take memory.
+//!   none of them: it names its effects by constants such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of
+//!   its calibration take memory.
 //!
 //! # Panics
 //!
