@@ -125,7 +125,7 @@ impl<F: RealField + Copy> EffectSet<F> {
 
     /// Whether the field of any effect depends on the true value of this sensor.
     fn reads(&self, sensor: Sensor) -> bool {
-        self.iter().any(|member| member.effect.reads.iter().any(|read| *read == sensor))
+        self.iter().any(|member| member.effect.reads.contains(&sensor))
     }
 
     /// Sum of all effects on the motor angles that the encoders of the stand read, rad, one component for each motor.

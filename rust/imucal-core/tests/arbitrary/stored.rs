@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 /// Reads the bytes as they are, and with a valid start, length and check sum, which random bytes hardly ever have. A
 /// calibration must correct a sample. Returns whether the bytes were one.
-pub fn load(bytes: &[u8]) -> bool {
+pub(crate) fn load(bytes: &[u8]) -> bool {
     let _ = StoredCalibration::<f32>::from_bytes(bytes);
     let mut sealed = bytes.to_vec();
     sealed.resize(bytes.len().clamp(8, 4000), 0);
