@@ -39,8 +39,8 @@ LEAST_RANGE_K: Final = 2.0
 # varies slowly is not predicted from its neighbours.
 FOLDS: Final = 10
 BLOCK: Final = 3
-# Multiple of the standard error, over the folds, by which a model must predict better than a simpler one. With
-# 1, one of eight sensors with a constant reading was given a term; with 2, none of 40.
+# Multiple of the standard error, over the folds, by which a model must predict better than a simpler one.
+# With 1, one of eight sensors with a constant reading was given a term; with 2, none of 40.
 STANDARD_ERRORS: Final = 2.5
 # Largest scatter of a direction within the soak, rad: more is a unit that was moved.
 MOST_TURN_RAD: Final = 0.35
