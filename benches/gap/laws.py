@@ -179,10 +179,10 @@ def _gate(what: str, aim: str, found: str, is_met: bool) -> str:
 INTRODUCTION = """# Laws that the catalogue does not have
 
 Written by `make laws-benchmark`: {cases} cases with fixed seeds, none of which was used while the search
-was written. {hidden} of them have an error that no effect of the catalogue describes in this form, and {clean} have none. The recordings are made without
-the simulator of the product: 46 rests, 320 s, 100 Hz, noise of a consumer sensor. Each error is scaled to
-five times its detection limit: its chi2, after the 21 base parameters are fitted, is 25 times the
-noncentrality 27.
+was written. {hidden} of them have an error that no effect of the catalogue describes in this form, and
+{clean} have none. The recordings are made without the simulator of the product: 46 rests, 320 s, 100 Hz,
+noise of a consumer sensor. Each error is scaled to five times its detection limit: its chi2, after the 21
+base parameters are fitted, is 25 times the noncentrality 27.
 
 * Right variables: the variables of all laws and named effects are exactly those of the truth.
 * False law: a law that depends on a variable which the truth does not depend on.
