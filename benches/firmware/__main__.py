@@ -89,7 +89,13 @@ TARGETS = (
     Target(
         "RV32IMAFC",
         "riscv64-unknown-elf",
-        ("-march=rv32imafc_zicsr", "-mabi=ilp32f", "-mcmodel=medany"),
+        (
+            "-march=rv32imafc_zicsr",
+            "-mabi=ilp32f",
+            "-mcmodel=medany",
+            "--specs=picolibc.specs",
+            "-Wl,--no-relax",
+        ),
         "rv32.ld",
         ("qemu-system-riscv32", "-M", "virt", "-bios", "none"),
         1.0,
@@ -139,7 +145,7 @@ def measure(
     target: Target, code: str, folder: Path, needs_temperature: bool, library: Path | None
 ) -> dict[str, float]:
     """Bytes, stack and instructions of one variant; the corrected samples are in folder/out."""
-    common = [*target.options, "-Os", "-ffreestanding", "-fno-tree-loop-distribute-patterns"]
+    common = [*target.options, "-Os", "-fno-tree-loop-distribute-patterns"]
     common += ["-ffunction-sections", "-fdata-sections", f"-I{folder}", f"-I{HERE}"]
     arguments = "40.0f," if needs_temperature else ""
     sizes = {}
@@ -158,7 +164,8 @@ def measure(
         extra = [library] if name == "rust" else []
         run(
             f"{target.compiler}-gcc", *target.options, "-nostdlib", "-Wl,--gc-sections",
-            f"-Wl,-T,{HERE / target.script}", folder / "run.o", folder / "bare_metal.o", *extra, "-lgcc",
+            "-T", HERE / target.script, folder / "run.o", folder / "bare_metal.o", *extra,
+            "-lm", "-lc", "-lgcc",
             "-o", folder / f"{name}.elf", folder=folder,
         )  # fmt: skip
         sizes[name] = text_bytes(target, folder / f"{name}.elf")

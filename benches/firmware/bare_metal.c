@@ -49,12 +49,8 @@ long host_write(long file, const void *bytes, unsigned long size)
 
 void host_exit(int code)
 {
-#if defined(__arm__)
-    semihost(0x18, code == 0 ? (void *)0x20026 : (void *)0x20023);
-#else
-    long arguments[2] = {0x20026, code};
-    semihost(0x18, arguments);
-#endif
+    /* The reason ADP_Stopped_ApplicationExit, or ADP_Stopped_RunTimeErrorUnknown. */
+    semihost(0x18, (void *)(code == 0 ? 0x20026L : 0x20023L));
     for (;;) {}
 }
 

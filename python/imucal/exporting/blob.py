@@ -171,13 +171,13 @@ def _effect(values: EffectValues) -> bytes:
 
 
 def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The C header, which is the same for every calibration."""
+    """The C header. Its code is the same for every calibration; only the comment names one."""
     kept = _kept(calibration)
     return Written(
         body=files("imucal.exporting").joinpath("calibration_loader.h").read_text(),
         lost=lost_effects(calibration, {values.name for values in kept}),
         same_as=linear(calibration, kept),
-        frame="that of the binary form",
+        frame=FRAMES[calibration.frame],
         notes=("This header reads the binary form of any unit (--to blob). It contains no calibration.",),
     )
 
@@ -217,7 +217,7 @@ C_LOADER = Format(
     formula="true = T^-1 (raw - bias) - effects(true), by imucal_correct after imucal_calibration_load",
     source="imucal-core, stored.rs; docs/model.md (16)",
     units=SI,
-    includes="the correction; no calibration",
+    includes="the correction with every effect of the catalogue, for any unit; no calibration",
     omits="the calibration itself (blob), user-defined effects and formulas",
     layout=block_comment,
     write=write_loader,

@@ -125,7 +125,15 @@ impl<F: RealField + Copy> EffectSet<F> {
 
     /// Whether the field of any effect depends on the true value of this sensor.
     fn reads(&self, sensor: Sensor) -> bool {
-        self.iter().any(|member| member.effect.reads.contains(&sensor))
+        // `contains` keeps the code of a panic without optimisation.
+        for member in self.iter() {
+            for read in member.effect.reads {
+                if *read == sensor {
+                    return true;
+                }
+            }
+        }
+        false
     }
 
     /// Sum of all effects on the motor angles that the encoders of the stand read, rad, one component for each motor.
