@@ -101,7 +101,8 @@ def test_ctrl_c_leaves_no_part_of_a_file(recordings, tmp_path, name):
         code, shown = interrupted([COMMAND, *words], signal.SIGINT, works_s)
         if code == 130:
             break
-        assert code in (0, 2), shown
+        # At the very end of a process Python no longer handles the signal.
+        assert code in (0, 2, -signal.SIGINT), shown
         for file in tmp_path.iterdir():
             file.unlink()
     assert code == 130, shown

@@ -108,7 +108,7 @@ def test_readme_runs(tmp_path):
         ("hand-held.md", 10),
         ("raw-counts.md", 7),
         ("one-sensor.md", 10),
-        ("thermal.md", 12),
+        ("thermal.md", 14),
         ("plan.md", 8),
         ("faces.md", 5),
     ],
@@ -176,7 +176,7 @@ def test_page_of_the_stand_prints_what_it_shows(tmp_path):
 
 @pytest.mark.slow
 def test_page_of_the_gap_prints_what_it_shows(tmp_path):
-    assert run_page("docs/gap.md", tmp_path) == 9
+    assert run_page("docs/gap.md", tmp_path) == 11
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import statistics
 
 import numpy as np
 import pytest
@@ -105,12 +106,16 @@ def test_poses_that_read_one_level_by_chance_do_not_contradict_each_other(seed: 
 
 def test_the_end_of_a_move_behind_a_filter_is_not_taken_for_noise() -> None:
     """A filter of 5 Hz delays the end of a move into the rest by 0.2 s."""
-    unit = imucal.Unit.random("mpu6050", 1)
-    gyroscope = dataclasses.replace(unit.gyroscope, lsb=DEG / 16.4)
-    motion = imucal.Tumble(seed=2, poses=20, hold_s=3.0, move_s=1.5)
-    run = imucal.simulate(
-        motion, seed=2, unit=imucal.Unit(unit.accelerometer, gyroscope), rate_hz=100.0, filter_hz=5.0
-    )
-    (finding,) = [f for f in imucal.inspect(run.recording).findings if f.code == "noise_below_lsb"]
+    values = []
+    for seed in range(1, 6):
+        unit = imucal.Unit.random("mpu6050", seed)
+        gyroscope = dataclasses.replace(unit.gyroscope, lsb=DEG / 16.4)
+        motion = imucal.Tumble(seed=2 * seed, poses=20, hold_s=3.0, move_s=1.5)
+        coarse = imucal.Unit(unit.accelerometer, gyroscope)
+        run = imucal.simulate(motion, seed=2 * seed, unit=coarse, rate_hz=100.0, filter_hz=5.0)
+        (finding,) = [f for f in imucal.inspect(run.recording).findings if f.code == "noise_below_lsb"]
+        values.append(finding.value)
     noise = gyroscope.noise_density * math.sqrt(2 * 1.11 * 5.0) / gyroscope.lsb
-    assert finding.value == pytest.approx(noise, rel=0.25)
+    # With a fifth of a step of noise, an estimate depends on how far the bias is from the next step.
+    assert statistics.median(values) == pytest.approx(noise, rel=0.15)
+    assert max(values) < 1.15 * noise

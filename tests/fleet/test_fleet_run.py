@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 
 import imucal
-from children import HANGS_S
+from children import HANGS_S, heed_signals
 from fleet.killing import check, kill, start, workers_of
 from fleet.simulated import plan, write_manifest, write_one, write_poison
 
@@ -177,7 +177,9 @@ def test_a_watched_folder_is_taken_as_files_come(folder, tmp_path):
     watched.mkdir()
     sources = [next(folder.glob(f"*/{number:05}-*.npz")) for number in range(2)]
     words = ["-m", "imucal", "fleet", "run", store, "--watch", watched, "--workers", "1", "--json", document]
-    process = subprocess.Popen([sys.executable, *map(str, words)], stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [sys.executable, *map(str, words)], stdout=subprocess.DEVNULL, preexec_fn=heed_signals
+    )
     for number, source in enumerate(sources):
         (watched / f"run-{number:04}.npz").write_bytes(source.read_bytes())
         wait_until(lambda expected=number + 1: store.exists() and counts(store) == {"good": expected})

@@ -14,6 +14,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from inspect import signature
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +23,7 @@ from imucal.document.name import require_name
 from imucal.document.plain import plain
 from imucal.document.source import is_folder, open_large
 from imucal.errors import InputError
+from imucal.estimation.calibrate import calibrate
 from imucal.limits.limits import Limits
 from imucal.rig.unit import Unit, unit_of
 
@@ -81,7 +83,14 @@ class Options:
         wrong = [name for name in OF_A_JOB if name in self.calibrate]
         if wrong:
             raise InputError(f"{wrong[0]} is no option of a run of many units: leave it out")
-        given = {name: value for name, value in self.calibrate.items() if value is not None}
+        # A default that is given makes the same result as one that is left out, and so the same key.
+        defaults = {name: of.default for name, of in signature(calibrate).parameters.items()}
+        given = {
+            name: value
+            for name, value in self.calibrate.items()
+            if value is not None
+            and not (isinstance(value, (bool, float, str)) and value == defaults.get(name))
+        }
         if "unit" in given:
             # A profile is sent as such, because its file may be missing on another machine.
             given["unit"] = unit_of(given["unit"])

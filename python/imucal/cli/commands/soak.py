@@ -37,7 +37,7 @@ def soak(
     Models are compared by their predictions of epochs that they were not fitted to. If the time stamps of a
     file do not tell when the temperatures were reached, leave them out and give --rate-hz.
 
-    Example: imucal soak sweep.csv --calibration unit.json --report soak.html
+    Example: imucal soak sweep.csv --calibration unit-0042.json --report soak.html
     """
     import imucal
 

@@ -106,7 +106,8 @@ impl Segments {
         // Without an accelerometer there is no gravity that could wander.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        let long_blocks = (LONG_REST_S / block_s).round() as usize;
+        // Samples far apart make blocks of minutes.
+        let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))
             .filter(|range| !range.is_empty() && !gravity_wanders(&blocks[range.clone()], gravity, long_blocks))

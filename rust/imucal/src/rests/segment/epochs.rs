@@ -34,10 +34,10 @@ pub(super) fn cut(
     temperature_degc: impl Fn(Range<usize>) -> Option<f64>,
 ) -> Vec<Range<usize>> {
     let duration_s = blocks.len() as f64 * block_s;
-    if duration_s <= LONG_REST_S {
+    if duration_s <= LONG_REST_S || blocks.len() < 2 {
         return Vec::new();
     }
-    let most = ((duration_s / MIN_EPOCH_S) as usize).min(MAX_EPOCHS);
+    let most = ((duration_s / MIN_EPOCH_S) as usize).min(MAX_EPOCHS).min(blocks.len());
     // The temperature may rise and fall again, so its changes are summed, over means that average down the noise of
     // the thermometer.
     let temperatures: Vec<f64> = parts(blocks, most).into_iter().filter_map(temperature_degc).collect();
@@ -98,6 +98,12 @@ mod tests {
     use super::*;
 
     const BLOCK_S: f64 = 0.05;
+
+    #[test]
+    fn blocks_longer_than_an_epoch_are_not_divided() {
+        assert!(cut(&(3..4), 500.0, |_| None).is_empty());
+        assert_eq!(cut(&(3..5), 500.0, |_| None), [3..4, 4..5]);
+    }
 
     fn lengths(duration_s: f64, degc_at: impl Fn(f64) -> Option<f64>) -> Vec<usize> {
         let blocks = 7..7 + (duration_s / BLOCK_S).round() as usize;
