@@ -10,13 +10,8 @@ from imucal.stand.resuming import interrupted_in
 NAMES = ["time_s", *(f"accel_{axis}_mps2" for axis in "xyz"), *(f"gyro_{axis}_radps" for axis in "xyz")]
 
 
-@pytest.mark.parametrize(
-    ("driver", "reason"),
-    [("simulated", "driver simulated cannot be continued"), ("grbl", "interrupted before it began")],
-)
-def test_a_run_without_the_zero_of_its_motors_is_not_continued(tmp_path, driver, reason):
-    with Journal(tmp_path / "run.csv.journal", NAMES, {"driver": driver, "resume": {}}) as journal:
+def test_a_run_without_the_zero_of_its_motors_is_not_continued(tmp_path):
+    with Journal(tmp_path / "run.csv.journal", NAMES, {"driver": "simulated", "resume": {}}) as journal:
         journal.samples(np.zeros((5, len(NAMES))), 0.0)
-    with pytest.raises(imucal.InputError, match=reason) as refused:
+    with pytest.raises(imucal.InputError, match="is not one of a GRBL stand.*imucal stand recover"):
         interrupted_in(tmp_path)
-    assert ("imucal stand recover" in str(refused.value)) == (driver == "simulated")

@@ -62,17 +62,11 @@ def interrupted_in(path: str | os.PathLike[str]) -> Interrupted:
             f"{found[0]} does not say how its run is continued: save its samples with `imucal stand recover "
             f"{found[0]} -o FILE`"
         )
-    driver = logged.header.get("driver")
-    if driver != "grbl":
-        raise InputError(
-            f"{found[0]}: a run of the driver {driver} cannot be continued, because the position of its motors "
-            f"is not known: save its samples with `imucal stand recover {found[0]} -o FILE`, and run the "
-            "program again"
-        )
     if logged.zero_deg is None:
         raise InputError(
-            f"{found[0]}: the run was interrupted before it began: remove this file, and run the "
-            "program again"
+            f"{found[0]} does not say where the motors stood: the run was interrupted before it began, or is not "
+            f"one of a GRBL stand. Save its samples, if it has any, with `imucal stand recover {found[0]} "
+            "-o FILE`, and run the program again"
         )
     return Interrupted(logged, Path(str(found[0]).removesuffix(ENDING)), about, _clock_after(logged))
 
