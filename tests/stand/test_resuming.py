@@ -13,5 +13,5 @@ NAMES = ["time_s", *(f"accel_{axis}_mps2" for axis in "xyz"), *(f"gyro_{axis}_ra
 def test_a_run_without_the_zero_of_its_motors_is_not_continued(tmp_path):
     with Journal(tmp_path / "run.csv.journal", NAMES, {"driver": "simulated", "resume": {}}) as journal:
         journal.samples(np.zeros((5, len(NAMES))), 0.0)
-    with pytest.raises(imucal.InputError, match="is not one of a GRBL stand.*imucal stand recover"):
+    with pytest.raises(imucal.InputError, match=r"is not one of a GRBL stand.*imucal stand recover"):
         interrupted_in(tmp_path)

@@ -64,9 +64,9 @@ def interrupted_in(path: str | os.PathLike[str]) -> Interrupted:
         )
     if logged.zero_deg is None:
         raise InputError(
-            f"{found[0]} does not say where the motors stood: the run was interrupted before it began, or is not "
-            f"one of a GRBL stand. Save its samples, if it has any, with `imucal stand recover {found[0]} "
-            "-o FILE`, and run the program again"
+            f"{found[0]} does not say where the motors stood: the run was interrupted before it began, or is "
+            "not one of a GRBL stand. Save its samples, if it has any, with `imucal stand recover "
+            f"{found[0]} -o FILE`, and run the program again"
         )
     return Interrupted(logged, Path(str(found[0]).removesuffix(ENDING)), about, _clock_after(logged))
 
