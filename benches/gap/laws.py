@@ -189,8 +189,8 @@ base parameters are fitted, is 25 times the noncentrality 27.
 * Gap closed: reduction of chi2 of the control recording, relative to the same recordings without the error.
   It is given where the error raises chi2 by 30 % or more.
 * Other methods get the same whitened residuals and the same forms, with the base parameters projected out,
-  of the first cases of each family. PySINDy, where it is installed, is its optimiser STLSQ with a threshold of
-  three standard deviations.
+  of the first cases of each family. PySINDy, where it is installed, is its optimiser STLSQ with a threshold
+  of three standard deviations.
 
 The gates compare the found shares themselves; the intervals (95 %) show how much so many cases can tell.
 """
