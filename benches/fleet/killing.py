@@ -38,8 +38,11 @@ class Run:
 
     @property
     def told(self) -> list[str]:
-        lines = self.output.read_text().splitlines()
-        return [line.split()[1] for line in lines if line.startswith("told ")]
+        # A killed process may leave the beginning of a line.
+        lines = [
+            line.split() for line in self.output.read_text().splitlines(keepends=True) if line.endswith("\n")
+        ]
+        return [words[1] for words in lines if words[:1] == ["told"]]
 
     def wait_for(self, told: int, timeout_s: float = 60.0) -> None:
         """Wait until this number of units is told, or the run ends."""
