@@ -1,4 +1,4 @@
-"""Recordings of several units, and of one unit whose biases moved: what is said, and where it leads."""
+"""Recordings of several units, and of a unit whose biases moved: findings and the results of their advice."""
 
 import dataclasses
 

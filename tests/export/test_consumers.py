@@ -253,7 +253,7 @@ def test_openvins_takes_the_noise_of_a_recording():
     assert "noise figures" in imucal.export(consumers.WITH_G, "openvins").lost
 
 
-# --- what is said -------------------------------------------------------------------------------------
+# --- messages -----------------------------------------------------------------------------------------
 
 
 def test_px4_is_told_not_to_replace_the_offsets():

@@ -385,7 +385,7 @@ def test_kalibr_imu(still):
     assert figures["update_rate"] == pytest.approx(100.0)
 
 
-# --- what is said ---------------------------------------------------------------------------------
+# --- messages -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", CORRECTING)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -31,16 +32,16 @@ __all__ = ["MOST_UNITS", "Judging"]
 MOST_UNITS: Final = 50
 
 
-class Judging:
+class Judging(ABC):
     """Statistics over the selected units; `selection` is that of `Fleet.measurements`."""
 
+    @abstractmethod
     def measurements(self, *, covariances: bool = False, **selection: str | None) -> Measurements:
         """The selected calibrations as arrays."""
-        raise NotImplementedError
 
+    @abstractmethod
     def query(self, sql: str, arguments: Sequence[Any] = ()) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Names of columns, and rows, of an SQL statement that only reads."""
-        raise NotImplementedError
 
     def conditions_of(self, serial: str) -> dict[str, str]:
         """Station, operator and batch of the last calibration of a unit, where they are known."""

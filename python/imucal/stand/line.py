@@ -243,7 +243,7 @@ def _recorded(
     view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
     interrupted: Interrupted | None,
 ) -> Done:
-    """Do one run, or what is left of it."""
+    """Record one run, or continue it if it was interrupted."""
     about: dict[str, Any] = {
         "serial_number": order.serial_number,
         "operator": order.operator,
