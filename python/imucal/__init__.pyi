@@ -26,6 +26,13 @@ from .exporting import Export as Export, Residual as Residual, export as export
 from .finding import Finding as Finding, Place as Place
 from .fleet.fleet import Fleet as Fleet
 from .gap import Gap as Gap, find_gap as find_gap
+from .gap.own_motion import (
+    MoveResiduals as MoveResiduals,
+    MoveSignals as MoveSignals,
+    OwnMotion as OwnMotion,
+    RestResiduals as RestResiduals,
+    own_motion as own_motion,
+)
 from .gap.soak import Soak as Soak, SoakedSensor as SoakedSensor, SoakTerm as SoakTerm, soak as soak
 from .importing import read_calibration as read_calibration
 from .io import read as read, write as write

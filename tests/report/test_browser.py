@@ -33,6 +33,7 @@ DEVICES = {
 }
 EFFECT = {"gyro_g_sensitivity": 3e-4}
 MOST_BYTES = 6_000_000
+MG = 1e3 / 9.80665
 
 
 @pytest.fixture(scope="module")
@@ -285,11 +286,12 @@ def test_the_page_of_an_evaluation_shows_its_json(opened, reports):
     table = {row[0]: row[1:] for row in rows(open_tab(page, "Summary"))}
     for words, key in (
         ("gravity direction propagated over one move, rms error, deg", "gravity_direction_rms_deg"),
-        ("|f| − g at rest, rms, m/s²", "gravity_norm_rms_mps2"),
+        ("|f| − g at rest, rms, mg", "gravity_norm_rms_mps2"),
         ("χ² per degree of freedom (1: noise only)", "chi2_per_dof"),
     ):
         for shown, when in zip(table[words], ("before", "after"), strict=True):
-            assert float(shown) == pytest.approx(result["control_set"][when][key], rel=6e-4)
+            expected = result["control_set"][when][key] * (MG if key.endswith("_mps2") else 1.0)
+            assert float(shown) == pytest.approx(expected, rel=6e-4)
     open_tab(page, "Residuals")
     assert drawn(page, "control-rests")["used"]["y"] == [rest["norm_error_mps2"] for rest in result["rests"]]
 
@@ -317,8 +319,12 @@ def test_the_page_of_a_gap_shows_its_json(opened, reports):
     open_tab(page, "Before and after")
     points = [trace for trace in traces_of(page, "change") if trace["mode"] == "markers"]
     assert [(trace["name"], trace["x"]) for trace in points] == [
-        (when, [result[of][when][name] for of in ("control_set", "calibration_set")])
-        for name in ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
+        (when, [factor * result[of][when][name] for of in ("control_set", "calibration_set")])
+        for name, factor in (
+            ("chi2_per_dof", 1.0),
+            ("gravity_norm_rms_mps2", MG),
+            ("gravity_direction_rms_deg", 1.0),
+        )
         for when in ("before", "after")
     ]
 

@@ -168,8 +168,8 @@ def test_where_it_disagrees_is_shown_if_it_is_known(gap, tmp_path):
     where = {"channels": [channel], "rests": [rest], "moves": [move], "turns_about": "z", "depends": depends}
     object.__setattr__(shown, "where", where)
     page = page_of(report.write_gap_page, tmp_path / "gap.html", shown)
-    assert "rate at rest about x0.009270.000199rad/s46.70.906significant" in page.text
-    assert "run.csv, rest 32765.96e-05" in page.text
+    assert "rate at rest about x0.5310.0114deg/s46.70.906significant" in page.text
+    assert "run.csv, rest 32760.00608" in page.text
     assert "Moves with significant residuals, all of them rotations about z" in page.text
     assert "run.csv, move 7, excluded301.4" in page.text
     assert "rate at rest about xgravity99 %1e-62" in page.text
@@ -344,7 +344,7 @@ def test_the_json_of_a_calibration_has_what_its_page_shows(result):
 
 def test_a_figure_that_is_not_known_is_a_dash():
     page = Page(figures_table({"before": {}, "after": {"gravity_norm_rms_mps2": 0.00042}, "none": None}))
-    assert page.text.endswith("rms, m/s²-0.00042")
+    assert page.text.endswith("rms, mg-0.04283")
 
 
 def test_parameter_without_a_sigma_has_none():

@@ -6,6 +6,7 @@ translation      conversion of the library's result to a `Gap`
 result           the `Gap`
 remainder        what the effects leave unexplained
 remaining        the remainder of a search, with its description
+own_motion       residuals from the motion of the recordings themselves, for pages and notebooks
 sizes            sizes in the units of datasheets
 notes, text      sentences about a result
 soak             how the readings of a unit at rest in one pose depend on temperature

@@ -16,8 +16,10 @@ install command.
 from imucal.plot.estimates import limits, parameters, sigmas
 from imucal.plot.evidence import before_and_after, disagreement, law, ranking
 from imucal.plot.noise import allan
+from imucal.plot.own_motion import dependences, law_points, move_signals, residual_against
 from imucal.plot.propagated import propagated_gravity
 from imucal.plot.residuals import move_residuals, rest_residuals
+from imucal.plot.shares import effect_sizes, probabilities, waterfall, waterfall_steps
 from imucal.plot.soak import soak_law, soak_residuals
 from imucal.plot.sphere import coverage
 from imucal.plot.thinning import MOST
@@ -27,15 +29,23 @@ __all__ = [
     "allan",
     "before_and_after",
     "coverage",
+    "dependences",
     "disagreement",
+    "effect_sizes",
     "law",
+    "law_points",
     "limits",
     "move_residuals",
+    "move_signals",
     "parameters",
+    "probabilities",
     "propagated_gravity",
     "ranking",
+    "residual_against",
     "rest_residuals",
     "sigmas",
     "soak_law",
     "soak_residuals",
+    "waterfall",
+    "waterfall_steps",
 ]

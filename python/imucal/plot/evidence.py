@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
+from imucal.arrays import FloatArray
 from imucal.errors import InputError
-from imucal.plot.style import BLUE, GREEN, GREY, VERMILION, plotly, rows_of, shown_unit, styled
+from imucal.plot.style import BLUE, GREEN, GREY, VERMILION, plotly, rows_of, styled
+from imucal.plot.thinning import evenly
+from imucal.units import DEGREE_RAD, SHOWN, STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -14,17 +19,30 @@ if TYPE_CHECKING:
     from imucal.gap import Gap
     from imucal.gap.laws.law import Law
 
-__all__ = ["before_and_after", "channel_name", "disagreement", "figure_sets", "law", "ranking"]
+__all__ = ["before_and_after", "channel_name", "disagreement", "figure_sets", "law", "ranking", "shown"]
 
 # Half width of a 95 % interval, in standard deviations.
 INTERVAL_95: Final = 1.96
+
+MG: Final = SHOWN["m/s^2"][0]
+LAW_MARKERS: Final = ("circle", "triangle-up", "square")
+# Factor and title of the variables of formulas, in the units of datasheets.
+VARIABLES: Final = {
+    "w": (1.0 / DEGREE_RAD, "rate about the axis, deg/s"),
+    "w_norm": (1.0 / DEGREE_RAD, "magnitude of the rate, deg/s"),
+    "f": (1.0 / STANDARD_GRAVITY_MPS2, "force along the axis, g"),
+    "temp_degc": (1.0, "temperature, °C"),
+    "time_s": (1.0, "time, s"),
+    "rest_s": (1.0, "time since the last move, s"),
+    **{f"stand_{k}_rad": (1.0 / DEGREE_RAD, f"angle of motor {k}, deg") for k in (1, 2, 3)},
+}
 
 # Number of candidates shown in the ranking.
 CANDIDATES: Final = 15
 ROW_PX: Final = 26
 FIGURES: Final = {
     "chi2_per_dof": "χ² per degree of freedom (1: noise only)",
-    "gravity_norm_rms_mps2": "|f| − g at rest, rms, m/s²",
+    "gravity_norm_rms_mps2": "|f| − g at rest, rms, mg",
     "gravity_direction_rms_deg": "gravity direction per move, rms error, deg",
 }
 # Names of the channels of residuals; the axis is appended.
@@ -117,8 +135,10 @@ def ranking(gap: Gap) -> Figure:
     return styled(figure, 110 + ROW_PX * len(order))
 
 
-def law(found: Law) -> Figure:
+def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None = None) -> Figure:
     """The curve of a law over its variable by axis, with the 95 % band of its parameters.
+
+    points  by axis, values of the variable and errors of the sensor, such as those of `law_points`
 
     Raises InputError for a law of several variables, ImucalError without plotly.
     """
@@ -127,13 +147,15 @@ def law(found: Law) -> Figure:
         raise InputError(f"{found.name} depends on {' and '.join(found.variables)}, so it is no curve")
     go, _ = plotly()
     figure = go.Figure()
-    unit = shown_unit("rad/s" if found.sensor == "gyroscope" else "m/s^2")
-    for axis, colour, dash in zip("xyz", (BLUE, VERMILION, GREEN), ("solid", "dash", "dot"), strict=True):
-        value, std = curve.value[axis], curve.std[axis]
+    factor, unit = SHOWN["rad/s" if found.sensor == "gyroscope" else "m/s^2"]
+    at, at_title = _in_shown_units(curve.variable, np.array(curve.at))
+    looks = zip("xyz", (BLUE, VERMILION, GREEN), ("solid", "dash", "dot"), LAW_MARKERS, strict=True)
+    for axis, colour, dash, symbol in looks:
+        value, std = factor * np.array(curve.value[axis]), factor * np.array(curve.std[axis])
         for sign in (1.0, -1.0):
             figure.add_scatter(
-                x=curve.at,
-                y=[v + sign * INTERVAL_95 * s for v, s in zip(value, std, strict=True)],
+                x=at,
+                y=value + sign * INTERVAL_95 * std,
                 mode="lines",
                 line={"width": 0, "color": colour},
                 fill="tonexty" if sign < 0 else None,
@@ -142,16 +164,39 @@ def law(found: Law) -> Figure:
                 showlegend=False,
             )
         figure.add_scatter(
-            x=curve.at,
+            x=at,
             y=value,
             name=axis,
             mode="lines",
             line={"color": colour, "dash": dash},
-            hovertemplate=f"{curve.variable} %{{x:.4g}}, {axis}: %{{y:.3g}} {unit}<extra></extra>",
+            hovertemplate=f"{at_title}: %{{x:.4g}}, {axis}: %{{y:.3g}} {unit}<extra></extra>",
         )
-    figure.update_xaxes(title_text=curve.variable)
+        if points and axis in points:
+            own_at, own = points[axis]
+            kept = evenly(len(own))
+            figure.add_scatter(
+                x=_in_shown_units(curve.variable, own_at)[0][kept],
+                y=factor * own[kept],
+                name=f"{axis}, measured",
+                mode="markers",
+                marker={"color": colour, "symbol": symbol, "size": 7},
+                hovertemplate=f"{at_title}: %{{x:.4g}}, {axis}: %{{y:.3g}} {unit}<extra></extra>",
+            )
+    figure.update_xaxes(title_text=at_title)
     figure.update_yaxes(title_text=f"error, {unit}")
     return styled(figure, 340)
+
+
+def _in_shown_units(variable: str, values: FloatArray) -> tuple[FloatArray, str]:
+    """Values of a variable of formulas in the units of datasheets, and its name with the unit."""
+    factor, unit = VARIABLES.get(variable, (1.0, variable))
+    return factor * values, unit
+
+
+def shown(name: str, figures: Mapping[str, Any]) -> float | None:
+    """A figure in the unit of its name in `FIGURES`; None if it is not known."""
+    value: float | None = figures.get(name)
+    return value if value is None or not name.endswith("_mps2") else MG * value
 
 
 def figure_sets(gap: Gap) -> dict[str, Mapping[str, Any]]:
@@ -173,7 +218,7 @@ def before_and_after(gap: Gap) -> Figure:
     for row, name in enumerate(FIGURES, start=1):
         for word, of in sets.items():
             figure.add_scatter(
-                x=[of[when].get(name) for when in ("before", "after")],
+                x=[shown(name, of[when]) for when in ("before", "after")],
                 y=[word, word],
                 mode="lines",
                 line={"color": GREY, "width": 2},
@@ -184,7 +229,7 @@ def before_and_after(gap: Gap) -> Figure:
             )
         for when, colour, symbol, size in looks:
             figure.add_scatter(
-                x=[of[when].get(name) for of in sets.values()],
+                x=[shown(name, of[when]) for of in sets.values()],
                 y=list(sets),
                 name=when,
                 mode="markers",

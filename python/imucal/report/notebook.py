@@ -12,7 +12,7 @@ from imucal.estimation.evaluate import Evaluation
 from imucal.estimation.result import CalibrationResult
 from imucal.gap import Gap
 from imucal.noise_analysis.noise import NoiseResult
-from imucal.report.gap_page import effects_table, gap_figures_table
+from imucal.report.gap_tables import effects_table, gap_figures_table
 from imucal.report.noise_page import noise_table
 from imucal.report.page import MARKS, Verdict
 from imucal.report.tables import checks_table, figures_table, item_list, paragraph, parameter_table

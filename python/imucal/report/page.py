@@ -23,14 +23,15 @@ if TYPE_CHECKING:
 
 __all__ = ["Shown", "Tab", "Verdict", "require_plotly", "write_page"]
 
-MARKS = {"good": "✔", "incomplete": "◐", "poor": "✘", "open": "?"}
+MARKS = {"good": "✔", "found": "+", "incomplete": "◐", "poor": "✘", "open": "?"}
 
 
 @dataclass(frozen=True)
 class Verdict:
     """The verdict at the top of a page.
 
-    mood       "good", "incomplete", "poor", or "open" (no clear verdict); selects mark and colour
+    mood       "good", "found" (something was missing and is known now), "incomplete", "poor", or "open" (no
+               clear verdict); selects mark and colour
     sentence   the verdict in one sentence
     beside     supporting numbers
     """
@@ -42,11 +43,15 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A figure with its caption in plain text, and an identifier that is unique in the page."""
+    """A figure with its caption in plain text, and an identifier that is unique in the page.
+
+    printed  whether it is part of the page on paper; figures that repeat a table are not
+    """
 
     name: str
     figure: Figure
     caption: str
+    printed: bool = True
 
 
 @dataclass(frozen=True)

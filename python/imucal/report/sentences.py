@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from imucal.report.page import Verdict
+from imucal.units import SHOWN
 
 if TYPE_CHECKING:
     from imucal.estimation.evaluate import Evaluation
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from imucal.gap import Gap
     from imucal.noise_analysis.noise import NoiseResult
 
+MG = SHOWN["m/s^2"][0]
 METRICS = {
     "chi2_per_dof": "χ² per degree of freedom",
     "held_out_gravity_direction_rms_deg": "the rms error of the gravity direction, deg,",
@@ -59,21 +61,25 @@ def of_gap(gap: Gap) -> Verdict:
     """The effects missing from the model, and the share of the gap that they close."""
     names = " and ".join(effect["name"] for effect in gap.effects)
     beside = _closed(gap)
-    if gap.laws and (gap.remainder is None or not gap.remainder.matters):
+    remainder = gap.remainder
+    is_left = remainder is not None and remainder.kind != "nothing"
+    if gap.laws and not (remainder is not None and remainder.matters):
         found = " and ".join(f"{law.formula} ({law.sensor})" for law in gap.laws)
         named = f" beside {names}" if names else ""
         return Verdict(
-            "good",
+            "incomplete" if is_left else "found",
             f"No effect of the catalogue, but a law describes it{named}.",
             f"{found}. {beside}".strip(),
         )
-    if gap.remainder is not None and gap.effects and gap.remainder.matters:
-        beside = f"{gap.remainder.description}. {beside}"
-    if gap.verdict == "named" and gap.remainder is not None and gap.remainder.matters:
-        rest = "varies randomly" if gap.remainder.kind == "stochastic" else "is unknown"
-        return Verdict("open", f"Missing from the model: {names}. What remains {rest}.", beside.strip())
+    if remainder is not None and gap.effects and is_left:
+        beside = f"Remainder: {remainder.description}. {beside}"
+    if gap.verdict == "named" and remainder is not None and remainder.matters:
+        rest = "varies randomly" if remainder.kind == "stochastic" else "is unknown"
+        return Verdict("incomplete", f"Missing from the model: {names}. What remains {rest}.", beside.strip())
     if gap.verdict == "named":
-        return Verdict("good", f"Missing from the model: {names}.", beside)
+        return Verdict(
+            "incomplete" if is_left else "found", f"Missing from the model: {names}.", beside.strip()
+        )
     if gap.verdict == "ambiguous":
         rivals = " or ".join(gap.ambiguous_with)
         return Verdict(
@@ -118,8 +124,9 @@ def _better_norm(judged: Evaluation) -> str:
     if before is None or after is None or judged.moves:
         return ""
     return (
-        f"On the control recordings, the norm of gravity at the rests has an rms error of {after:.2g} m/s², "
-        f"compared to {before:.2g} m/s² without calibration."
+        f"On the control recordings, the norm of gravity at the rests has an rms error of {MG * after:.2g} "
+        "mg, "
+        f"compared to {MG * before:.2g} mg without calibration."
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucal.document.plain import plain
 from imucal.plot.style import shown_unit
+from imucal.units import SHOWN
 
 if TYPE_CHECKING:
     from imucal.calibration.triad import Parameter
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 FIGURES = {
     "gravity_direction_rms_deg": "gravity direction propagated over one move, rms error, deg",
-    "gravity_norm_rms_mps2": "|f| − g at rest, rms, m/s²",
+    "gravity_norm_rms_mps2": "|f| − g at rest, rms, mg",
     "chi2_per_dof": "χ² per degree of freedom (1: noise only)",
     "rests": "rests evaluated",
     "moves": "moves evaluated",
@@ -85,7 +86,7 @@ def figures_table(columns: Mapping[str, object]) -> str:
     """Figures of sets of recordings, one column per set; sets that are None are omitted."""
     sets = {name: plain(figures) for name, figures in columns.items() if figures is not None}
     keys = [key for key in FIGURES if any(key in figures for figures in sets.values())]
-    rows = [[FIGURES[key], *(_figure(figures.get(key)) for figures in sets.values())] for key in keys]
+    rows = [[FIGURES[key], *(_figure(key, figures.get(key)) for figures in sets.values())] for key in keys]
     return table(["", *sets], rows)
 
 
@@ -112,7 +113,9 @@ def _beside_truth(value: float, std: float, truth: float | None) -> list[str]:
     return [rounded_to(truth, std), f"{(value - truth) / std:+.1f}" if std > 0.0 else "-"]
 
 
-def _figure(value: float | None) -> str:
+def _figure(key: str, value: float | None) -> str:
+    if value is not None and key.endswith("_mps2"):
+        value *= SHOWN["m/s^2"][0]
     return f"{value:.4g}" if value is not None and math.isfinite(value) else "-"
 
 

@@ -118,7 +118,7 @@ def gap(
     if report is not None:
         from imucal.report import write_gap_page
 
-        write_gap_page(report, found)
+        write_gap_page(report, found, recordings=unit_data, control=judges)
     out = Output(json)
     out.document(found.to_dict())
     if verbose:

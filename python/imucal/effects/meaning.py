@@ -1,0 +1,227 @@
+"""What each effect of the catalogue is, its usual cause, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+__all__ = ["Meaning", "meaning_of"]
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """An effect in words.
+
+    what    the error that it adds to the sensor
+    cause   the usual cause in a MEMS sensor or its mount
+    remedy  what to do beside correcting it
+    """
+
+    what: str
+    cause: str
+    remedy: str
+
+
+_THERMAL_CAUSE: Final = (
+    "Dimensions, stiffness and electronics of the sensor change with temperature; the compensation on the "
+    "chip "
+    "leaves a part of it."
+)
+_THERMAL_REMEDY: Final = (
+    "Keep it in the calibration and give the temperature of every sample to the correction. Calibrate over "
+    "the "
+    "temperatures of use: the correction is not reliable beyond them."
+)
+_HISTORY_CAUSE: Final = (
+    "The thermometer is not where the sensor is, so it lags while the temperature changes, or stress in the "
+    "package and the solder relaxes slowly."
+)
+_HISTORY_REMEDY: Final = (
+    "Record heating and cooling at the rates of use. The correction needs the temperature of the whole "
+    "recording, not of single samples; change the temperature more slowly if it may not be corrected."
+)
+_WARMUP_CAUSE: Final = "The unit heats itself and its package relaxes after power-on."
+_WARMUP_REMEDY: Final = (
+    "Let the unit warm up before use and calibration, or keep the effect and start the time at power-on. If "
+    "the temperature was recorded, an effect of the temperature describes the cause better."
+)
+_DRIFT_CAUSE: Final = (
+    "Self-heating, a change of the room temperature, or slow relaxation of stress in the package."
+)
+_DRIFT_REMEDY: Final = (
+    "Record the temperature: if it explains the drift, the correction holds in other recordings. A drift "
+    "with "
+    "time alone describes this recording only."
+)
+_ENCODER_REMEDY: Final = (
+    "It is an error of the stand, not of the unit, so the calibration of the sensors does not contain it. "
+    "Mend the stand, or keep the effect in its model."
+)
+
+MEANINGS: Final[dict[str, Meaning]] = {
+    "gyro_g_sensitivity": Meaning(
+        "The gyroscope's bias depends linearly on the specific force: a unit at rest reads another rate in "
+        "each pose.",
+        "Gravity and acceleration displace the vibrating mass, because its suspension is not perfectly "
+        "symmetric.",
+        "Keep it in the calibration and correct the rate with the force of the same sample. Mount the unit "
+        "on "
+        "dampers if vibration is strong, because the correction needs forces within the bandwidth.",
+    ),
+    "gyro_g2_sensitivity": Meaning(
+        "The gyroscope's bias depends on products of the specific force, so vibration shifts its mean.",
+        "Nonlinear displacement of the vibrating mass, and rectification of vibration by the electronics.",
+        "Keep it in the calibration; damp the mount if the unit vibrates, because vibration beyond the "
+        "bandwidth "
+        "is rectified but not measured.",
+    ),
+    "gyro_scale_g_sensitivity": Meaning(
+        "The gyroscope's scale depends on the specific force along its axis.",
+        "Force changes the gap between the electrodes of the drive or of the readout.",
+        "Keep it in the calibration if the unit rotates under load; it is small in most uses.",
+    ),
+    "gyro_scale_quadratic": Meaning(
+        "The gyroscope's error grows with the square of the rate, with the same sign for both directions.",
+        "An asymmetric readout: both directions of rotation have slightly different scales that change with "
+        "the rate.",
+        "Keep it in the calibration, and calibrate up to the largest rate of use.",
+    ),
+    "gyro_scale_cubic": Meaning(
+        "The gyroscope's scale changes with the magnitude of the rate.",
+        "The readout saturates gradually towards the end of the range, or its force feedback is nonlinear.",
+        "Keep it in the calibration, calibrate up to the largest rate of use, or select a larger range of "
+        "the sensor.",
+    ),
+    "gyro_scale_asymmetry": Meaning(
+        "The gyroscope's scale differs between the two directions of rotation.",
+        "Two different halves of the readout, such as a demodulator or converter with unequal gains.",
+        "Keep it in the calibration, and include rotations in both directions in every calibration.",
+    ),
+    "gyro_cross_axis_quadratic": Meaning(
+        "Simultaneous rotation about two axes causes an error of a third one.",
+        "Coriolis and centrifugal forces couple the axes of a vibrating mass that all three share.",
+        "Keep it in the calibration if the unit rotates about several axes at once.",
+    ),
+    "accel_scale_quadratic": Meaning(
+        "The accelerometer's error grows with the square of the force along its axis; vibration shifts its "
+        "mean.",
+        "The gap between the electrodes changes with the deflection of the mass, more to one side than to "
+        "the other.",
+        "Keep it in the calibration. Under vibration the mean shifts by the parameter times the mean square, "
+        "so damp the mount if the vibration is beyond the bandwidth.",
+    ),
+    "accel_scale_cubic": Meaning(
+        "The accelerometer's scale changes with the magnitude of the force.",
+        "The spring or the electrostatic readout is nonlinear at large deflections.",
+        "Keep it in the calibration. Gravity alone shows it only within 1 g: use a centrifuge or a shaker "
+        "for more.",
+    ),
+    "accel_scale_asymmetry": Meaning(
+        "The accelerometer's scale differs between the two signs of the force.",
+        "Unequal electrodes or amplifiers for the two directions of deflection.",
+        "Keep it in the calibration, and include poses with each axis up and down.",
+    ),
+    "accel_cross_axis_quadratic": Meaning(
+        "Forces along other axes cause an error that grows with products of the forces.",
+        "A mass that all axes share, or suspension that twists under a force across it.",
+        "Keep it in the calibration only if the poses come from a stand with known angles, which separates "
+        "it "
+        "from the other nonlinear terms.",
+    ),
+    "gyro_bias_temperature": Meaning(
+        "The gyroscope's bias depends on the temperature.", _THERMAL_CAUSE, _THERMAL_REMEDY
+    ),
+    "gyro_scale_temperature": Meaning(
+        "The gyroscope's scale depends on the temperature.", _THERMAL_CAUSE, _THERMAL_REMEDY
+    ),
+    "accel_bias_temperature": Meaning(
+        "The accelerometer's bias depends on the temperature.", _THERMAL_CAUSE, _THERMAL_REMEDY
+    ),
+    "accel_scale_temperature": Meaning(
+        "The accelerometer's scale depends on the temperature.", _THERMAL_CAUSE, _THERMAL_REMEDY
+    ),
+    "gyro_bias_drift": Meaning(
+        "The gyroscope's bias changes at a constant rate in time.", _DRIFT_CAUSE, _DRIFT_REMEDY
+    ),
+    "gyro_scale_drift": Meaning(
+        "The gyroscope's scale changes at a constant rate in time.", _DRIFT_CAUSE, _DRIFT_REMEDY
+    ),
+    "accel_bias_drift": Meaning(
+        "The accelerometer's bias changes at a constant rate in time.", _DRIFT_CAUSE, _DRIFT_REMEDY
+    ),
+    "gyro_bias_warmup": Meaning(
+        "The gyroscope's bias approaches its final value exponentially after power-on.",
+        _WARMUP_CAUSE,
+        _WARMUP_REMEDY,
+    ),
+    "accel_bias_warmup": Meaning(
+        "The accelerometer's bias approaches its final value exponentially after power-on.",
+        _WARMUP_CAUSE,
+        _WARMUP_REMEDY,
+    ),
+    "gyro_angular_acceleration": Meaning(
+        "The gyroscope's error is proportional to the angular acceleration.",
+        "The phase of its filter, or a mass that the angular acceleration moves directly.",
+        "Check the delay and the low-pass filter of the gyroscope first: a delay has the same form for each "
+        "axis.",
+    ),
+    "gyro_time_offset": Meaning(
+        "The gyroscope's samples are older or newer than those of the accelerometer.",
+        "Different filters of the two sensors, or time stamps that are given when a sample is read.",
+        "Shift the time stamps of the gyroscope by the parameter, and give both sensors the same filter and "
+        "the "
+        "time stamps of one clock.",
+    ),
+    "earth_rate": Meaning(
+        "The gyroscope measures the rotation of the Earth, 15 deg/h.",
+        "It is a true rate and not an error, but the model takes a unit at rest as not rotating.",
+        "Include it in the calibration of gyroscopes whose noise is well below 15 deg/h; navigation corrects "
+        "it by "
+        "the latitude and the heading.",
+    ),
+    "accel_lever_arm": Meaning(
+        "The accelerometer is not at the point about which the unit rotates, so it measures centripetal and "
+        "tangential forces.",
+        "The distance of the accelerometer from the axes of the stand, or from the origin of the body frame.",
+        "It belongs to the mount: keep the lever arm of the calibration, or transform the force to the "
+        "origin of "
+        "the body frame with it.",
+    ),
+    "accel_size_effect": Meaning(
+        "The three axes of the accelerometer measure at different points.",
+        "Three separate sensing elements, millimetres apart in the package.",
+        "Keep it in the calibration if the unit rotates fast; the distances should agree with the size of "
+        "the package.",
+    ),
+    "encoder_eccentricity": Meaning(
+        "The angles of a motor have an error that repeats with every revolution.",
+        "The scale or the magnet of the encoder is not centred on the axis.",
+        _ENCODER_REMEDY,
+    ),
+    "encoder_time_offset": Meaning(
+        "The angles of the motors are older or newer than the samples of the unit.",
+        "The delay of the bus on which the encoders are read.",
+        _ENCODER_REMEDY,
+    ),
+    "encoder_backlash": Meaning(
+        "A motor stops at a different angle when it comes from the other side.",
+        "Play of the gears between the encoder and the platform.",
+        _ENCODER_REMEDY,
+    ),
+    **{
+        f"{sensor}_bias_temperature_{form}": Meaning(
+            f"The {name}'s bias depends {on}.", _HISTORY_CAUSE, _HISTORY_REMEDY
+        )
+        for sensor, name in (("gyro", "gyroscope"), ("accel", "accelerometer"))
+        for form, on in (
+            ("rate", "on how fast the temperature changes"),
+            ("lag", "on a temperature that follows the measured one with a time constant"),
+            ("hysteresis", "on whether the unit is heating or cooling"),
+        )
+    },
+}
+
+
+def meaning_of(name: str) -> Meaning | None:
+    """What an effect of the catalogue is; None for a user-defined effect and for a law."""
+    return MEANINGS.get(name)

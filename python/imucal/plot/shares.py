@@ -1,0 +1,179 @@
+"""Plots of what a search has found: the share of the gap of each effect, its size, and its rivals."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from imucal.errors import InputError
+from imucal.gap.sizes import for_people
+from imucal.plot.style import BLUE, GREEN, GREY, VERMILION, plotly, rows_of, shown_unit, styled
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+    from imucal.gap import Gap
+
+__all__ = ["candidate_probabilities", "effect_sizes", "probabilities", "waterfall", "waterfall_steps"]
+
+KINDS: Final = {
+    "rest_norm": "|f| − g at rest",
+    "move_direction": "gravity direction after moves",
+    "rest_rate": "rate at rest",
+}
+ROW_PX: Final = 30
+PANEL_PX: Final = 66
+# Least probability of a candidate that is drawn, and largest number of them.
+LEAST: Final = 1e-3
+MOST: Final = 6
+# Half width of a 95 % interval, in standard deviations.
+INTERVAL_95: Final = 1.96
+
+
+def waterfall_steps(gap: Gap) -> dict[str, list[tuple[str, float]]]:
+    """Share of the gap that each effect and law closes, by kind of residual, and the share that is left.
+
+    Shares are those of control or held-out residuals. Kinds without a gap are left out.
+    """
+    closers = [(str(e["name"]), e.get("closed") or {}) for e in gap.effects]
+    closers += [(law.name, law.closed) for law in gap.laws]
+    steps = {}
+    for kind in KINDS:
+        own = [(name, float(closed[kind])) for name, closed in closers if closed.get(kind) is not None]
+        if own:
+            steps[kind] = [*own, ("left", 1.0 - sum(share for _, share in own))]
+    return steps
+
+
+def waterfall(gap: Gap) -> Figure:
+    """The gap of each kind of residual, closed by one effect after the other.
+
+    Raises InputError if no effect closes a gap, ImucalError without plotly.
+    """
+    steps = waterfall_steps(gap)
+    if not steps:
+        raise InputError("no effect closes a part of the gap")
+    go, make_subplots = plotly()
+    rows = [len(own) + 1 for own in steps.values()]
+    height = sum(rows) * ROW_PX + len(rows) * PANEL_PX
+    figure = make_subplots(
+        rows=len(rows),
+        row_heights=rows,
+        vertical_spacing=PANEL_PX / height if len(rows) > 1 else 0.0,
+        subplot_titles=[KINDS[kind] for kind in steps],
+    )
+    for row, own in enumerate(steps.values(), start=1):
+        names = ["gap", *(name for name, _ in own)]
+        figure.add_trace(
+            go.Waterfall(
+                orientation="h",
+                y=names,
+                x=[100.0, *(-100.0 * share for _, share in own[:-1]), 100.0 * own[-1][1]],
+                measure=["absolute", *["relative"] * (len(own) - 1), "total"],
+                text=[
+                    "100 %",
+                    *(f"−{100 * share:.0f} %" for _, share in own[:-1]),
+                    f"{100 * own[-1][1]:.0f} %",
+                ],
+                textposition="auto",
+                increasing={"marker": {"color": VERMILION}},
+                decreasing={"marker": {"color": GREEN}},
+                totals={"marker": {"color": BLUE}},
+                connector={"line": {"color": GREY, "width": 1}},
+                hovertemplate="%{y}: %{text}<extra></extra>",
+            ),
+            row=row,
+            col=1,
+        )
+        figure.update_yaxes(rows_of(names), row=row, col=1)
+    figure.update_xaxes(rangemode="tozero", ticksuffix=" %")
+    figure.update_annotations(x=0, xanchor="left", font={"size": 13})
+    figure.update_layout(showlegend=False)
+    return styled(figure, height + 60)
+
+
+def effect_sizes(gap: Gap) -> Figure:
+    """Every parameter of the found effects with its 68 % and 95 % interval; zero is no effect.
+
+    The intervals are those of a quadratic log-likelihood, from the covariance of the fit. Raises InputError
+    without effects, ImucalError without plotly.
+    """
+    groups: dict[str, list[tuple[str, float, float]]] = {}
+    for effect in gap.effects:
+        for p in effect["parameters"]:
+            value, unit = for_people(p["value"], p["unit"])
+            std = abs(for_people(p["std"] or 0.0, p["unit"])[0])
+            title = f"{effect['name']}, {shown_unit(unit)}".removesuffix(", ")
+            groups.setdefault(title, []).append((p["name"], value, std))
+    if not groups:
+        raise InputError("there is no effect to show")
+    _, make_subplots = plotly()
+    rows = [len(own) for own in groups.values()]
+    height = sum(rows) * 24 + len(rows) * PANEL_PX
+    figure = make_subplots(
+        rows=len(rows),
+        row_heights=rows,
+        vertical_spacing=PANEL_PX / height if len(rows) > 1 else 0.0,
+        subplot_titles=list(groups),
+    )
+    for row, own in enumerate(groups.values(), start=1):
+        names = [name for name, _, _ in own]
+        for factor, thickness in ((INTERVAL_95, 1.2), (1.0, 4.0)):
+            figure.add_scatter(
+                x=[value for _, value, _ in own],
+                y=names,
+                error_x={
+                    "type": "data",
+                    "array": [factor * std for _, _, std in own],
+                    "color": BLUE,
+                    "thickness": thickness,
+                    "width": 0,
+                },
+                mode="markers",
+                marker={"color": BLUE, "symbol": "circle", "size": 7},
+                text=[f"{name}<br>{value:.4g} ± {std:.2g}" for name, value, std in own],
+                hovertemplate="%{text}<extra></extra>",
+                row=row,
+                col=1,
+            )
+        figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dash"}, row=row, col=1)
+        figure.update_yaxes(rows_of(names), row=row, col=1)
+    figure.update_annotations(x=0, xanchor="left", font={"size": 13})
+    figure.update_layout(showlegend=False)
+    return styled(figure, height + 50)
+
+
+def candidate_probabilities(gap: Gap) -> dict[str, float]:
+    """Probability of each candidate to be the first effect, all and none being equally likely beforehand."""
+    nats = {"no effect": 0.0, **{str(s["name"]): float(s["log_bayes_factor"]) for s in gap.ranking}}
+    largest = max(nats.values())
+    weights = {name: math.exp(value - largest) for name, value in nats.items()}
+    total = sum(weights.values())
+    return {name: weight / total for name, weight in sorted(weights.items(), key=lambda item: -item[1])}
+
+
+def probabilities(gap: Gap) -> Figure:
+    """Probabilities of the candidates, all being equally likely beforehand; those below 0.1 % are left out.
+
+    Raises InputError without a ranking, ImucalError without plotly.
+    """
+    if not gap.ranking:
+        raise InputError("there is no ranking: the search ended before candidates were scored")
+    go, _ = plotly()
+    every = candidate_probabilities(gap)
+    shown = [name for name, share in every.items() if share >= LEAST][:MOST]
+    added = {str(effect["name"]) for effect in gap.effects}
+    figure = go.Figure()
+    figure.add_bar(
+        x=[100 * every[name] for name in shown],
+        y=shown,
+        orientation="h",
+        width=0.6,
+        marker={"color": [BLUE if name in added else GREY for name in shown]},
+        text=[f"{100 * every[name]:.3g} %" for name in shown],
+        textposition="auto",
+        hovertemplate="%{y}: %{text}<extra></extra>",
+    )
+    figure.update_yaxes(rows_of(shown))
+    figure.update_xaxes(range=[0, 105], title_text="probability, %")
+    return styled(figure, 100 + ROW_PX * max(len(shown), 2))

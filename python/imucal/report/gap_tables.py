@@ -1,0 +1,48 @@
+"""Tables of a search for a missing effect, for its page and for notebooks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imucal.gap.sizes import for_people
+from imucal.plot.evidence import FIGURES, figure_sets, shown
+from imucal.plot.style import shown_unit
+from imucal.report.tables import rounded_to, table
+
+if TYPE_CHECKING:
+    from imucal.gap import Gap
+
+__all__ = ["effects_table", "gap_figures_table"]
+
+
+def effects_table(gap: Gap) -> str:
+    """HTML table with the parameters of the effects added to the model; empty if there are none."""
+    rows = []
+    for effect in gap.effects:
+        for p in effect["parameters"]:
+            value, unit = for_people(p["value"], p["unit"])
+            std = abs(for_people(p["std"] or 0.0, p["unit"])[0])
+            rows.append(
+                [
+                    f"{effect['name']} {p['name']}",
+                    rounded_to(value, std),
+                    rounded_to(std, std) if std else "-",
+                    shown_unit(unit) or "1",
+                ]
+            )
+    return table(["effect", "value", "1 σ", "unit"], rows) if rows else ""
+
+
+def gap_figures_table(gap: Gap) -> str:
+    """HTML table with the figures of all sets before and after the effects were added; empty without sets."""
+    known = figure_sets(gap)
+    header = ["", *(f"{name}, {when}" for name in known for when in ("before", "after"))]
+    rows = [
+        [words, *(_number(shown(key, of[when])) for of in known.values() for when in ("before", "after"))]
+        for key, words in FIGURES.items()
+    ]
+    return table(header, rows) if known else ""
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

@@ -1,0 +1,228 @@
+"""Tabs of the report of a search: where the residuals are, laws, evidence, and figures before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import imucal.plot as plot
+from imucal.document.json_document import to_json
+from imucal.gap.sizes import for_people
+from imucal.plot.evidence import channel_name, figure_sets
+from imucal.plot.style import shown_unit
+from imucal.report.gap_tables import gap_figures_table
+from imucal.report.page import Shown
+from imucal.report.tables import file_button, heading, paragraph, table
+
+if TYPE_CHECKING:
+    from imucal.gap import Gap
+    from imucal.gap.laws.law import Law
+    from imucal.gap.own_motion import OwnMotion
+
+__all__ = ["change", "evidence", "laws", "next_motion", "visible", "where"]
+
+SIGNALS = {
+    "angular_rate_rms_radps": ("angular rate, rms", "rad/s"),
+    "specific_force_rms_mps2": ("specific force, rms", "m/s^2"),
+}
+# Names and SI units of the residuals of single rests and moves.
+RESIDUALS = {
+    "rests": ("|f| − g", "norm_error_mps2", "m/s^2"),
+    "moves": ("direction error", "direction_error_deg", "deg"),
+}
+# Maximum number of rests, and of moves, listed as having significant residuals.
+MOST_WORST = 12
+# Maximum number of panels of residuals against a variable.
+MOST_PANELS = 4
+
+
+def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
+    """Residuals of each channel, against the variables that explain them, and the worst rests and moves."""
+    found = gap.where or {}
+    yield Shown(
+        "where",
+        plot.disagreement(gap),
+        "Residuals of the model without effects, relative to their noise: 1 means that noise explains them.",
+    )
+    shown = [] if motion is None else plot.dependences(motion)[:MOST_PANELS]
+    if shown:
+        yield Shown(
+            "against",
+            plot.residual_against(shown, has_effects=bool(gap.effects or gap.laws)),
+            "Residuals at the rests and of the moves about one axis, each against the variable that explains "
+            "most of it. A pattern is a missing effect; open markers are control recordings.",
+        )
+    yield _channels(found["channels"])
+    if found["depends"]:
+        yield heading("Correlations of the residuals")
+        rows = [
+            [
+                channel_name(row),
+                row["on"].replace("_", " "),
+                f"{100 * row['share']:.0f} %",
+                f"{row['p_value']:.1g}",
+            ]
+            for row in found["depends"]
+        ]
+        yield table(["channel", "correlated with", "explained variance", "p"], rows, words=(1,))
+    for kind in RESIDUALS:
+        if found[kind]:
+            axis = found.get("turns_about") if kind == "moves" else None
+            about = f", all of them rotations about {axis}" if axis else ""
+            yield heading(f"{kind.capitalize()} with significant residuals{about}")
+            yield _worst(kind, found[kind])
+
+
+def laws(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
+    """Each law: its formula, parameters, and curve with the residuals on it."""
+    yield paragraph(
+        "Formulas that describe what no effect of the catalogue does. They are part of the improved "
+        "calibration like any other effect."
+    )
+    for law in gap.laws:
+        yield heading(law.formula)
+        rows = [
+            [p["name"], f"{p['value']:.4g}", f"{p['std']:.2g}" if p["std"] else "-", shown_unit(p["unit"])]
+            for p in law.parameters
+        ]
+        yield table(["parameter", "value", "1 σ", "unit"], rows)
+        if law.nearest:
+            yield paragraph(f"Similar effects of the catalogue: {', '.join(law.nearest)}.")
+        if law.curve is not None:
+            yield _curve(law, motion)
+
+
+def _curve(law: Law, motion: OwnMotion | None) -> Shown:
+    points = {} if motion is None else plot.law_points(motion, law)
+    measured = (
+        " Markers: the law plus the residual with it, at each rest or move that shows it." if points else ""
+    )
+    assert law.curve is not None
+    return Shown(
+        f"law-{law.name}",
+        plot.law(law, points),
+        f"Error of the {law.sensor} over {law.curve.variable}, relative to its mean, with the 95 % band of "
+        "its "
+        f"parameters.{measured}",
+    )
+
+
+def evidence(gap: Gap) -> Iterator[Shown | str]:
+    """Probabilities of the rivals, sizes of the effects, and the ranking of all candidates."""
+    yield Shown(
+        "probabilities",
+        plot.probabilities(gap),
+        "Probability that a candidate is the first missing effect, if all candidates and no effect are "
+        "equally "
+        "likely beforehand.",
+    )
+    if any(effect["parameters"] for effect in gap.effects):
+        yield Shown(
+            "sizes",
+            plot.effect_sizes(gap),
+            "Parameters of the found effects with their 68 % and 95 % intervals, from the curvature of the "
+            "likelihood. An interval that contains zero is compatible with no effect on that axis.",
+        )
+    yield Shown(
+        "ranking",
+        plot.ranking(gap),
+        "Evidence for each single candidate relative to the model without it. Effects with similar "
+        "signatures score similarly; the search therefore adds the best one and scores the others again.",
+        printed=False,
+    )
+    rows = [
+        [
+            score["name"],
+            f"{score['log_bayes_factor']:.1f}",
+            f"{score['statistic']:.1f}",
+            str(score["dof"]),
+            f"{score['p_value']:.2g}",
+        ]
+        for score in gap.ranking
+    ]
+    yield table(["candidate", "log Bayes factor", "χ²", "degrees of freedom", "p"], rows)
+
+
+def change(gap: Gap) -> Iterator[Shown | str]:
+    """The share of the gap that each effect closes, and the figures before and after."""
+    if plot.waterfall_steps(gap):
+        yield Shown(
+            "waterfall",
+            plot.waterfall(gap),
+            "The gap between the residuals and their noise on control or held-out data, and the share of it "
+            "that each effect closes.",
+        )
+    *unseen, seen = figure_sets(gap)
+    but = f" but not the sets named {' or '.join(unseen)}" if unseen else ""
+    words = f"Figures without and with the found effects. The fits have used the set named {seen}{but}."
+    yield Shown("change", plot.before_and_after(gap), words)
+    yield gap_figures_table(gap)
+    error = getattr(gap, "corrected_error", None)
+    if error:
+        yield heading("Predicted error of the corrected signals, averaged over 1 s")
+        rows = []
+        for name, (words, si_unit) in SIGNALS.items():
+            before, unit = for_people(error[name]["before"], si_unit)
+            after, _ = for_people(error[name]["after"], si_unit)
+            factors = [f"{error[name][figure]:.3g}" for figure in ("factor", "factor_low", "factor_high")]
+            rows.append([f"{words}, {shown_unit(unit)}", f"{before:.3g}", f"{after:.3g}", *factors])
+        yield table(["", "before", "after", "improvement factor", "95 % interval from", "to"], rows)
+
+
+def visible(gap: Gap) -> Iterator[str]:
+    """The detection limit of each effect, and the effects that the recordings cannot show."""
+    if gap.smallest_visible:
+        yield paragraph(
+            "The smallest size of each effect, rms over its parameters, that is detectable in these "
+            "recordings."
+        )
+        rows = []
+        for name, size in gap.smallest_visible.items():
+            value, unit = for_people(size["value"], size["unit"])
+            rows.append([name, f"{value:.2g}", shown_unit(unit) or "1"])
+        yield table(["effect", "detectable from", "unit"], rows)
+    if gap.not_observable:
+        yield heading("Not observable in these recordings")
+        yield table(["effect", "requires"], [[e["name"], e["needs"]] for e in gap.not_observable], words=(1,))
+
+
+def next_motion(motion: Any) -> Iterator[str]:
+    """The recording that distinguishes the rivals."""
+    yield paragraph(motion["description"])
+    if motion.get("program") is not None:
+        yield file_button("program", "next-motion.json", to_json(motion["program"]))
+
+
+def _channels(channels: Any) -> str:
+    rows = []
+    for row in channels:
+        (rms, unit), (noise, _) = (for_people(row[key], row["unit"]) for key in ("rms", "noise_rms"))
+        rows.append(
+            [
+                channel_name(row),
+                f"{rms:.3g}",
+                f"{noise:.3g}",
+                shown_unit(unit),
+                f"{row['times_noise']:.3g}",
+                # Effects on the stand's angles are not part of the corrected signals.
+                "-" if row["times_noise_after"] is None else f"{row['times_noise_after']:.3g}",
+                "significant" if row["stands_out"] else "",
+            ]
+        )
+    return table(["channel", "rms", "noise", "unit", "rms / noise", "after", ""], rows)
+
+
+def _worst(kind: str, items: Any) -> str:
+    name, key, si_unit = RESIDUALS[kind]
+    worst = sorted(items, key=lambda item: -item["times_noise"])[:MOST_WORST]
+    rows = [
+        [
+            f"{item['recording']}, {kind[:-1]} {item['index']}"
+            + (", excluded" if item.get("left_out") else ""),
+            f"{item['times_noise']:.2g}",
+            f"{for_people(item[key], si_unit)[0]:.3g}",
+        ]
+        for item in worst
+    ]
+    unit = shown_unit(for_people(1.0, si_unit)[1])
+    return table([f"the worst {len(worst)} of {len(items)}", "residual / noise", f"{name}, {unit}"], rows)
