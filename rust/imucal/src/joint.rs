@@ -4,13 +4,13 @@
 //! rest norms   |f_k| - g
 //! rest rates   mean(w_k) - b - T mean(Phi)_k theta
 //! moves        E_k (R_k^T u_k - u_(k+1))
-//! in the move  R(t) f(t) - g u_k,   only for effects that are observable only while the unit rotates
+//! in the move  R(t) f(t) - g u_k,   used for effects that are observable only while the unit rotates
 //! ```
 //!
 //! The quantities f, u and w are corrected for the effects. Residuals of neighbouring moves are correlated through the
 //! mean-force error of the rest between them; `whiten` accounts for their covariance. The random walk of the attitude
-//! error inside a move is whitened by the innovations of a Kalman filter (`inside`). The weights depend on the
-//! residuals and the residuals on the weights, so the fit is repeated until the parameters settle.
+//! error inside a move is whitened by the innovations of a Kalman filter (`inside`). The weights are estimated from the
+//! residuals of a fit, and the next fit uses the new weights. Fits are repeated until the parameters settle.
 
 mod encoders;
 mod fields;
@@ -80,20 +80,22 @@ use weights::Weights;
 /// Observability limit of an effect: the smallest change of the whitened residuals (root of chi2) per typical size,
 /// over all directions of its parameters. At 0.1, ten typical sizes change chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit for partly determined effects, which have a prior: the same quantity in the best determined
-/// direction. At 0.01, a hundred typical sizes change chi2 by one.
+/// Observability limit of an effect with a prior, which may be determined only partly: the change of the whitened
+/// residuals per typical size in the best determined direction of its parameters. At 0.01, a hundred typical sizes
+/// change chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of a partly determined effect, in typical sizes of its parameters.
 const WIDE: f64 = 100.0;
 /// Convergence limit of the repeated fits: largest change of a parameter between two fits, in standard deviations
 /// (model.md (18)).
 const SETTLED: f64 = 1e-3;
-/// Limit of the same change after the last permitted fit, above which the weights are reported as not settled: a tenth
-/// of a standard deviation, as in the convergence test of a single fit. Between the two limits the estimate is usable;
-/// slow hand-held runs with a temperature cycle end there, with changes that shrink by a constant factor per fit.
+/// Limit of the change of a parameter in the last permitted fit, in standard deviations. Above this limit, the weights
+/// are reported as not settled. The convergence test of a single fit has the same limit. An estimate whose last change
+/// lies between `SETTLED` and this limit is usable. For example, in slow hand-held runs with a temperature cycle, the
+/// changes shrink only by a constant factor per fit.
 const NOT_SETTLED: f64 = 0.1;
-/// Maximum number of fits with new weights. A fit that does not settle within it is reported as not converged. Most
-/// runs settle within five.
+/// Maximum number of fits with new weights. If the parameters have not settled after this number, the result is
+/// reported as not converged. Most runs settle within five fits.
 const MAX_ROUNDS: usize = 16;
 /// Limit of the ratio of residual scatter to noise at the start of a search. Above it, the weights estimated from these
 /// residuals are too small, so the fit is repeated with new weights.
@@ -106,19 +108,19 @@ const SEARCH: f64 = 1e-5;
 /// Start values of a time constant, as fractions of the duration of the longest recording (model.md (23)).
 pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
-/// Effects that depend on the angular acceleration and still leave a rotation error over a whole move. They are
-/// observable without the force inside the moves.
+/// Effects that depend on the angular acceleration and cause a rotation error that does not cancel over a whole move.
+/// They are observable without the force inside the moves.
 const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
-/// Whether an effect is not observable in hand-held recordings. Such an effect changes only the force inside the moves,
-/// to which the hand adds an unknown acceleration.
+/// Whether an effect is not observable in hand-held recordings. This holds for effects that change only the force
+/// inside the moves, because the hand adds an unknown acceleration to that force.
 pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     let effect = Effect::<f64>::find(name);
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
 }
 
-/// Estimates all parameters. The fit starts from the warm start if its effects match, otherwise from the two triads
-/// with zero effects.
+/// Estimates all parameters. The fit starts from `warm_start` if that model has the effects of `terms`, otherwise from
+/// the two triads with zero effects.
 pub(crate) fn fit(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -133,7 +135,7 @@ pub(crate) fn fit(
     choose_shapes(&mut problem, terms, &mut parameters)?;
     let mut reweighting = Reweighting::default();
     for round in 0..MAX_ROUNDS {
-        // The weights of the first round are preliminary, so a coarse fit suffices.
+        // The weights of the first round are preliminary, so a coarse tolerance suffices.
         let tolerance = if round == 0 { SEARCH } else { lsq::EXACT };
         let mut found = minimize_within(&problem, &parameters, tolerance, most - iterations)?;
         iterations += found.iterations;
@@ -173,8 +175,8 @@ pub(crate) fn fit_for_search(
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
     let mut found = minimize(&problem, &parameters, SEARCH)?;
-    // Residuals that the start model does not explain are strongly down-weighted, for example those of a misaligned
-    // stand or of a very large effect. The weights are therefore estimated again.
+    // Residuals that the start model does not explain are strongly down-weighted, for example those due to a misaligned
+    // stand or to a very large effect. The weights are therefore estimated again after the fit.
     let mut taken = problem.weights.times_noise(prepared);
     let is_misled = !terms.all.is_empty() && taken.iter().any(|times| *times > MISLEADING);
     let rounds = if is_misled { MAX_ROUNDS } else { usize::from(terms.kinds.encoders) };
@@ -193,7 +195,7 @@ fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Soluti
     minimize_within(problem, start, tolerance, problem.prepared.max_iterations)
 }
 
-/// As [`minimize`], with at most `iterations` iterations, of which a fit uses some for each set of weights.
+/// As [`minimize`], with at most `iterations` iterations.
 fn minimize_within(problem: &Joint<'_>, start: &[f64], tolerance: f64, iterations: u64) -> Result<Solution, Error> {
     let found = lsq::minimize_within(problem, start, tolerance, iterations.min(lsq::ITERATION_LIMIT))?;
     if found.termination == Termination::NotFinite {
@@ -219,7 +221,7 @@ pub(crate) fn predict(
 ///
 /// With weights from noise alone, the large residuals at the start could drive an effect far from its true value. For
 /// example, a g-sensitivity that is equal on all axes rotates the unit about gravity. The moves do not observe this
-/// rotation, and if it is fast, it averages out all other errors.
+/// rotation. If the estimated rotation is fast, it averages out all other errors.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -294,8 +296,8 @@ fn check_determined(
     // A prior of 100 typical sizes barely changes the estimate in observable directions, so the exact observability
     // limit has no influence on the result.
     for term in &terms.all {
-        // Columns of zeros are omitted. The column of a time constant is zero while its effect is zero, and in the QR
-        // decomposition it would get an arbitrary direction.
+        // Columns of zeros are omitted. The column of a time constant is zero while its effect is zero, and the QR
+        // decomposition would assign an arbitrary direction to it.
         let own = BASE + term.first..BASE + term.first + term.linear;
         let others = (BASE..terms.total()).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();
@@ -334,8 +336,8 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     message
 }
 
-/// Tries several time constants with the linear parameters free, and keeps the one with the smallest chi2. It becomes
-/// the centre of a wide prior.
+/// Fits the linear parameters for several values of each time constant, and keeps the value with the smallest chi2.
+/// This value becomes the centre of a wide prior of the time constant.
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;

@@ -1,4 +1,5 @@
-//! Compares derivatives of the whitened residuals with central differences, for every kind of row and of column.
+//! Compares derivatives of the whitened residuals with central differences, for every kind of residual and of
+//! parameter.
 
 use std::sync::Arc;
 
@@ -15,8 +16,8 @@ use crate::simulate::motion::Motion;
 use crate::simulate::tumble::{HandMoves, Tumble};
 use crate::simulate::{Faults, RandomMoves, Setup, Temperature, Unit};
 
-/// A fit with these effects in their full forms and a user-defined field; all effects are zero, time constants are
-/// typical.
+/// Calls `work` with the inputs of a fit with these effects in their full forms and a user-defined field. All effects
+/// are zero, and each time constant has its typical value.
 fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, Vec<f64>)) {
     let run = Run::new(&RandomMoves { moves: 12, hold_s: 1.5, ..RandomMoves::default() }, rate_hz, &EffectSet::none());
     let wave = |time_s: &f64| [0.0, 1.0, 2.0].map(|phase| (3.0 * time_s + phase).sin());
@@ -69,7 +70,8 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
 }
 
-/// Change of a whitened residual at ten typical sizes of a parameter, below which its column counts as zero.
+/// A Jacobian column counts as zero if ten typical sizes of its parameter change every whitened residual by less than
+/// this.
 const SEEN: f64 = 1e-3;
 
 /// Largest error of each column, compared with a central difference, as a share of the largest entry of the column.
@@ -80,8 +82,8 @@ fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64
     let at = |p: usize, step: f64| {
         let mut changed = parameters.to_vec();
         changed[p] += step;
-        // A new linearisation is needed here, because the problem extrapolates its own derivatives to nearby
-        // parameters.
+        // A new linearisation is needed here, because for nearby parameters the problem returns a first-order update
+        // with unchanged derivatives.
         problem.whiten(&problem.prepared.linearise(terms, &changed).unwrap()).0
     };
     let typical: Vec<f64> = terms.all.iter().flat_map(Term::typical).collect();
@@ -119,7 +121,8 @@ fn derivatives_meet_central_differences() {
     const NONE: (bool, bool) = (false, false);
     let runs = [(NONE, 100.0), ((true, false), 100.0), ((false, true), 100.0), ((true, true), 100.0)];
     for ((in_motion, encoders), rate_hz) in runs.into_iter().chain([(NONE, 400.0), ((true, false), 400.0)]) {
-        // At rests and over moves all effects are tested; inside moves those observable only there, and a few others.
+        // All effects are tested with the residuals of rests and moves. With the residuals inside moves, only effects
+        // that need these residuals and the effects in `FEW` are tested.
         let seen = |effect: &&'static Effect<f64>| {
             let own = match effect.sensor {
                 Sensor::Encoder => encoders,
@@ -194,9 +197,9 @@ fn what_stands_apart_is_whitened_alike() {
     );
 }
 
-/// For an effect of typical size, the derivative neglects the dependence of the effect on rate and force. The relative
-/// error is as large as this dependence. It is largest for the gyroscope's sensitivity with a delay or a lever arm,
-/// whose effects follow the derivative or the square of the rate.
+/// The Jacobian neglects that an effect itself depends on the corrected rate and force. At an effect of typical size,
+/// the relative error equals this dependence. The error is largest in the columns of the gyroscope sensitivity if the
+/// effect is a delay or a lever arm, which depend on the derivative or the square of the rate.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [

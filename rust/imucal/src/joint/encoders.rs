@@ -1,13 +1,14 @@
 //! Residuals of gravity and attitude against the encoders of a stand (model.md (21)).
 //!
 //! ```text
-//! rests        across u_k:  R_wb(q_k)^T e_z - u_k
+//! rests        perpendicular to u_k:  R_wb(q_k)^T e_z - u_k
 //! in the move  log(C_0^T C(t) R(t)^T),   C = R_wb(q)
 //! q = e - sum Phi(q, dq/dt, direction) theta,   e the encoder readings, rad
 //! ```
 //!
-//! The stand itself is not exact. Its mount rotation (3 parameters), base tilt (2) and the non-orthogonality of its
-//! axes (2) are estimated as well. They are the last parameters of the parameter vector.
+//! The geometry of the stand is not exactly known. The mount rotation (3 parameters), the base tilt (2) and the
+//! non-orthogonality of the axes (2) are therefore estimated as well. These seven are the last entries of the parameter
+//! vector.
 
 mod directions;
 pub(super) mod moves;
@@ -30,14 +31,14 @@ use crate::rests::unit_rest::UnitRest;
 use crate::simulate::stand::Stand;
 use directions::directions;
 
-/// Step of the central differences with respect to stand parameters and motor angles, rad. Their relative error is of
-/// the order of its square.
+/// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error of such a
+/// difference is of the order of the square of the step, 1e-8.
 const STEP_RAD: f64 = 1e-4;
 /// Changes of a reading below this limit are rounding errors of the stored numbers and not encoder counts, rad. It is
 /// far below the count of any real encoder.
 const LEAST_COUNT_RAD: f64 = 1e-11;
-/// Number of fixed-point iterations for the motor angles. Effects of the encoders depend on the true motor angles and
-/// rates.
+/// Number of fixed-point iterations for the motor angles. The iteration is needed because the effects of the encoders
+/// depend on the true motor angles and rates, which are known only after the correction.
 const PASSES: usize = 3;
 
 /// Model of the stand: its attitude as a function of the motor angles, for given stand parameters.
@@ -48,7 +49,7 @@ pub(crate) struct StandModel {
 
 impl StandModel {
     pub(crate) fn of(parameters: &[f64]) -> Self {
-        // Without encoders there are no stand parameters. The stand is then perfect and is not used.
+        // Without encoders `parameters` is empty. The model is then that of a perfect stand, which no residual uses.
         let mut p = [0.0; STAND_PARAMETERS];
         p.iter_mut().zip(parameters).for_each(|(own, given)| *own = *given);
         let stand = Stand {
@@ -86,8 +87,8 @@ impl StandModel {
     }
 }
 
-/// Start value of the mount rotation: least-squares rotation from the up directions given by the encoders to the
-/// measured up directions `up`.
+/// Start value of the mount rotation: least-squares rotation from the up directions computed from the encoder angles to
+/// the measured up directions `up`.
 pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Vector3<f64> {
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =
@@ -119,7 +120,7 @@ fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
 
 impl Angles {
     /// Corrects the encoder readings for the effects with the parameters `values`. `time_s`, `readings` and
-    /// `directions` have one entry per sample, and `sample` is the first of these samples.
+    /// `directions` have one entry per sample, and `sample` identifies the first sample.
     fn of(
         values: &[f64],
         terms: &Terms<'_>,
@@ -173,8 +174,8 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest: gravity direction from the stand minus measured gravity direction, perpendicular to the
-/// latter, rad. Each row contains the derivatives, followed by the residual.
+/// Two residuals of a rest, rad: the components, perpendicular to the measured gravity direction, of the gravity
+/// direction from the stand minus the measured one. Each row contains the derivatives, followed by the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,

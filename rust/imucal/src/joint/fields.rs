@@ -77,8 +77,8 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// Attitude error caused by each column, at each segment of a move and at the end of the move, rad. Between two
-    /// segments the attitude error grows linearly.
+    /// Attitude error due to each column, at each segment of a move and at the end of the move, rad. Between two
+    /// segments the attitude error is interpolated linearly.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);
@@ -97,7 +97,7 @@ impl Field {
 }
 
 impl Joint<'_> {
-    /// Whitened derivatives with respect to the columns of a field: all residuals except those against the stand.
+    /// Whitened derivatives of all residuals, except those against the stand, with respect to the columns of a field.
     pub(crate) fn by_field(&self, linear: &Linear, ways: &[MoveSegments], field: &Field) -> Mat<f64> {
         let mut all = Mat::zeros(self.rows(), field.width);
         let mut lines = Mat::zeros(linear.lines.len(), field.width);
@@ -112,8 +112,8 @@ impl Joint<'_> {
         all
     }
 
-    /// Derivatives with respect to an error of the rate. `lines` gets the norm and move residuals before whitening,
-    /// `all` the whitened rows after them.
+    /// Derivatives with respect to an error of the rate. The derivatives of the norm and move residuals are written to
+    /// `lines` before whitening. Those of all following residuals are written to `all`, whitened.
     fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
         let mut row = lines.nrows();
@@ -131,7 +131,8 @@ impl Joint<'_> {
             let turns = field.turns(k, way);
             let end: Vec<Vector3<f64>> = (0..width).map(|c| turns.column(turns.of(way.stretches.len()), c)).collect();
             if linear.sees_inside() {
-                // An attitude error t changes the rotated force f by t x f. Its component along d is (f x d) . t.
+                // An attitude error t changes the rotated force f by t x f. The component of this change along d is (f
+                // x d) . t.
                 let inside = Inside::new(pass, &before.up, &self.weights.inside[k], gravity_mps2);
                 let propagated = pass.rotation * after.up * gravity_mps2;
                 let by_end = [1, 2].map(|c| propagated.cross(&inside.directions[c]));
@@ -151,7 +152,8 @@ impl Joint<'_> {
         }
     }
 
-    /// Derivatives with respect to an error of the specific force; `lines` and `all` as in `by_rate`.
+    /// Derivatives with respect to an error of the specific force. `lines` and `all` have the same meaning as in
+    /// `by_rate`.
     fn by_force(
         &self,
         linear: &Linear,

@@ -6,10 +6,10 @@
 //! ```
 //!
 //! The direction d is along gravity or along one of two directions perpendicular to it. Along gravity there is no
-//! random walk, because to first order an attitude error does not change that component of gravity. Perpendicular to
-//! gravity the integrated white noise of the gyroscope is a random walk. The innovations of a scalar Kalman filter are
-//! white and serve as residuals. The last residuals of a move compare the propagated gravity direction with that of the
-//! rest after the move.
+//! random walk, because an attitude error does not change the vertical component of gravity to first order.
+//! Perpendicular to gravity, the integrated white noise of the gyroscope is a random walk. For each direction, a scalar
+//! Kalman filter whitens the z_j, and its normalised innovations are the residuals. The last residuals of a move
+//! compare the propagated gravity direction with that of the rest after the move.
 
 mod blocks;
 pub(super) mod filter;
@@ -27,8 +27,8 @@ use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
 /// Derivatives of the residuals of a move with respect to one parameter, through the gravity directions of the adjacent
-/// rests, m/s^2. `start` adds to all residuals along each of the three directions. `end` adds to the last residual
-/// along each of the two directions perpendicular to gravity.
+/// rests, m/s^2. `start` is added to all residuals along each of the three directions. `end` is added to the last
+/// residual along each of the two directions perpendicular to gravity.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
@@ -136,8 +136,8 @@ pub(crate) struct InsideNoise {
     pub(crate) force: f64,
 }
 
-/// Number of residuals inside a move. With encoders the two residuals of the rest after the move are omitted, because
-/// the residuals of that rest against the stand contain it.
+/// Number of residuals inside a move. With encoders, the two residuals of the rest after the move are omitted, because
+/// the residuals of that rest against the stand contain the same gravity direction.
 pub(crate) fn count(pass: &Pass, with_encoders: bool) -> usize {
     3 * pass.blocks.len() + if with_encoders { 0 } else { 2 }
 }

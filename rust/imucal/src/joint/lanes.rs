@@ -10,7 +10,8 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 /// Row-major matrix of derivatives, with the residual as the last column. Columns that are zero are not stored.
 #[derive(Clone)]
 pub(crate) struct Lanes {
-    /// Position of each column within a row. `None` for a column that is zero. The last entry is that of the residual.
+    /// Position of each column within a row, or `None` for a column that is zero. The last entry is the position of the
+    /// residual.
     places: Vec<Option<usize>>,
     of_residual: usize,
     /// Number of stored values per row, including padding.
@@ -42,8 +43,8 @@ impl Lanes {
         Self { places, of_residual, width, numbers: Aligned::default() }
     }
 
-    /// Matrix with the given positions, of which the last is that of the residual; `number(row, column)` gives the
-    /// values.
+    /// Matrix with the given positions of the columns; the last one is the position of the residual. `number(row,
+    /// column)` returns the value of an entry.
     #[cfg(test)]
     pub(crate) fn of(places: &[Option<usize>], rows: usize, number: impl Fn(usize, usize) -> f64) -> Self {
         let (of_residual, places) = places.split_last().unwrap();

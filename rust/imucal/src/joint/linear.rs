@@ -41,7 +41,7 @@ impl Line {
     }
 }
 
-/// The rest or the move to which a residual belongs, by index. The mean rates of a rest count as `Norm`.
+/// The rest or the move to which a residual belongs, by index. `Norm` also stands for the mean rates of a rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
     Norm(usize),
@@ -58,8 +58,8 @@ pub(crate) struct Linear {
     pub(crate) moves: Arc<Vec<AtMove>>,
     /// Gravity direction at each rest in use.
     pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
-    /// Change of the parameters since the samples of the moves were integrated; empty if there is none. The residuals
-    /// inside the moves are corrected by their derivatives times this change.
+    /// Change of the parameters since the samples of the moves were integrated; empty if the parameters have not
+    /// changed. The residuals inside the moves are corrected by their derivatives times this change.
     pub(super) change: Vec<f64>,
     kinds: Kinds,
 }
@@ -107,8 +107,8 @@ impl Linear {
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
     }
 
-    /// Source and row range of each group of whitened residuals after the mean rates: the inside of each move, each
-    /// rest against the stand, each move against the stand.
+    /// Source and row range of each group of whitened residuals after the mean rates. The groups are the force inside
+    /// each move, each rest against the stand, and each move against the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
         let mut row = self.lines.len() + 3 * self.rates.len();
         let mut found = Vec::new();
@@ -151,16 +151,16 @@ pub(crate) const INSIDE: usize = 5;
 pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves against the stand.
 pub(crate) const STAND_MOVES: usize = 7;
-/// Index of a kind of residuals: norms at the epochs of long rests after their first ones. They scatter by the
-/// wandering of the biases alone, so they must not decide on the scatter of the norms at different poses.
+/// Index of a kind of residuals: norms at the epochs of long rests after their first ones. These norms scatter only
+/// because the biases drift within a rest, so they are kept out of the scatter of the norms at different poses.
 pub(crate) const EPOCH_NORMS: usize = 8;
 /// Index of a kind of residuals: changes of the gravity direction between the epochs of a rest.
 pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the epochs of long rests after their first ones, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Cost of a sample with effects or with blocks inside the move, relative to a sample of plain preintegration.
-/// It decides the number of threads.
+/// Computing time of a sample with effects or with blocks inside the move, relative to a sample of plain
+/// preintegration. It determines the number of threads.
 const COST: usize = 30;
 
 impl Prepared<'_> {
@@ -175,8 +175,8 @@ impl Prepared<'_> {
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &evaluated), before, after }
         };
-        // If no effect changes the rate, the rotations alone are integrated first. This is fast and gives the attitude
-        // of every rest, so that the moves can then run in parallel.
+        // If no effect changes the rate, only the rotations are integrated first, which is fast. They determine the
+        // attitude of every rest, so the moves can then be processed in parallel.
         let goes_ahead = evaluated.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
@@ -285,8 +285,8 @@ impl Prepared<'_> {
         let mut by_bias = -Matrix3::identity();
         let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
-            // The rotation within a hand-held rest is computed from the gravity directions at its ends, which depend on
-            // the gyroscope bias (model.md (27)).
+            // The rotation within a hand-held rest is computed from the gravity directions at the ends of the rest.
+            // These directions depend on the gyroscope bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;

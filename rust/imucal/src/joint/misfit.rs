@@ -4,10 +4,10 @@
 //! chi2 = r^T P r  with  N - n degrees of freedom,     p = P(chi2 of as many degrees is larger)
 //! ```
 //!
-//! P is the matrix of equation (25) for all N residuals, to which n parameters are fitted. The chi2 of a rest (its norm
-//! and its mean rates) or of a move is d of equation (25): the decrease of chi2 if the residuals of this rest or move
-//! are excluded. It has a chi2 distribution whatever the leverage of the rest or move. The weights are those of sensor
-//! noise alone; standard deviations are not increased for excess scatter.
+//! P is the matrix of equation (25) for all N residuals, and n is the number of fitted parameters. The chi2 of a rest
+//! (its norm and its mean rates) or of a move is d of equation (25): the decrease of chi2 if the residuals of this rest
+//! or move are excluded. This decrease has a chi2 distribution for any leverage of the rest or move. The weights
+//! contain sensor noise only; standard deviations are not increased for excess scatter.
 
 mod groups;
 
@@ -31,7 +31,7 @@ use groups::group_misfits;
 /// Goodness of fit of a set of residuals, relative to noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Misfit {
-    /// Sum of the squared residuals, each divided by its standard deviation.
+    /// Sum of squares of the residuals, after each residual is divided by its standard deviation.
     pub chi2: f64,
     /// Degrees of freedom, the expected value of chi2 if noise explains the residuals.
     pub degrees_of_freedom: usize,
@@ -48,15 +48,15 @@ impl Misfit {
 }
 
 /// Goodness of fit of all residuals, of each rest and of each move. `None` for rests and moves that the fit does not
-/// use or whose leverage is too high.
+/// use, or whose leverage is so high that they cannot be judged.
 pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// Residual of the prior of each held parameter in standard deviations, and the share of its variance that the fit
-    /// leaves in it; `None` if the other residuals do not depend on the parameter.
+    /// For each held parameter, the residual of its prior in standard deviations, and the share of the variance of the
+    /// prior that the fit leaves in this residual. `None` if no other residual depends on the parameter.
     pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 
@@ -98,8 +98,8 @@ impl Misfits {
     }
 }
 
-/// Smallest relative length of a column after projection onto the complement of other columns, dimensionless. A shorter
-/// column counts as linearly dependent. The value is far above rounding.
+/// Limit of linear dependence: smallest relative length of a column after its projection onto the orthogonal complement
+/// of the other columns, dimensionless. The value is far above rounding errors.
 const LEAST: f64 = 1e-6;
 
 /// Prediction errors of rests and moves from fits without them (model.md (34)). `None` if the remaining residuals do
@@ -112,8 +112,8 @@ pub(crate) struct HeldOut {
 }
 
 impl Joint<'_> {
-    /// Cross-validation with `folds` folds of moves and as many of rests. Fold i holds out the moves i, i + folds, ...
-    /// or the rests i, i + folds, ...
+    /// Cross-validation with `folds` folds of moves and `folds` folds of rests. Fold i holds out every `folds`-th move,
+    /// or every `folds`-th rest, starting with index i.
     pub(crate) fn held_out(&self, linear: &Linear, folds: usize) -> HeldOut {
         let parts = Parts::new(self, linear);
         let mut direction_rad = vec![None; linear.moves.len()];
@@ -147,7 +147,8 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals divided into correlated and independent parts, so that a fold can hold out some of them.
+/// Whitened residuals divided into correlated and independent parts, so that the fit can be repeated without those of a
+/// fold.
 struct Parts {
     /// Length of each column of the whitened Jacobian.
     size: Vec<f64>,
@@ -160,7 +161,7 @@ struct Parts {
     /// Gram matrix `[J r]^T [J r]` of the priors.
     given: Mat<f64>,
     /// Changes of the whitened residuals due to a unit error of each norm, move and mean-rate residual, and of each
-    /// component of the mean forces. Each is stored as its first nonzero row and the values from there on.
+    /// component of the mean forces. Each change is stored as its first nonzero row and the values from that row on.
     units: Vec<(usize, Vec<f64>)>,
 }
 
@@ -190,8 +191,8 @@ impl Parts {
         Self { size, kept, shared, others, given, units }
     }
 
-    /// Indices into `units` of the errors that become free parameters when rests are held out: those of their mean
-    /// rates and mean forces.
+    /// Indices into `units` of the errors that become free parameters when rests are held out: the errors of the mean
+    /// rates and of the mean forces of these rests.
     fn columns_of(&self, linear: &Linear, rests: &[usize]) -> Vec<usize> {
         let places = linear.rates.iter().enumerate().filter(|(_, (k, _))| rests.contains(k)).map(|(place, _)| place);
         let rates = linear.lines.len();

@@ -69,8 +69,8 @@ pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundi
     }
 }
 
-/// Number of parts of a rest. Temperature and time are averaged over each part, which is fine enough for drifts and
-/// warm-up within a rest.
+/// Number of parts into which a rest is divided. Temperature and time are averaged over each part. The number is large
+/// enough to resolve drifts and warm-up within a rest.
 const PARTS: usize = 16;
 
 /// Mean temperature and time of each part of a rest.

@@ -4,12 +4,13 @@
 //! d = (A^T P r)^T (A^T P A)^-1 (A^T P r),   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
 //! ```
 //!
-//! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again. The
-//! columns of A are those of a move, of the norm or the mean rates of a rest, or the effect of an error of the mean
-//! force of a rest on its norm and on the adjacent moves. Under the null hypothesis d has a chi2 distribution with as
-//! many degrees of freedom as A has columns, whatever the correlation of the residuals. C contains the noise alone.
-//! Excess scatter of all residuals of a kind is taken into account by the median of d. The item with the smallest
-//! p-value is excluded and all others are judged again, until no p-value is below `SIGNIFICANCE`.
+//! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again. A
+//! has one column per free residual of a move, of the norm or of the mean rates of a rest; or its columns are the
+//! effect of an error of the mean force of a rest on the norm and on the adjacent moves. Under the null hypothesis d
+//! has a chi2 distribution with as many degrees of freedom as A has columns, for any correlation of the residuals. C
+//! contains only sensor noise. Excess scatter that is common to all residuals of a kind is taken into account by the
+//! median of their d. The item with the smallest p-value is excluded and all others are judged again, until no p-value
+//! is below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -36,14 +37,14 @@ use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 /// Significance level: an item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), an item of
 /// a clean run is excluded with a probability of 0.4 %.
 const SIGNIFICANCE: f64 = 1e-5;
-/// Smallest share of the variance of a direction that the fit leaves in its residual (one minus leverage). Directions
-/// with a smaller share cannot be judged (model.md (25)).
+/// Smallest one-minus-leverage of a direction that can be judged: the share of the variance of the direction that the
+/// fit leaves in the residual (model.md (25)).
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Smallest diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. Columns with a smaller
 /// entry are linearly dependent on the others; the limit is far above rounding.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
-/// Smallest share of the variance of a prior that the fit leaves in its residual. With a smaller share, rounding
-/// determines the standardised residual.
+/// Smallest share of the variance of a prior that the fit leaves in the residual of the prior. With a smaller share,
+/// rounding errors dominate the standardised residual.
 const MIN_JUDGED: f64 = 1e-6;
 /// Minimum number of rests that remain after exclusion (model.md (25)).
 const MIN_REMAINING_RESTS: usize = 12;
@@ -62,8 +63,8 @@ struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
-    /// Whether the item is an epoch of a long rest after its first one, or the step to it. These items have scales of
-    /// their own, because their errors are those of one pose.
+    /// Whether the item is an epoch of a long rest after its first one, or the step to it. Such items are scaled
+    /// separately, because their errors are those of a single pose.
     is_of_later_epoch: bool,
 }
 
@@ -86,8 +87,8 @@ enum Kind {
 
 /// Rests and moves that contradict all others under a model near the optimum, in the order of exclusion.
 ///
-/// Moves are judged by the gravity directions at their ends, even if the fit uses the force inside the moves or the
-/// stand. `known` is an existing linearisation at the model; it must contain all rests and moves to be judged.
+/// Moves are judged only by the gravity directions at their ends, even if the fit also uses the force inside the moves
+/// or the stand. `known` is an existing linearisation at the model; it must contain all rests and moves to be judged.
 pub(crate) fn outliers(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -143,7 +144,7 @@ pub(crate) fn outliers(
             Item::Rest(_) => (&mut rests, MIN_REMAINING_RESTS),
             Item::Move(_) => (&mut moves, MIN_REMAINING_MOVES),
         };
-        // Epochs are counted apart from rests, because they are no poses.
+        // Epochs are counted separately from rests, because an epoch is not a new pose.
         let alike: Vec<bool> = (0..used.len()).filter(|&k| is_alike(k)).map(|k| used[k]).collect();
         let fewest = if worst.0.is_of_later_epoch { 0 } else { fewest };
         if log_p(worst) > SIGNIFICANCE.ln() || !may_exclude(&alike, fewest) {
@@ -158,9 +159,9 @@ pub(crate) fn outliers(
     }
 }
 
-/// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. The moves predict it,
-/// so that the excess scatter of the moves counts. The rows are divided by the model errors of model.md (12), and a
-/// prior of the same section limits what other rests determine.
+/// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. Only the moves predict
+/// such a norm, so it is judged with the excess scatter of the moves. The rows are divided by the model errors of
+/// model.md (12), and the prior of that section is added.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -171,7 +172,7 @@ fn only_moves_judge(linear: &Linear) -> Vec<Item> {
             Source::Move(_) => None,
         })
         .collect();
-    // The size of a bias is the reading of gravity.
+    // The scale of a bias parameter is the reading at 1 g.
     let size = |p: usize| if p < 3 { STANDARD_GRAVITY_MPS2 * scale } else { scale };
     let design = Mat::from_fn(norms.len() + ACCEL.len(), ACCEL.len(), |i, p| match norms.get(i) {
         Some((_, by)) => by[p] * size(p) * LARGEST_SHIFT / REST_ERROR_MPS2,
@@ -300,8 +301,8 @@ impl LeaveOut {
         self.basis.push(direction);
     }
 
-    /// Residual of one row divided by its standard deviation in the fit, and the share of its variance that the fit
-    /// leaves in it; `None` if the fit follows the residual whatever its value.
+    /// Residual of one row divided by its standard deviation after the fit, and one minus its leverage. `None` if the
+    /// leverage is so close to one that the fit follows the residual whatever its value.
     pub(super) fn standardised(&self, row: usize) -> Option<(f64, f64)> {
         let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))

@@ -1,7 +1,7 @@
 //! Integration over the samples of one move: its rotation, the attitude Jacobian, and the force inside the move.
 //!
-//! R(t) rotates vectors from the body frame at time t to that at the start of the move. A small change of the
-//! parameters changes it to exp(turn(t)) R(t), where turn(t) is the attitude error in the frame at the start.
+//! R(t) rotates vectors from the body frame at time t to the body frame at the start of the move. A small change of the
+//! parameters changes R(t) to exp(turn(t)) R(t), where turn(t) is the attitude error in the frame at the start.
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   R <- R exp(h s(w) + h^2/12 (w_0 x w_1))
@@ -14,14 +14,14 @@
 //! rotation over the whole move is needed, the integrals for the base parameters come from preintegration,
 //! model.md (6).
 //!
-//! For smooth motion the integration error falls with the fourth power of the sampling interval. With straight lines
-//! between samples it would fall only with the second power, because the error due to the curvature of the rate does
-//! not cancel if the attitude changes.
+//! For smooth motion the integration error falls with the fourth power of the sampling interval. With linear
+//! interpolation between samples, it would fall only with the second power, because the error due to the curvature of
+//! the rate does not cancel while the attitude changes.
 //!
-//! The derivative of the effects with respect to the rate is neglected in d. It is below 1 %, and the residuals are
-//! exact. The derivative of the force with respect to the accelerometer parameters is evaluated at the propagated
-//! gravity and not at the sample. At the sample it would contain the same noise as the residual and could explain it
-//! together with a noise-free column (docs/decisions/0022).
+//! The derivative of the effects with respect to the rate is neglected in d, which changes d by less than 1 %. The
+//! residuals themselves are exact. The derivative of the force with respect to the accelerometer parameters is
+//! evaluated at the propagated gravity and not at the sampled force. A column evaluated at the sample would contain the
+//! same noise as the residual, so a combination with a noise-free column could fit this noise (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -61,7 +61,7 @@ pub(crate) struct Pass {
     pub(crate) blocks: Vec<Block>,
     /// Derivatives of attitude and force in each block.
     pub(super) changes: Changes,
-    /// Rotation to the start of the move from every sample. Filled only for residuals against the encoders.
+    /// Rotation from every sample to the start of the move. Filled only for residuals against the encoders.
     pub(super) attitudes: Vec<Matrix3<f64>>,
 }
 
@@ -135,7 +135,7 @@ impl Route<'_> {
         while start < last {
             let end = (start + of_block).min(last);
             let force = self.mean_force(start..end, &all, &rotations);
-            // The last integration steps of the move are not used if they do not fill a block.
+            // The last integration steps of the move are not used if they do not form a complete block.
             if end - start == of_block {
                 blocks.push(self.block(start..end, force));
                 turns.next_block();
@@ -149,7 +149,8 @@ impl Route<'_> {
         Pass { rotation, turn, blocks, changes, attitudes }
     }
 
-    /// Number of samples in a segment, and number of segments in a block: two, or one if a block has a single sample.
+    /// Number of samples in a segment, and number of segments in a block. A block has two segments, or one if it has a
+    /// single sample.
     pub(super) fn stretches_of_block(&self) -> [usize; 2] {
         let [stretch, block] = [self.block_s / 2.0, self.block_s].map(|length_s| self.samples_in(length_s));
         [stretch, if block > stretch { 2 } else { 1 }]
@@ -161,7 +162,7 @@ impl Route<'_> {
         ((length_s * (last - first) as f64 / duration_s).round() as usize).max(1)
     }
 
-    /// Rotation to the start of the move from every sample. The first one is the identity.
+    /// Rotation from every sample to the start of the move. The first rotation is the identity.
     fn rotations_of_samples(&self, all: &Corrected) -> Vec<UnitQuaternion<f64>> {
         let (Move { first, last, .. }, time_s) = (self.span, self.recording.time_s);
         let turned = |i: usize| self.step(i).turn(|k| all.rate[k], time_s[i + 1] - time_s[i]);

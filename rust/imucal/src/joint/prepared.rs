@@ -27,8 +27,8 @@ pub(crate) struct Prepared<'a> {
     pub(crate) ends: &'a [[End; 2]],
     /// Window width of the numerical derivative of the rate in each move. It is kept constant during a fit.
     pub(crate) widths: &'a [Width],
-    /// Eigenvectors of the flicker covariance relative to the noise of the mean rates, per axis. Computed on first use,
-    /// then kept: apart from a lower limit of the noise it does not depend on the model.
+    /// Eigenvectors of the flicker covariance relative to the noise of the mean rates, per axis. Computed on first use
+    /// and then kept, because it does not depend on the model, apart from a lower limit of the noise.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
@@ -44,8 +44,8 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Prepared<'_> {
-    /// First rest in use whose heading is not known, because no used move leads to it. The first rest of all does not
-    /// count.
+    /// First rest in use whose heading is not known because no move in use leads to it. The first rest in use is
+    /// exempt, because its heading is the reference.
     pub(crate) fn heading_lost(&self) -> Option<usize> {
         let first = self.used.iter().position(|used| *used)?;
         let is_reached = |k: usize| k == first || self.moves.iter().any(|m| m.to == k);
@@ -64,7 +64,8 @@ impl Prepared<'_> {
         self.recordings.iter().map(Recording::span_s).map(|[first, last]| last - first).fold(0.0, f64::max)
     }
 
-    /// Move `index` as input of the integration. `attitude` is the attitude at its start, if an effect needs it.
+    /// Move `index` as input of the integration. `attitude` is the attitude at the start of the move, if an effect
+    /// needs it.
     pub(super) fn route(
         &self,
         index: usize,

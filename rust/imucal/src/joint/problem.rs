@@ -136,8 +136,8 @@ impl<'a> Joint<'a> {
         self.priors = priors;
     }
 
-    /// Adds priors for the time constants about their values in `parameters`. Without one, nothing determines the time
-    /// constant of an effect that is absent, or that the recordings do not distinguish from a drift.
+    /// Adds priors for the time constants about their values in `parameters`. Without a prior, the time constant is not
+    /// determined if its effect is absent or cannot be distinguished from a drift.
     pub(crate) fn hold_shapes(&mut self, parameters: &[f64]) {
         let place = |term: &Term<'_>| BASE + term.first + term.linear;
         let shapes = self.terms.all.iter().filter(|term| term.has_shape());
@@ -167,8 +167,8 @@ impl<'a> Joint<'a> {
     }
 
     /// Whitened derivatives with respect to an individual bias at each rest, three columns per rest: first for the
-    /// gyroscope, then for the accelerometer. The gyroscope bias in a move is the mean of those at its two rests. Only
-    /// rows of norms, moves and mean rates are nonzero.
+    /// gyroscope, then for the accelerometer. The gyroscope bias in a move is the mean of the biases at the two
+    /// adjacent rests. Only rows of norms, moves and mean rates are nonzero.
     pub(crate) fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
@@ -212,8 +212,8 @@ impl<'a> Joint<'a> {
         }
     }
 
-    /// Changes of the whitened residuals due to a unit error of each norm, move and mean-rate residual: columns of
-    /// L^-1. Each is stored as its first nonzero row and the values from there on.
+    /// Columns of L^-1: changes of the whitened residuals due to a unit error of each norm, move and mean-rate
+    /// residual. Each column is stored as its first nonzero row and the values from that row on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -254,7 +254,8 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened rows of norms, moves and mean rates, and with encoders all rows against the stand and inside the moves.
+    /// Whitened rows of norms, moves and mean rates. With encoders, the rows against the stand and inside the moves
+    /// follow.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
         let (head, groups) = (linear.lines.len(), linear.groups());

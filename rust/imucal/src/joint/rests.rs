@@ -41,8 +41,8 @@ pub(super) struct Rests<'a> {
     model: &'a Model,
     on_force: Terms<'a>,
     on_rate: Terms<'a>,
-    /// For each rest, the inputs of the effects, and the columns of those effects on the force that do not depend on
-    /// the force.
+    /// For each rest, the inputs of the effects, and the columns of the effects that act on the force but do not depend
+    /// on it.
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
@@ -52,7 +52,8 @@ pub(super) struct Rests<'a> {
 }
 
 /// Error of the gyroscope bias with which the samples of a hand-held rest were propagated, and its derivatives with
-/// respect to the parameters of the effects, rad/s. The bias parameter has the derivative `T^-1`.
+/// respect to the parameters of the effects, rad/s. The derivative with respect to the bias parameter is `T^-1` and is
+/// not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
@@ -99,9 +100,10 @@ impl<'a> Rests<'a> {
     }
 
     /// Error of the bias of a hand-held rest; `None` for a rest without tremor. The bias was estimated without effects,
-    /// as the mean rate of the rest shrunk towards that of all rests. If the effects of the model explain why the mean
-    /// rates differ, the part of the difference that is not in the bias is its error: the shrunk share, and of the rest
-    /// the share that was taken for a rotation of the hand, because the samples had been propagated with the mean bias.
+    /// as the mean rate of the rest shrunk towards the mean rate of all rests. If the effects of the model explain why
+    /// the mean rates differ, the estimated bias lacks part of this difference, and the missing part is the error. It
+    /// has two contributions: the share removed by shrinkage, and the share that was interpreted as a rotation of the
+    /// hand because the samples had been propagated with the mean bias.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;

@@ -2,8 +2,8 @@
 //!
 //! Each fit gives the excess of its residuals, from which the weights of the next fit follow. Plain repetition has two
 //! defects. An excess near its significance limit may be significant in a fit without it and not significant in a fit
-//! with it, so the weights alternate. And where residuals of two kinds determine the same parameter, the excess
-//! converges slowly, by a constant factor per fit.
+//! with it, so the weights alternate. If residuals of two kinds determine the same parameter, the excess converges
+//! slowly, by a constant factor per fit.
 
 use super::problem::Joint;
 use super::weights::{FACTORS, WIDENINGS, Widened, Widening};
@@ -11,20 +11,20 @@ use crate::error::Error;
 use crate::numerics::lsq::Solution;
 
 /// Number of fits after which the weights are extrapolated. The first fits have preliminary weights, and most runs
-/// settle with two or three more.
+/// settle two or three fits later without extrapolation.
 const EXTRAPOLATE_AFTER: usize = 3;
-/// Largest extrapolation, in multiples of the last change of the excess. 10 is exact for changes that shrink by a
-/// factor of 0.9 per fit.
+/// Largest extrapolation, in multiples of the last change of the excess. A multiple of 10 is exact if the changes
+/// shrink by a factor of 0.9 per fit.
 const LARGEST_STEP: f64 = 10.0;
 
 /// State of the iteration over the weights.
 #[derive(Default)]
 pub(super) struct Reweighting {
-    /// Which residuals each of the weights so far has widened.
+    /// For each set of weights so far, the residuals that were widened.
     widened: Vec<Widened>,
     /// Residuals that are widened even if their excess is not significant.
     kept: Option<Widened>,
-    /// Logarithms of the last widening, and those of the excess that resulted from it.
+    /// Logarithms of the last widening, and of the excess estimated from the fit with this widening.
     last: Option<[[f64; WIDENINGS]; 2]>,
     fits: usize,
 }
@@ -36,8 +36,8 @@ impl Reweighting {
         let mut excess = problem.excess_of(found, self.kept.as_ref())?;
         let widened = excess.widened();
         if self.alternates(widened) {
-            // The test of significance belongs to a fit without the excess, and there the excess is significant.
-            // From here on, it is kept, and estimated without the test.
+            // The significance test applies to a fit without widening, and in that fit the excess is significant. From
+            // now on, the residuals are therefore widened without the test.
             let all = self.widened.iter().copied().chain(self.kept).fold(widened, |all, one| one.union(all));
             self.kept = Some(all);
             self.widened.clear();
@@ -49,20 +49,21 @@ impl Reweighting {
         problem.weigh_with(found, &next)
     }
 
-    /// Whether these residuals were widened before, but others in the last fit.
+    /// Whether the widened residuals alternate: `widened` differs from the residuals widened in the last fit, but
+    /// equals those of an earlier fit.
     fn alternates(&self, widened: Widened) -> bool {
         self.widened.last().is_some_and(|last| *last != widened) && self.widened.contains(&widened)
     }
 
     /// Excess at which the iteration is expected to settle, by a secant step along the last change (Anderson
-    /// acceleration of depth one). `None` if there are no two changes of the same residuals.
+    /// acceleration of depth one). `None` unless the same residuals were widened in the last two fits.
     fn extrapolated(&mut self, from: &Widening, to: &Widening) -> Option<Widening> {
         let now = [from.logarithms(), to.logarithms()];
         let before = self.last.replace(now)?;
         if self.fits <= EXTRAPOLATE_AFTER {
             return None;
         }
-        // A factor of 1 and an excess of zero are no quantities to extrapolate.
+        // Factors of 1 and zero excess are not extrapolated, because these residuals are not widened.
         let is_none = |i: usize, value: f64| value == f64::NEG_INFINITY || (i < FACTORS && value == 0.0);
         let (mut along, mut square) = (0.0, 0.0);
         let mut next = now[1];

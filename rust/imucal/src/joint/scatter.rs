@@ -5,8 +5,8 @@
 //! ```
 //!
 //! r are residuals with independent noise N. `s C` is the covariance that must be added to N so that chi2 equals its
-//! degrees of freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). All candidates for C give the same
-//! chi2, so the likelihood is largest for the one with the smallest `sum_i ln(1 + s lambda_i)`.
+//! degrees of freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). All candidate matrices C give the same
+//! chi2, so the likelihood is largest for the candidate with the smallest `sum_i ln(1 + s lambda_i)`.
 
 use faer::Mat;
 
@@ -54,7 +54,7 @@ pub(super) struct Excess {
 }
 
 impl Scatter {
-    /// Scatter with C equal to the identity: independent errors of equal variance at all rests.
+    /// Scatter for the candidate C = identity, which describes independent errors of equal variance at all rests.
     pub(super) fn from_rest_to_rest(residuals: &[f64], variances: &[f64]) -> Self {
         let squares = residuals.iter().zip(variances).map(|(r, v)| r * r / v).collect();
         Self { squares, lambda: variances.iter().map(|v| 1.0 / v).collect() }
@@ -69,8 +69,8 @@ impl Scatter {
         free > 0.0 && self.chi2(0.0) > free * significance_limit(free)
     }
 
-    /// Estimates the factor s with which chi2 equals `free`, and the likelihood. `None` if chi2 does not exceed `free`
-    /// without C, or if no factor reduces chi2 to `free`.
+    /// Estimates the factor s with which chi2 equals `free`, and the cost, from which the likelihood follows. `None` if
+    /// chi2 does not exceed `free` even at s = 0, or if no s reduces chi2 to `free`.
     pub(super) fn excess(&self, free: f64) -> Option<Excess> {
         if free <= 0.0 || self.chi2(0.0) <= free {
             return None;

@@ -10,7 +10,8 @@ use super::terms::{Kind, Sample, Term, Terms, UserField};
 /// Maximum number of fixed-point iterations. Each iteration multiplies the error by about 0.01 for effects of typical
 /// size.
 const MAX_ITERATIONS: usize = 24;
-/// Safety factor of the predicted next change. The iteration stops when this prediction is at the level of rounding.
+/// Safety factor by which the predicted next change is multiplied. The iteration stops when the predicted change is as
+/// small as rounding errors.
 const SLACK: f64 = 10.0;
 
 /// Solver for the true rate and force of single samples, by fixed-point iteration.
@@ -60,7 +61,7 @@ impl<'a> Settling<'a> {
     }
 }
 
-/// Inputs of the effects at a rest, apart from the force.
+/// Inputs of the effects at a rest, except the force.
 pub(super) struct Still {
     pub(super) recording: usize,
     pub(super) samples: Range<usize>,
@@ -90,9 +91,9 @@ impl Terms<'_> {
         force
     }
 
-    /// Computes the mean columns over a rest of the effects for which `is_asked` holds, at the given force and
-    /// attitude. Columns that are constant during a rest are evaluated at its first part only. The columns of a
-    /// user-defined effect are averaged over its samples.
+    /// Computes the mean columns over a rest at the given force and attitude, for the effects for which `is_asked` is
+    /// true. Columns that are constant during a rest are evaluated only once, at the first part of the rest. The
+    /// columns of a user-defined effect are averaged over its samples.
     pub(super) fn mean_columns(
         &self,
         values: &[f64],
@@ -120,8 +121,8 @@ impl Terms<'_> {
                 continue;
             }
             let count = if changes(term) { states.len() } else { 1 };
-            // Storing all columns before adding them avoids reading values that were just written one by one, which is
-            // slow.
+            // All columns are stored before they are added, because reading values immediately after they were written
+            // one by one is slow.
             for (state, one) in states[..count].iter().zip(&mut each) {
                 term.columns_at(values, state, sample, one);
             }

@@ -9,8 +9,8 @@ use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 use crate::parameters::STAND_PARAMETERS;
 
-/// Model at the end of an earlier fit, as the start of fits with the same effects. It saves iterations and does not
-/// change the result.
+/// Model at the end of an earlier fit, from which fits with the same effects start. A warm start saves iterations and
+/// does not change the result.
 #[derive(Clone, Debug)]
 pub struct WarmStart {
     model: Model,
@@ -28,8 +28,8 @@ impl WarmStart {
         Self::new(model, effects(terms))
     }
 
-    /// The model, if it has the effects of `terms`. Fits with time constants try several start values, so they use no
-    /// warm start.
+    /// The model, if its effects are those of `terms`; otherwise `None`. Also `None` for effects with time constants,
+    /// because such fits try several start values.
     fn model(&self, terms: &Terms<'_>) -> Option<Model> {
         let is_same = self.effects == effects(terms) && !terms.all.iter().any(Term::has_shape);
         is_same.then(|| self.model.clone())
@@ -40,7 +40,7 @@ fn effects(terms: &Terms<'_>) -> Vec<(String, usize)> {
     terms.all.iter().map(|term| (term.name().to_owned(), term.count())).collect()
 }
 
-/// The warm start if its effects match, else zero effects.
+/// Start model of a fit: the warm start if its effects are those of `terms`, otherwise the triads with zero effects.
 pub(super) fn start(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -126,12 +126,13 @@ pub(crate) struct ShapePrior {
 }
 
 impl ShapePrior {
-    /// Standard deviation of the logarithm: a factor of 10. A time constant that much longer than the recording acts as
-    /// a drift, one that much shorter affects no rest.
+    /// Standard deviation of the logarithm: ln 10, so values up to a factor of 10 above or below the centre are
+    /// plausible. A time constant far longer than the recording acts as a drift, and one far shorter than the first
+    /// rest affects no rest.
     const WIDTH: f64 = std::f64::consts::LN_10;
 
-    /// Whitened residual at a value of the time constant, and its derivative. It is not a number for a value that is
-    /// not positive, so the solver takes a shorter step.
+    /// Whitened residual at a value of the time constant, and its derivative. For a value that is not positive the
+    /// residual is NaN, so the solver takes a shorter step.
     pub(super) fn residual(&self, value: f64) -> (f64, f64) {
         ((value / self.centre).ln() / Self::WIDTH, 1.0 / (value * Self::WIDTH))
     }

@@ -49,7 +49,7 @@ pub(crate) struct Term<'a> {
     pub(crate) linear: usize,
     /// Index of the first parameter of this term among the parameters of all terms.
     pub(crate) first: usize,
-    /// Whether a prior may replace the directions of the effect that the recordings do not determine.
+    /// Whether a prior may determine those directions of the effect that the recordings do not determine.
     pub(crate) partly: bool,
 }
 
@@ -172,9 +172,10 @@ pub(crate) struct Terms<'a> {
 
 /// Terms that act on one sensor, with consecutive parameters.
 pub(super) struct SideBySide<'a> {
-    /// The terms, with indices relative to this set.
+    /// The terms. Their parameter indices count only the parameters in this set.
     pub(super) terms: Terms<'a>,
-    /// Values of their parameters, and the index of each parameter among those of all terms.
+    /// Values of the parameters of these terms, and in `places` the index of each parameter among the parameters of all
+    /// terms.
     pub(super) values: Vec<f64>,
     pub(super) places: Vec<usize>,
 }
@@ -233,12 +234,13 @@ impl<'a> Terms<'a> {
         Ok(terms)
     }
 
-    /// Adds a catalogue effect with a fixed shape parameter. The same effect may be added with several values of it.
+    /// Adds a catalogue effect with a fixed shape parameter. One effect may be added several times with different
+    /// values of its shape parameter.
     pub(crate) fn push_frozen(&mut self, effect: &'static Effect<f64>, shape: f64) -> Result<(), Error> {
         self.push(Kind::Frozen(effect, shape), effect.sensor, effect.plain)
     }
 
-    /// Allows a prior for these effects if the recordings determine only some of their directions.
+    /// Permits a prior for these effects in case the recordings determine only some directions of their parameters.
     pub(crate) fn allow_partly(&mut self, names: &[String]) {
         for term in &mut self.all {
             term.partly = names.iter().any(|name| name == term.name());
@@ -257,8 +259,8 @@ impl<'a> Terms<'a> {
         Ok(())
     }
 
-    /// Buffer for the columns of all terms. Each term writes the columns of its full form; the next term overwrites
-    /// those beyond its own number of parameters.
+    /// Buffer for the columns of all terms. Each term writes the columns of its full form. Columns beyond the
+    /// parameters in use are overwritten by the next term.
     pub(super) fn room(&self) -> Vec<Vector3<f64>> {
         vec![Vector3::zeros(); self.count + MAX_PARAMETERS]
     }

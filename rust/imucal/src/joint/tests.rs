@@ -1,4 +1,4 @@
-//! An effect that is simulated alone and without noise is estimated correctly, or is refused with the reason.
+//! Tests that a single simulated effect without noise is either estimated correctly or refused with the reason.
 
 use imucal_core::effects::{Effect, EffectSet, EffectValues, State, Surroundings};
 use nalgebra::Vector3;
@@ -113,8 +113,9 @@ fn effects_come_back() {
     }
 }
 
-/// At rest the squares of the three force components add up to g^2, so three of nine directions equal a bias. Only
-/// forces other than g would distinguish them, which a stand does not have.
+/// At rest the squares of the three force components add up to g^2. Therefore three of the nine directions of the
+/// effect are equivalent to a bias. Only forces with a norm other than g would distinguish them, and a stand does not
+/// produce such forces.
 #[test]
 fn what_a_stand_does_not_show_is_refused_with_the_reason() {
     let effect = Effect::find("gyro_g2_sensitivity").unwrap();

@@ -5,9 +5,9 @@
 //! covariance of b(t), b(s), up to a constant:   -B^2/pi ln |t - s|  -  K^2/2 |t - s|
 //! ```
 //!
-//! B is the bias instability and K the random walk of each axis. The scatter of the mean rates can show only a large B,
-//! so B and K otherwise come from the unit's profile. The estimated bias parameter is the mean over the recording. The
-//! bias in a move is that of its adjacent rests.
+//! B is the bias instability and K the random walk of each axis. From the scatter of the mean rates, only a large B can
+//! be estimated. Smaller values of B, and K, come from the unit's profile. The estimated bias parameter is the mean
+//! over the recording. The bias in a move is the mean of the biases at the adjacent rests.
 
 use std::f64::consts::PI;
 
@@ -24,14 +24,14 @@ pub(super) const MOST_ROWS: usize = 6000;
 pub(crate) enum Wander {
     /// The biases are constant. Excess scatter of the mean rates is independent from rest to rest.
     Constant,
-    /// The bias instability of the gyroscope is estimated from the mean rates, if this has a larger likelihood than
-    /// independent scatter.
+    /// The bias instability of the gyroscope is estimated from the mean rates if it has a larger likelihood than
+    /// scatter that is independent from rest to rest.
     Seen,
     Known(UnitWander),
 }
 
 impl Wander {
-    /// Known variation from the unit's datasheet or noise recording, or else constant biases.
+    /// Variation known from the unit's datasheet or noise recording; constant biases if `known` is `None`.
     pub(crate) fn of(known: Option<UnitWander>) -> Self {
         known.map_or(Self::Constant, Self::Known)
     }
@@ -115,7 +115,7 @@ mod tests {
 
     const UNIT: BiasWander = BiasWander { bias_instability: [2e-5, 0.0, 3e-5], random_walk: [0.0, 4e-6, 1e-6] };
 
-    /// The Allan variance is half the mean squared difference of neighbouring means.
+    /// The Allan variance is half the mean squared difference of consecutive means.
     #[test]
     fn neighbouring_means_have_the_allan_variance_of_the_definitions() {
         for (axis, tau_s) in [(0, 0.5), (1, 3.0), (2, 100.0)] {

@@ -1,8 +1,9 @@
 //! Weights of the residuals of the joint fit (model.md (19)).
 //!
 //! White noise is estimated from the rests of the recording. If residuals scatter significantly more than noise
-//! explains, the excess is estimated from them. For mean rates it is a covariance between rests. For norms, moves, the
-//! force inside moves and residuals against the stand it is one factor per kind.
+//! explains, the excess is estimated from the residuals. The excess of mean rates is modelled as a covariance between
+//! rests. The excess of norms, moves, the force inside moves, and residuals against the stand is modelled as one factor
+//! per kind.
 
 mod whiten;
 mod widening;
@@ -89,8 +90,9 @@ impl Weights {
                     (Source::Norm(_), false) => scales.norms,
                     (Source::Move(_), _) => 1.0,
                 };
-                // The epochs of a rest share the model error of their pose. The first one determines |f| at the pose,
-                // as at any other rest, the later ones only its changes, so that they do not count as further poses.
+                // The epochs of a rest share the model error of their pose. The first epoch determines |f| at the pose,
+                // like any other rest. The later epochs determine only changes of |f|, so they do not count as
+                // additional poses.
                 let pose = match line.source {
                     Source::Norm(k) if line.is_of_later_epoch => {
                         Some((poses + prepared.rests[k].whole, REST_ERROR_MPS2 * scales.epochs))
@@ -156,8 +158,8 @@ fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Contribution of the mean-force errors of a rest to a residual: index of each error, and standard deviation times
-/// derivative.
+/// Contribution of the mean-force errors of a rest to a residual. For each error: its index, and its standard deviation
+/// times the derivative of the residual.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
@@ -177,7 +179,8 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
             let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
             let own = walk * walk + ends + FINEST_RAD * FINEST_RAD;
             if m.is_within_rest(prepared.rests) {
-                // The step between two epochs takes one sample. Their means contain its noise.
+                // The residual of the step between two epochs contains the noise of the means of both. The excess
+                // scatter of these means is therefore added.
                 let means: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
                 return own + means * (scales.epochs * scales.epochs - 1.0);
             }

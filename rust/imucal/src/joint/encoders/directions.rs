@@ -1,16 +1,17 @@
 //! Direction of the last motion of each motor of a stand, from the encoder readings.
 //!
-//! When a motor reverses, its reading jumps by twice the backlash (model.md (21)), so a sample with the wrong sign of
-//! the motion has an error of that size. A motor starts so slowly that differences of readings show its motion too
-//! late. Therefore the first sample of the motion is estimated: it is the sample `o` with the smallest sum of squares
-//! of the noise in
+//! When a motor reverses, its reading jumps by twice the backlash (model.md (21)). A sample that is assigned the wrong
+//! direction therefore has an error of this size. A motor starts so slowly that differences of readings detect the
+//! motion too late. Therefore the first sample of the motion is estimated by least squares. It is the sample `o` with
+//! the smallest sum of squared noise in the model
 //!
 //! ```text
-//! level + noise before o,   c_0 + c_2 t^2 + c_3 t^3 + c_4 t^4 + noise from o on,   t since o
+//! before o    level + noise
+//! from o on   c_0 + c_2 t^2 + c_3 t^3 + c_4 t^4 + noise
 //! ```
 //!
-//! The curve has no linear term because a motor starts from standstill. c_0 is free because the jump is unknown: it may
-//! move the reading back across the level.
+//! The time t is counted from sample o. The polynomial has no linear term because a motor starts from standstill. c_0
+//! is free because the size and the sign of the jump are unknown.
 
 use std::ops::Range;
 
@@ -18,22 +19,22 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Quantile of the rests whose largest change defines standstill, dimensionless. It tolerates a tenth of disturbed
-/// rests.
+/// Quantile, over the rests, of the largest change of a reading within `SPAN_S`. It defines the change at standstill.
+/// At 0.9, up to a tenth of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
-/// Time over which the change of a reading is compared with the largest such change at rest, s. A rotation of half a
-/// degree exceeds this change within the time.
+/// Time interval over which the change of a reading is computed to detect motion, s. Rotations of half a degree or more
+/// change a reading within this interval by more than the largest change at rest.
 const SPAN_S: f64 = 0.3;
 /// Minimum number of samples at standstill from which the level is computed.
 const FEWEST: usize = 8;
 /// A reading has left the level if two consecutive samples deviate from it by more than this number of standard
 /// deviations.
 const OFF: f64 = 3.0;
-/// Additional samples by which the search for the start begins before the reading leaves the level. They are added to
-/// the number of samples between leaving the level and the detected motion.
+/// Margin of the search for the first sample of a motion, in samples. The search begins before the reading leaves the
+/// level, by the number of samples from there to the detected motion plus this margin.
 const EARLIER: usize = 5;
-/// Length of the fitted start of a motion, as a multiple of the largest change at rest. Later motion does not follow a
-/// polynomial of fourth degree.
+/// Angle over which the start of a motion is fitted, as a multiple of the largest change at rest. At larger angles, a
+/// polynomial of fourth degree no longer describes the motion.
 const START: f64 = 100.0;
 /// Lower limit of the noise of a reading, rad, for noise-free simulated encoders.
 const FINEST_RAD: f64 = 1e-12;
@@ -53,7 +54,8 @@ pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<
     all
 }
 
-/// Largest change of a reading within a span at an undisturbed rest, rad. Larger changes are motion.
+/// Limit between standstill and motion, rad: 1.5 times the largest change of a reading within `span` samples at an
+/// undisturbed rest.
 fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     let largest = |rest: &Range<usize>| {
         let ends = readings[rest.clone()].iter().zip(readings[rest.clone()].iter().skip(span));
@@ -63,8 +65,8 @@ fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     1e-10 + if largest.is_empty() { 0.0 } else { 1.5 * quantile(&mut largest, ORDINARY) }
 }
 
-/// Encoder readings of one motor in rad, the span in samples, and the largest change within a span at standstill in
-/// rad.
+/// Encoder readings of one motor in rad, the span in samples, and the limit of the change within a span at standstill
+/// in rad.
 struct Motor {
     readings: Vec<f64>,
     span: usize,
@@ -74,9 +76,9 @@ struct Motor {
 impl Motor {
     /// Sign of the last motion, for every sample.
     ///
-    /// Motion is detected at a sample if the changes of the reading over the span before and over the span after it
-    /// both exceed those at rest. The sign is that of the later change, because the earlier one may contain the jump of
-    /// the backlash.
+    /// Motion is detected at a sample if the changes of the reading over the span before the sample and over the span
+    /// after it both exceed the limit of standstill. The sign is that of the later change, because the earlier one may
+    /// contain the jump of the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];
@@ -97,11 +99,11 @@ impl Motor {
         signs
     }
 
-    /// Estimates the first sample of a motion. The motion is detected at the end of `stretch`, and its slow start lies
-    /// within `stretch`. Returns the end if the stretch is too short for an estimate.
+    /// Estimates the first sample of a motion that is detected at the end of `stretch` and whose slow start lies within
+    /// `stretch`. Returns the end of `stretch` if it is too short for an estimate.
     fn start(&self, stretch: Range<usize>) -> usize {
         let (readings, clear) = (&self.readings, stretch.end);
-        // The end of the previous motion lies in the first half.
+        // The first half of `stretch` is not used because it contains the end of the previous motion.
         let middle = usize::midpoint(stretch.start, clear);
         let quarter = usize::midpoint(middle, clear);
         if quarter - middle < FEWEST {
@@ -127,7 +129,8 @@ fn about_level(readings: &[f64]) -> f64 {
     readings.iter().map(|r| (r - mean).powi(2)).sum()
 }
 
-/// Sum of squared deviations from a motion that starts from standstill at the first reading, at a free angle.
+/// Sum of squared deviations from the polynomial of a motion that starts from standstill at the first reading. The
+/// angle at the start is free.
 fn about_start(readings: &[f64]) -> f64 {
     let powers = |k: usize| {
         let t = k as f64 / readings.len() as f64;
@@ -184,7 +187,7 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// Sum of squared errors of the readings that wrong signs cause, in units of the noise variance.
+    /// Sum of the squared errors of readings due to wrong signs, in units of the noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();
@@ -192,7 +195,7 @@ mod tests {
         wrong.sum::<f64>()
     }
 
-    /// No sample has a wrong sign for a large jump, and few have for a small one, in either direction.
+    /// For large backlash of either sign, no sample has a wrong sign; for small backlash, only few samples have one.
     #[test]
     fn the_start_of_a_turn_is_found_at_the_jump_of_its_reading() {
         for backlash_rad in [1e-3, -1e-3, 4e-4, -4e-4] {

@@ -1,8 +1,8 @@
 //! Whitened residuals inside a move with encoders and, if used, the force (model.md (20), (21)).
 //!
 //! ```text
-//! stand   log(C_0^T C(t) R(t)^T),   C = R_wb(q)      = random walk + noise of the encoders
-//! force   as inside a move without encoders          = random walk + error of the start + noise of the force
+//! stand   log(C_0^T C(t) R(t)^T),   C = R_wb(q)      = random walk + encoder noise
+//! force   as inside a move without encoders          = random walk + direction error at the start + force noise
 //! ```
 //!
 //! The residual against the stand is a random walk (integrated gyroscope noise) measured with encoder noise. The force
@@ -27,7 +27,7 @@ pub(crate) enum About {
     Stand,
 }
 
-/// One move with the encoder angles for its residuals against the stand.
+/// One move, with the encoder angles from which its residuals against the stand are computed.
 pub(crate) struct EncoderMove<'a> {
     /// Corrected encoder angles of the samples of the move.
     pub(crate) angles: &'a Angles,
@@ -77,9 +77,9 @@ impl EncoderMove<'_> {
             })
             .collect();
         let [side, other] = across(&start.up);
-        // The state of the random walk is x, minus the attitude error of the gyroscope. It changes the propagated
-        // gravity direction u by x cross u: along `side` by x . other, along `other` by -x . side. The component along
-        // gravity does not change.
+        // The random-walk state x is the negative attitude error of the gyroscope. It changes the propagated gravity
+        // direction u by x cross u. The change along `side` is x . other, the change along `other` is -x . side, and
+        // the change along gravity is zero.
         let mut z = vec![0.0; n + 1];
         let mut by_lane = vec![0.0; pass.changes.lanes()];
         for (d, along, observation) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {

@@ -1,4 +1,4 @@
-//! Whitening of the derivatives inside a move with SIMD: one parameter per lane of a register.
+//! Whitening of the derivatives inside a move with SIMD. Each lane of a register processes one parameter.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -13,7 +13,8 @@ use crate::joint::pass::planes::Planes;
 pub(super) struct Derivatives<'a> {
     pub(super) inside: &'a Inside<'a>,
     pub(super) planes: &'a Planes,
-    /// For each block, the vectors along which its state contributes to the residuals of the three directions.
+    /// For each block, one vector per direction. The dot product of this vector with the state of the block is the
+    /// contribution of the block to the residual along the direction.
     pub(super) toward: &'a [[Vector3<f64>; 3]],
     /// Derivatives through the gravity directions at both ends, lane by lane: three rows for the start, then two rows
     /// for the end.
@@ -71,7 +72,7 @@ impl WithSimd for IntoColumns<'_> {
 impl WithSimd for IntoLanes<'_> {
     type Output = ();
 
-    /// Processes one block after the other, which is the order of the values in memory.
+    /// Processes the blocks in the order in which their values are stored in memory.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { seen: Derivatives { inside, planes, toward, at_edges }, lanes, place } = self;
@@ -104,8 +105,8 @@ impl WithSimd for IntoLanes<'_> {
     }
 }
 
-/// Splits the rows of a move, each with `length` values, by direction. Along gravity there is no row for the rest after
-/// the last block.
+/// Splits the rows of a move, each with `length` values, by direction. The direction along gravity has no row for the
+/// rest after the move.
 fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3] {
     let (along, across) = rows.split_at_mut(blocks * length);
     let (one, other) = across.split_at_mut((blocks + 1) * length);
@@ -120,7 +121,7 @@ fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s;
     simd.mul_add_e_f64s(simd.splat_f64s(direction.z), planes[2], seen)
 }
 
-/// Normalised innovation of one measurement, divided by its standard deviation; updates the filter state.
+/// Innovation of one measurement divided by its standard deviation. Updates the filter state.
 #[inline(always)]
 fn innovation<S: Simd>(simd: S, seen: S::f64s, gain: &Gain<1>, state: &mut S::f64s) -> S::f64s {
     let innovation = simd.sub_f64s(seen, *state);

@@ -1,4 +1,5 @@
-//! Kalman filter for a random walk plus constant states, measured with white noise. Its innovations are white.
+//! Kalman filter for a random walk and constant states that are measured with white noise. The innovations of the
+//! filter are white.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -43,7 +44,7 @@ impl<const N: usize> WalkFilter<N> {
     }
 }
 
-/// Filter states for a residual and all its derivatives, which share the same gains.
+/// Filter states for a residual and for all its derivatives. The gains are the same for all of them.
 pub(crate) struct Filter<const N: usize> {
     states: Vec<[f64; N]>,
     pub(crate) walk: WalkFilter<N>,
@@ -73,7 +74,7 @@ struct Innovate<'a, const N: usize> {
 impl<const N: usize> WithSimd for Innovate<'_, N> {
     type Output = ();
 
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // Compiled for the widest SIMD registers of the processor.
     fn with_simd<S: Simd>(self, _: S) {
         let Self { states, seen, observation, gain: Gain { shares, per_sigma } } = self;
         for (value, state) in seen.iter_mut().zip(states) {

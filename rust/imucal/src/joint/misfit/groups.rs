@@ -1,8 +1,8 @@
 //! Goodness of fit of each kind of residuals, relative to noise (model.md (26)).
 //!
-//! Each kind has the degrees of freedom `sum of (1 - h)` over its residuals, with h their leverages. The residuals are
-//! those of the fit itself, whose weights widen the kinds that exceed their noise. Such a kind therefore does not
-//! distort the residuals of the others, as it would in a fit with the weights of noise alone.
+//! The degrees of freedom of a kind are the sum of 1 - h over its residuals, where h is the leverage of a residual. The
+//! residuals are those of the final fit, in which kinds with excess scatter have reduced weights. These kinds therefore
+//! do not distort the residuals of other kinds, as they would in a fit with the weights of noise alone.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -16,7 +16,8 @@ use crate::numerics::lsq;
 use crate::numerics::stats::rms;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// Minimum degrees of freedom of a kind of residuals that is judged. Below it the fit determines them.
+/// Minimum degrees of freedom for a kind of residuals to be judged. With fewer, the fit follows the residuals whatever
+/// their values.
 const MIN_FREEDOM: f64 = 1.0;
 
 /// Goodness of fit of each kind of residuals. `white` contains the residuals and the Jacobian of the linearisation,
@@ -32,7 +33,8 @@ pub(super) fn group_misfits(
         let free: f64 = own().map(|row| 1.0 - leverages[row]).sum();
         (own().map(|row| residuals[(row, 0)].powi(2)).sum::<f64>(), free)
     };
-    // The many epochs of a long rest must not hide the scatter of the poses, nor the poses the drift within a rest.
+    // Poses and epochs are judged separately and the worse one is reported. Otherwise the many epochs of a long rest
+    // would mask the scatter between poses, and many poses would mask the drift within a rest.
     let worse = |poses: (f64, f64), epochs: (f64, f64)| {
         let are_worse = epochs.1 >= MIN_FREEDOM && epochs.0 / epochs.1 > poses.0 / poses.1;
         if are_worse { (epochs, true) } else { (poses, false) }
@@ -46,7 +48,8 @@ pub(super) fn group_misfits(
     let [inside, rests, encoders] = [INSIDE, STAND_RESTS, STAND_MOVES].map(|kind| of(&|own| own == kind));
     let inverse = linear.model.gyroscope.inverse();
     let rate = |lines: &[Line; 3]| <[f64; 3]>::from(inverse * Vector3::from_fn(|axis, _| lines[axis].residual));
-    // A whitened residual inside a move or against the stand has no size of its own; that of its noise is known.
+    // A whitened residual inside a move or against the stand is dimensionless. Its size in SI units follows from the
+    // standard deviation of its noise.
     let of_noise = |(chi2, free): (f64, f64), sigma: f64| sigma * (chi2 / free).sqrt();
     let force_sigma = rms(noise.inside.iter().map(|noise| (noise.force / BLOCK_S).sqrt()));
     let against_stand = [(rests, noise.stand_sigma_rad), (encoders, noise.reading.sqrt())];

@@ -73,7 +73,8 @@ fn a_bad_move_is_named() {
     }
 }
 
-/// With this effect the fit uses blocks inside the moves, in which a short disturbance is not visible.
+/// With this effect, the fit uses the force in blocks inside the moves, and these residuals do not show a short
+/// disturbance.
 #[test]
 fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     let run = paper(1).with_bad_move(20);
@@ -106,8 +107,8 @@ fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
             let (rests, moves) = left_out(&outcome);
             let near = |k: usize| (19..=22).contains(&k);
             assert!(rests.iter().all(|(k, _)| near(*k)) && moves.iter().all(|(from, to, _)| near(*from) && near(*to)));
-            // No bad residual remains that would increase the standard deviations; without two rests there is slightly
-            // less information.
+            // No bad residual remains that would increase the standard deviations. They grow only slightly, because the
+            // data of two rests are missing.
             assert_eq!(outcome.joint_scales.unwrap().moves, 1.0, "seed {seed}: {rests:?} {moves:?}");
             for (p, row) in outcome.covariance.iter().enumerate() {
                 assert!(row[p] < 3.0 * clean.covariance[p][p], "seed {seed} {p}");
@@ -150,7 +151,8 @@ fn a_rest_with_a_wrong_rate_is_named() {
     }
 }
 
-/// A fit keeps the residuals at its end; results from them equal those from a new pass over the samples.
+/// A fit keeps its final residuals. Results computed from these residuals equal those of a new integration of the
+/// samples.
 #[test]
 fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let run = paper(2).with_bad_move(20);
@@ -235,7 +237,7 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
             let before = refit(&gone);
             for group in groups.iter().filter(|group| !group.columns.iter().any(|column| gone.contains(column))) {
                 let (misfit, freedom) = without.misfit(&group.columns);
-                // Directions that the fit always follows are not tested.
+                // Groups with a leverage of one in some direction are not tested.
                 if freedom == group.columns.len() {
                     let after = refit(&[&gone[..], &group.columns].concat());
                     assert!((misfit - (before - after)).abs() < 1e-6 * before, "{:?}: {misfit}", group.item);
@@ -247,7 +249,7 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
     });
 }
 
-/// If the probability underflows to zero, its logarithm is extrapolated.
+/// If the p-value underflows to zero, its logarithm is computed from an asymptotic expansion.
 #[test]
 fn the_chance_of_what_is_far_too_bad_still_falls() {
     for freedom in 1..=3 {

@@ -25,8 +25,8 @@ use crate::joint::terms::SideBySide;
 use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates attitude and force Jacobians inside a move, block by block. The sign is that of an effect, which the
-/// correction subtracts from rate and force.
+/// Accumulates attitude and force Jacobians inside a move, block by block. The sign is that of an effect, so that the
+/// correction of rate and force subtracts these values.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -41,7 +41,7 @@ pub(super) struct Turns<'a> {
     /// Columns of rate and force at the midpoint of a segment, in the current body frame.
     rates: Columns<'a>,
     forces: Columns<'a>,
-    /// First segment of the next block, and the attitude error accumulated up to it.
+    /// First segment of the next block, and in `turned` the attitude error accumulated up to that segment.
     next: usize,
     turned: Vec<f64>,
     /// Number of segments per block.
@@ -146,11 +146,12 @@ impl<'a> Turns<'a> {
     }
 
     /// Adds segment `k` to the means over its block.
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // Compiled for the widest SIMD registers of the processor.
     fn take_stretch(&mut self, k: usize) {
         let Self { stretches, on_rate, on_force, turned, of_block, changes, .. } = self;
         let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
-        // Second differences need equal spacing of the adjacent midpoints; otherwise they are set to zero.
+        // Second differences are valid only for equal spacing of the adjacent midpoints. Otherwise they are set to
+        // zero.
         let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
         let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
         let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));

@@ -15,7 +15,7 @@ use crate::joint::terms::{Sample, Terms};
 use crate::preintegration::{Interpolation, turn};
 use crate::recording::Samples;
 
-/// Corrected rate and force of the samples of a move, and of one more sample on either side.
+/// Corrected rate and force of the samples of a move and of one additional sample on either side.
 pub(super) struct Corrected {
     pub(super) rate: Vec<Vector3<f64>>,
     pub(super) force: Vec<Vector3<f64>>,
@@ -28,7 +28,7 @@ pub(super) struct Corrected {
 /// Integration step between two samples, with its quadrature weights.
 #[derive(Clone, Copy)]
 pub(super) struct Step {
-    /// Index of the sample at its start.
+    /// Index of the sample at the start of the step.
     pub(super) before: usize,
     is_linear: bool,
     /// Weights of the four samples around the step in the mean rate over the step.
@@ -58,13 +58,14 @@ impl Step {
     }
 }
 
-/// Number of iterations for the angular acceleration, which is the derivative of the corrected rate. Each iteration
-/// multiplies the error by the delay of the gyroscope divided by the time scale of the motion, about 1/50. For long
-/// delays, more iterations would amplify noise.
+/// Number of fixed-point iterations for the angular acceleration. They are needed because the angular acceleration is
+/// the derivative of the corrected rate, and the correction depends on it. Each iteration multiplies the error by the
+/// delay of the gyroscope divided by the time scale of the motion, about 1/50. For long delays, more iterations would
+/// amplify noise.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
-    /// Range of the corrected samples: those of the move, and one more on either side if it exists.
+    /// Range of the corrected samples: the samples of the move, and one additional sample on either side if it exists.
     pub(super) fn reach(&self) -> Range<usize> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
@@ -125,7 +126,7 @@ impl Route<'_> {
         }
     }
 
-    /// Mean contributions of the effects to rate and force over some samples; `samples` is relative to `reach`.
+    /// Mean contributions of the effects to rate and force over `samples`, a range relative to `reach`.
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
         if !freed.has_effects {
             return [Vector3::zeros(); 2];

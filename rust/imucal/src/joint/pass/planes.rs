@@ -1,7 +1,7 @@
 //! Jacobian columns of many parameters, stored for SIMD.
 //!
-//! A state (a block or a segment) has three planes, x, y and z. A plane has one value per parameter, so that one SIMD
-//! instruction processes as many parameters as a register has lanes.
+//! Each state (a block or a segment) has three planes, one for each of x, y and z. A plane has one value per parameter,
+//! so one SIMD instruction processes as many parameters as a register has lanes.
 
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
@@ -110,7 +110,7 @@ pub(super) struct Groups {
 }
 
 impl Groups {
-    /// Divides `samples` samples into groups of `size`, such that a group starts at sample `begin`.
+    /// Divides `samples` samples into groups of `size` samples. One of the groups starts at sample `begin`.
     pub(super) fn new(size: usize, begin: usize, samples: usize) -> Self {
         Self { size, lacking: (size - begin % size) % size, samples }
     }
@@ -132,8 +132,8 @@ impl Groups {
     }
 }
 
-/// Derivatives inside a move, with one state per block. The sign is that of an effect, which the correction subtracts
-/// from rate and force.
+/// Derivatives inside a move, with one state per block. The sign is that of an effect, so that the correction of rate
+/// and force subtracts these values.
 pub(crate) struct Changes {
     /// Mean attitude error over each block, rad per unit of the parameter.
     pub(crate) turn: Planes,
@@ -184,7 +184,7 @@ struct AddAlong<'a> {
 impl WithSimd for AddAlong<'_> {
     type Output = ();
 
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // Compiled for the widest SIMD registers of the processor.
     fn with_simd<S: Simd>(self, _: S) {
         let Self { changes: Changes { turn, force: adding }, block, force, d, lanes } = self;
         let (by_turn, by_force) = lanes.split_at_mut(turn.width());
@@ -194,7 +194,7 @@ impl WithSimd for AddAlong<'_> {
 }
 
 /// Adds the dot product of `direction` with each column of `planes` to `to`.
-#[inline(always)] // With the widest registers that the caller has.
+#[inline(always)] // Compiled for the SIMD registers of the caller.
 fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
     let (x, yz) = planes.split_at(to.len());
     let (y, z) = yz.split_at(to.len());

@@ -1,5 +1,5 @@
-//! Integration over a move in segments: base parameters and effects over the whole move, and the segments for generic
-//! error fields.
+//! Integration over a move in segments. Provides the Jacobian over the whole move, for base parameters and effects, and
+//! the segments at which generic error fields have their values.
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -15,7 +15,7 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::preintegration::{Sums, preintegrate};
 use crate::recording::Samples;
 
-/// Segment of a move, as long as a block. Generic error fields have one value per segment.
+/// Segment of a move. Generic error fields have one value per segment.
 pub(crate) struct Stretch {
     /// Time of the midpoint since the first sample of the recording, s.
     pub(crate) time_s: f64,
@@ -35,7 +35,7 @@ pub(crate) struct MoveSegments {
 }
 
 impl Route<'_> {
-    /// Segments without effects, of which one in `every` is kept. `pass` is the integration of the same move.
+    /// Segments without effects, of which only every `every`-th is kept. `pass` is the integration of this move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();
@@ -132,8 +132,8 @@ impl Route<'_> {
         let (first, last) = (span.first - reach.start, span.last - reach.start);
         let time_s = &self.recording.time_s[reach];
         let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
-        // The entries of T multiply the rate before the correction for effects, so the contribution of the effects is
-        // added.
+        // The entries of T multiply the rate before the correction for effects. The contribution of the effects is
+        // therefore added to the corrected rate.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);

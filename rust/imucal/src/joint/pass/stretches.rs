@@ -1,7 +1,7 @@
 //! Short segments of a move. The columns of the effects are evaluated once per segment, at its midpoint.
 //!
 //! ```text
-//! midpoint value from three means m over n samples   m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
+//! midpoint value from means m over n samples     m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
 //! derivative of the rate                         (8 (w_(k+1) - w_(k-1)) - (w_(k+2) - w_(k-2))) / (12 step)
 //! ```
 
@@ -49,8 +49,8 @@ impl Stretches {
 }
 
 impl Route<'_> {
-    /// Segments of `size` samples, one of which begins after the first sample of the move. `freed` are the corrected
-    /// samples; without it the raw samples are averaged, which is sufficient if all effects are zero. The angular
+    /// Segments of `size` samples. One segment begins after the first sample of the move. `freed` are the corrected
+    /// samples. If it is `None`, the raw samples are averaged, which is sufficient if all effects are zero. The angular
     /// acceleration is computed if `wants_slopes` is set and the samples do not have it.
     pub(super) fn stretches(
         &self,
@@ -86,7 +86,7 @@ impl Route<'_> {
         Stretches { groups, states, rotations, durations_s: self.durations_s(groups), are_even, spread }
     }
 
-    /// Sets the mean state over segment `k`, apart from its attitude.
+    /// Sets the mean state over segment `k`, except its attitude.
     #[inline]
     fn set_means(
         &self,
@@ -115,7 +115,7 @@ impl Route<'_> {
             freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
     }
 
-    /// Rotation to the start of the move from the midpoint of each segment, integrated from the rates at the midpoints.
+    /// Rotation from the midpoint of each segment to the start of the move, integrated from the rates at the midpoints.
     /// Segments before the start of the move get the rotation of the first segment of the move.
     fn rotations(&self, start: usize, states: &[State<f64>], time_s: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
@@ -134,8 +134,8 @@ impl Route<'_> {
         let time_s = |i: usize| self.recording.time_s[i.clamp(first, last)];
         let own_s = |k: usize| {
             let Range { start, end } = self.samples(groups, k);
-            // From the midpoint between the previous sample and the first one to the midpoint between the last sample
-            // and the next one.
+            // The segment extends from the midpoint between its first sample and the one before to the midpoint between
+            // its last sample and the one after.
             f64::midpoint(time_s(end - 1), time_s(end)) - f64::midpoint(time_s(start.saturating_sub(1)), time_s(start))
         };
         (0..groups.count()).map(own_s).collect()
@@ -169,7 +169,7 @@ impl Route<'_> {
     }
 }
 
-/// Whether the times before and after time `k` are equally far from it.
+/// Whether the previous and the next time are equally far from time `k`.
 fn is_even(time_s: &[f64], k: usize) -> bool {
     match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
         Some([t0, t1, t2]) => are_equal_steps(t1 - t0, t2 - t1),
@@ -201,8 +201,8 @@ fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     }
 }
 
-/// Computes the angular acceleration from the rates: five-point formula for equal spacing, otherwise a difference
-/// quotient.
+/// Computes the angular acceleration from the rates, with the five-point formula for equally spaced segments and a
+/// difference quotient otherwise.
 fn find_slopes(states: &mut [State<f64>], time_s: &[f64], are_even: &[bool]) {
     let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
     for (k, state) in states.iter_mut().enumerate() {

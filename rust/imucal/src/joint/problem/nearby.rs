@@ -1,5 +1,5 @@
-//! Cache of linearisations. Parameters near the last linearisation are served by a first-order update instead of
-//! another integration of the samples.
+//! Cache of linearisations. For parameters near the last linearisation, a first-order update replaces another
+//! integration of the samples.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -14,8 +14,8 @@ use crate::joint::terms::{Kinds, Term};
 use crate::numerics::lsq::Solution;
 
 /// Largest distance from the last linearisation, in standard deviations, at which the first-order update is used. The
-/// neglected second-order terms are then at most a thousandth of a standard deviation. A search uses the update as it
-/// is. A final fit that ends there is linearised again and continued.
+/// neglected second-order terms are then at most a thousandth of a standard deviation. A search uses the update without
+/// further computation. A final fit that ends at an update is linearised from the samples again and continued.
 const NEAR: f64 = 3.0;
 
 /// Cached linearisations, shared by all threads.
@@ -89,15 +89,16 @@ impl Joint<'_> {
     }
 
     /// First-order update of the last linearisation, if these parameters are near it and no residuals against the stand
-    /// exist. With residuals inside the moves the distance is computed from the whitened Jacobian, and there is no
-    /// update without it.
+    /// exist. With residuals inside the moves, the distance is computed from the whitened Jacobian `jacobian`, and
+    /// there is no update if it is `None`.
     ///
-    /// There is also no update for time constants. The derivative with respect to a time constant vanishes while its
+    /// There is also no update for time constants. The derivative with respect to a time constant is zero while its
     /// effect is zero, so the distance would be underestimated.
     fn moved(&self, parameters: &[f64], jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*known(&self.nearby.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
-        // The distance also contains no held parameters, whose standard deviations are far larger than those of noise.
+        // The distance does not include the priors of held parameters, so there is no update with held parameters
+        // either.
         if encoders || !self.prepared.held.is_empty() || self.terms.all.iter().any(Term::has_shape) {
             return Ok(None);
         }

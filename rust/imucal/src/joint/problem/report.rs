@@ -41,8 +41,8 @@ pub(crate) struct JointFit {
     pub(crate) shapes: Vec<ShapePrior>,
 }
 
-/// Factors by which the residuals of each kind scatter more than noise explains, and by which their standard deviations
-/// are widened. 1 if noise explains the residuals or if there are none.
+/// Ratio of scatter to noise for each kind of residuals. The standard deviations of the residuals are multiplied by
+/// this factor. It is 1 if noise explains the residuals or if there are none.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
     /// Norms of the specific force at the rests.
@@ -64,8 +64,8 @@ pub struct TermEstimate {
     pub values: Vec<f64>,
     /// Value of the nonlinear parameter, such as a time constant.
     pub shape: Option<f64>,
-    /// Names of all parameters, `<effect>_<parameter>`, the nonlinear parameter last. Those of a user-defined effect
-    /// are numbered from 0.
+    /// Names of all parameters, `<effect>_<parameter>`, with the nonlinear parameter last. The parameters of a
+    /// user-defined effect are numbered from 0.
     pub parameter_names: Vec<String>,
     /// Whether the effect is in the catalogue.
     pub in_catalogue: bool,
@@ -109,7 +109,7 @@ impl JointFit {
             .collect();
         let scales = &problem.weights.widening.scales;
         let mut report = FitReport { inflation: scales.largest(), iterations, ..FitReport::of(&solution) };
-        // The gradient test applies to the weights of the last minimisation.
+        // The gradient test of the last minimisation does not check whether the weights have settled; `ending` does.
         if let Some(ending) = ending.filter(|_| report.termination == Termination::Converged) {
             report.termination = ending;
         }

@@ -1,5 +1,5 @@
-//! Whitening for errors that several rests share: biases that vary between rests, rounding, and the pose of the epochs
-//! of a long rest.
+//! Whitening for errors that are correlated between rests: biases that vary between rests, rounding, and the pose error
+//! that the epochs of a long rest share.
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -16,9 +16,9 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// Largest difference of a rate from its mean at the adjacent rest, in steps, at which its error of rounding is that of
-/// the rest. With 0.8, the error of the rotation of simulated moves agrees best with that computed from the rests, for
-/// filters from 5 to 40 Hz.
+/// Limit of the quiet ends of a move: largest difference between a rate and its mean at the adjacent rest, in
+/// quantisation steps. Up to this difference, the rounding error of the rate is taken to be that of the rest. With 0.8,
+/// the computed rotation error agrees best with that of simulated moves, for filter bandwidths from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
 /// Standard deviation of the error of the mean rates that the epochs of a long rest share because they share a pose,
 /// rad/s: 0.1 deg/s, the g-sensitivity of a consumer gyroscope at 1 g. The later epochs therefore determine only
@@ -28,8 +28,8 @@ const POSE_ERROR_RADPS: f64 = 1.7e-3;
 /// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
 /// model.md (28), and of the errors that rounding leaves in the means of the rests, model.md (37).
 pub(crate) struct Wandering {
-    /// Lower Cholesky factor of `I + D C D^T`. D contains the whitened derivatives with respect to the bias of each
-    /// rest, or to the error of its means.
+    /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the biases and errors. D contains the whitened
+    /// derivatives with respect to the bias at each rest, or to the errors of its mean rate and mean force.
     factor: Mat<f64>,
 }
 
@@ -144,7 +144,7 @@ impl Joint<'_> {
     /// Adds the covariance of the whitened mean rates due to an error that the later epochs of a rest share.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
-        // A drift within the rest may also have moved the later epochs from the first one.
+        // The bias may also have drifted between the first epoch and the later ones.
         let variance = Matrix3::from_diagonal(&Vector3::from(self.weights.epoch_rates().map(|drift| variance + drift)));
         let later: Vec<(usize, usize)> = linear
             .rates
@@ -192,8 +192,8 @@ impl Joint<'_> {
     /// Derivatives of the whitened residuals with respect to the errors that rounding leaves in the mean rate and in
     /// the mean force at each rest, three columns per rest.
     ///
-    /// The factors that widen norms and moves widen these errors, too. Otherwise the residuals would hardly depend on
-    /// the factors where rounding is the largest error, and the factors would not settle.
+    /// These errors are multiplied by the widening factors of norms and moves, too. Otherwise the whitened residuals
+    /// would barely depend on the factors wherever rounding is the dominant error, and the factors would not settle.
     fn by_rounding(&self, linear: &Linear, rows: usize) -> [Mat<f64>; 2] {
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let scales = &self.weights.widening.scales;
@@ -231,8 +231,8 @@ impl Joint<'_> {
     }
 
     /// Derivatives of the two components of a move with respect to the errors of rounding in the rates at the rests
-    /// before and after it. They act on the rotation over the quiet ends of the move. In the rest of a move, the rate
-    /// sweeps over many steps and rounding averages down.
+    /// before and after it. These errors change the rotation over the quiet ends of the move. In the middle of a move,
+    /// the rate passes through many quantisation steps and rounding errors average out.
     fn by_quiet_ends(&self, m: &Move, at_move: &AtMove, model: &Model) -> [(usize, Matrix2x3<f64>); 2] {
         let AtMove { pass, before, after } = at_move;
         let (across, inverse) = (rows_across(&after.up), model.gyroscope.inverse());
@@ -242,8 +242,8 @@ impl Joint<'_> {
         [(m.from, start), (m.to, end)]
     }
 
-    /// Time at the start or at the end of a move for which the rate of each axis stays within 0.8 steps of its mean at
-    /// the adjacent rest, s. Zero for an axis that rounding does not concern.
+    /// Duration, at the start or at the end of a move, for which the rate of each axis stays within `QUIET`
+    /// quantisation steps of its mean at the adjacent rest, s. Zero for an axis without rounding errors.
     fn quiet_s(&self, m: &Move, at_end: bool) -> Vector3<f64> {
         let recording = &self.prepared.recordings[m.recording];
         let rest = &self.prepared.rests[if at_end { m.to } else { m.from }].rest.angular_rate;
@@ -253,7 +253,7 @@ impl Joint<'_> {
             let samples = m.first..=m.last;
             let count =
                 if at_end { samples.rev().take_while(is_quiet).count() } else { samples.take_while(is_quiet).count() };
-            // Half an interval at the sample where the move meets the rest is not part of the move.
+            // The sample at the boundary belongs to the move only for half a sampling interval.
             (count as f64 - 0.5).max(0.0) * m.interval_s
         })
     }

@@ -9,8 +9,8 @@
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
-/// Dependence of one residual on errors that also affect other residuals: index of the error, and standard deviation
-/// times derivative.
+/// Dependence of one residual on errors that also affect other residuals. For each error: its index, and its standard
+/// deviation times the derivative of the residual.
 pub(crate) type Shares = Vec<(usize, f64)>;
 
 /// Lower Cholesky factor L of a covariance. Each row is stored from its first nonzero entry on.
@@ -20,8 +20,8 @@ pub(crate) struct Whitening {
 }
 
 impl Whitening {
-    /// `own` contains the independent variance of each residual, all positive; `shares` the dependence of each residual
-    /// on common errors.
+    /// `own` contains the variance of each residual's independent error, which must be positive. `shares` contains the
+    /// dependence of each residual on common errors.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
         // The first residual that depends on an error determines the first nonzero entry of the rows.
         let mut first_row_of = vec![usize::MAX; error_count];

@@ -18,7 +18,7 @@ pub(in crate::joint) const WIDENINGS: usize = FACTORS + 9;
 /// Number of factors of `Scales`, which are the first quantities of a `Widening`.
 pub(in crate::joint) const FACTORS: usize = 6;
 
-/// What is added to the noise of the residuals.
+/// Excess of the residuals over noise: factors on the standard deviations, and variances that are added.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Widening {
     pub(crate) scales: Scales,
@@ -43,7 +43,7 @@ pub(crate) struct Scales {
     pub(crate) epochs: f64,
 }
 
-/// Which residuals are widened, and whether the excess of the mean rates is bias instability.
+/// Kinds of residuals that are widened, and whether the excess of the mean rates is modelled as bias instability.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::joint) struct Widened {
     /// In the order of `Scales`.
@@ -54,7 +54,7 @@ pub(in crate::joint) struct Widened {
 }
 
 impl Widened {
-    /// All residuals that either of two widens; whether the biases wander is taken from the second.
+    /// Residuals that `self` or `other` widens. Whether the biases wander is taken from `other`.
     pub(in crate::joint) fn union(self, other: Self) -> Self {
         let either = |(a, b): (bool, bool)| a || b;
         let mut all = other;
@@ -70,7 +70,7 @@ impl Widening {
         Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3], epoch_rates: [0.0; 3] };
 
     /// Excess of the residuals at a linearisation. `found` is the fit that ended there, if any, with the scales used in
-    /// that fit. A kind of residuals is widened if its excess is significant, or if `kept` widens it.
+    /// that fit. A kind of residuals is widened if its excess is significant or if it is contained in `kept`.
     pub(super) fn of(
         prepared: &Prepared<'_>,
         linear: &Linear,
@@ -132,8 +132,8 @@ pub(super) fn rate_covariance(prepared: &Prepared<'_>, model: &Model, k: usize) 
     prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest)
 }
 
-/// Excess scatter of the mean rates, as variances between rests and as bias instability of the gyroscope. It is either
-/// independent from rest to rest or due to bias instability, whichever has the larger likelihood.
+/// Excess scatter of the mean rates, as variances between rests and as bias instability of the gyroscope. The excess is
+/// modelled either as independent from rest to rest or as bias instability, whichever has the larger likelihood.
 fn excess_of_rates(
     prepared: &Prepared<'_>,
     linear: &Linear,
@@ -155,7 +155,7 @@ fn excess_of_rates(
             Some([x?, y?, z?])
         })
     {
-        // If one axis shows bias instability, the instability of all axes is estimated.
+        // If one axis has bias instability, the bias instability of all axes is estimated.
         let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
         let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
         let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();
@@ -169,7 +169,7 @@ fn excess_of_rates(
 }
 
 /// Excess scatter of the mean rates of the later epochs of long rests, as variances between epochs. The drift within a
-/// long rest says nothing about the biases at other rests, so it has no part in that between rests.
+/// long rest does not predict the biases at other rests, so it is kept separate from the variance between rests.
 fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], kept: Option<&Widened>) -> [f64; 3] {
     [0, 1, 2].map(|axis| {
         let (residuals, variances) = rates_of(prepared, linear, axis, true);
@@ -185,7 +185,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {
-        // Errors of rounding differ between rests only if the readings differ, so this variance is an upper bound.
+        // Rounding errors differ between rests only if the readings differ, so their variance is an upper bound of the
+        // variance between rests.
         let covariance = rate_covariance(prepared, &linear.model, *k);
         (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
     };
