@@ -8,15 +8,15 @@
 //! quantisation         Q^2 (2 pi f)^2 / rate          sqrt(3) Q / tau              quantisation, v s
 //! ```
 //!
-//! v is the unit of the sensor. These definitions are those of [`crate::simulate`] and of IEEE Std 952; for a gyroscope
+//! v is the unit of the sensor. The definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope,
 //! N is the angle random walk. Quantisation here is that of a sensor whose output is an increment of angle or velocity.
-//! The rounding of a rate to counts is different: it is white, its variance follows from the size of a count, and it is
-//! not included in N.
+//! Rounding a rate to counts is a different process. Its error is white noise with a variance that follows from the
+//! size of a count, and N does not include it.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
-//! (32). They reach the Cramer-Rao bound. The Allan deviations are for display only; their confidence bands come from
-//! the fitted model. A kind that is not significant has no value: its band starts at zero, and the upper end of the
-//! band is the upper limit at 95 % confidence.
+//! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are computed for display only; their
+//! confidence bands are computed from the fitted model. A kind of noise that is not significant has no value. Its
+//! confidence band starts at zero, and the upper end of the band is an upper limit at 95 % confidence.
 
 pub mod allan;
 mod axis;
@@ -44,9 +44,10 @@ use departures::Blocks;
 pub use steps::{Departure, Drift, Step};
 use stretch::Stretch;
 
-/// Minimum number of samples. From a shorter record only the white noise can be estimated, with poor accuracy.
+/// Minimum number of samples of a noise identification. With fewer samples, only the white noise could be estimated,
+/// and only with poor accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// Minimum share of the recording that the longest rest should cover. If it covers less, a finding is reported.
+/// Share of the recording below which the length of the longest rest is reported as a finding.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of both triads of a unit.
@@ -64,11 +65,11 @@ pub struct Noise {
     pub accelerometer: Option<[AxisNoise; 3]>,
     /// Noise of the gyroscope's axes x, y, z, in the recording's unit; `None` for an accelerometer alone.
     pub gyroscope: Option<[AxisNoise; 3]>,
-    /// Steps of the means in the samples used. They are part of the noise figures.
+    /// Steps of the mean in the samples used. The noise figures include them.
     pub steps: Vec<Step>,
-    /// Steps that were cut; only samples without them were used.
+    /// Steps that were cut out. The samples used contain none of them.
     pub cut_steps: Vec<Step>,
-    /// Drifts of the means, as of a unit that warms up. They are part of the noise figures.
+    /// Drifts of the mean, for example while the unit warms up. The noise figures include them.
     pub drifts: Vec<Drift>,
     /// Findings about the recording.
     pub findings: Vec<Finding>,
@@ -83,10 +84,11 @@ pub struct Options {
     pub cut_steps: bool,
 }
 
-/// Identifies the noise in the longest rest of `recording`, which has both sensors or one of them.
+/// Identifies the noise in the longest rest of `recording`, which contains both sensors or only one.
 ///
-/// If samples are lost or repeated, the longest stretch without is used. Steps and drifts of the mean are reported, but
-/// they are part of the noise unless `options` cuts the steps. The result does not depend on the number of `threads`.
+/// If samples are lost or repeated, the longest stretch without such samples is used. Steps and drifts of the mean are
+/// reported as findings. The noise figures include them, unless `options` requests that steps are cut out. The result
+/// does not depend on the number of `threads`.
 ///
 /// # Errors
 /// [`Error::Data`] for a recording with faults; [`Error::NotEnoughMotion`] if the unit is never at rest;
@@ -100,7 +102,7 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let has_repeats = findings.iter().any(|finding| finding.code == "samples_duplicated");
     let stretch = stretch::longest(recording, has_repeats);
     if stretch.lost == 0 {
-        // Samples that are stamped late are not missing.
+        // The general check also reports samples that are only stamped late. `stretch` tells them from missing samples.
         findings.retain(|finding| finding.code != "samples_missing");
     }
     let is_whole = stretch.samples.len() == recording.len();
@@ -115,7 +117,7 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let mut result = analyse(recording, samples, threads)?;
     if options.cut_steps {
         let mut cut = Vec::new();
-        // A shorter part may show a step that a larger step had hidden.
+        // In the remaining part, a step may become detectable that a larger step had masked.
         while !result.steps.is_empty() {
             cut.append(&mut result.steps);
             let rest = steps::longest_without(recording, &result.samples, &cut);
@@ -136,7 +138,7 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
 struct Analysis {
     samples: Range<usize>,
     rate_hz: f64,
-    /// Noise of the six channels, accelerometer first; `None` for those of a sensor that is not there.
+    /// Noise of the six channels, accelerometer first; `None` for the channels of a missing sensor.
     axes: [Option<AxisNoise>; 6],
     steps: Vec<Step>,
     cut: Vec<Step>,
@@ -350,7 +352,7 @@ mod tests {
         Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
     }
 
-    /// Over several runs the errors agree with the standard deviations: their mean square is within its 99.9 %
+    /// Over several runs, the mean square of the errors divided by their standard deviations lies within its 99.9 %
     /// interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {

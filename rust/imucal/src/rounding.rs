@@ -1,8 +1,8 @@
 //! Error of the mean of rounded samples (model.md (37)).
 //!
 //! A converter rounds every reading to a multiple of its step q (LSB). If the noise of a sample is far above q,
-//! rounding adds white noise of variance q^2 / 12. If it is below q, the mean of a rest keeps an error that depends
-//! only on the true mean m and does not average down:
+//! rounding adds white noise of variance q^2 / 12. If the noise is below q, the mean of a rest has an error that
+//! depends only on the true mean m and does not average down:
 //!
 //! ```text
 //! d(m) = q sum_h (-1)^h / (pi h) exp(-2 pi^2 h^2 s^2) sin(2 pi h m / q),      s = sigma / q
@@ -11,8 +11,8 @@
 //! ```
 //!
 //! (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and 5.) Rests with equal
-//! readings therefore share one error. The scatter of rounded samples is not sigma, so sigma is estimated from the
-//! shares of the levels that occur at rest.
+//! readings therefore have the same error. The standard deviation of rounded samples differs from sigma, so sigma is
+//! estimated from the relative frequencies of the levels that occur at rest.
 
 pub(crate) mod step;
 
@@ -20,27 +20,28 @@ use std::f64::consts::{PI, SQRT_2};
 
 use statrs::function::erf::erfc;
 
-/// Scatter of rounded samples, in steps, from which rounding needs no treatment. The noise is then above 0.58 steps,
-/// the error of a mean below 3e-4 steps, and the scatter of the samples contains q^2 / 12.
+/// Standard deviation of rounded samples, in steps, from which rounding needs no treatment. The noise is then above
+/// 0.58 steps, the rounding error of a mean is below 3e-4 steps, and the variance of the samples includes q^2 / 12.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
-/// Distance of two readings, in steps, at which the correlation of their errors has fallen to exp(-1/2), apart from the
-/// cosine. Errors of readings more than a step apart count as independent, because their phases are not known well
-/// enough.
+/// Distance between two readings, in steps, at which the Gaussian factor of the correlation of their errors is
+/// exp(-1/2). The correlation is this factor times the cosine above. Errors of readings that are more than a step apart
+/// count as independent, because their phases are not known well enough.
 const CORRELATED: f64 = 0.5;
-/// Limits of the standard deviations of the noise that are tried, in steps. At the lower limit nearly all samples of a
-/// rest are equal, at the upper limit rounding leaves no error.
+/// Smallest and largest standard deviation of the noise that is tried, in steps. At the smallest, nearly all samples of
+/// a rest are equal. At the largest, rounding causes no error of the mean.
 const NOISE: [f64; 2] = [0.02, 1.0];
 /// Number of standard deviations of the noise that are tried; consecutive values differ by 14 %.
 const NOISES: usize = 31;
 /// Number of true means over which the likelihood is averaged.
 const MEANS: usize = 24;
-/// Maximum distance of the true mean from the mean of the samples, in steps.
+/// Maximum distance between the true mean and the mean of the samples that is tried, in steps.
 const REACH: f64 = 0.75;
-/// Decrease of the log likelihood from its maximum at which it is negligible.
+/// Decrease of the log-likelihood from its maximum below which the likelihood is neglected.
 const NEGLIGIBLE: f64 = 12.0;
-/// Standard deviation of the logarithm of the ratio of the noises of two axes of a triad.
+/// Prior standard deviation of the logarithm of the noise ratio of two axes of a triad. It determines how much the
+/// levels of one axis contribute to the noise of another.
 const SIMILAR: f64 = 0.3;
-/// Maximum relative difference of two steps that count as equal.
+/// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;
 /// Rounding of one axis in one recording, raw units. All numbers are zero if the noise is so far above the step that
 /// rounding leaves no error in means, or if the values have no step.
@@ -53,13 +54,13 @@ pub struct Rounding {
     /// Variance of the error that rounding leaves in the mean of a rest. It does not depend on the duration of the
     /// rest.
     pub error_variance: f64,
-    /// Whether the reading of a rest determines its error: equal readings then have equal errors. A force whose
-    /// samples are all at one level may be anywhere within half a step of it. The rates at rest are all zero, so their
-    /// errors are equal even then.
+    /// Whether the reading of a rest determines its rounding error, so that equal readings have equal errors. This is
+    /// false for a force whose samples all have one level, because the true force may lie anywhere within half a step
+    /// of this level. It is true for rates even in this case, because the true rate is zero at every rest.
     pub is_determined: bool,
 }
 
-/// Numbers of samples at each level, for readings of nearly equal mean.
+/// Number of samples at each level, for readings of nearly equal mean.
 #[derive(Clone, Debug)]
 pub(crate) struct Levels {
     /// Mean of the readings, steps.
@@ -69,7 +70,7 @@ pub(crate) struct Levels {
 }
 
 impl Rounding {
-    /// Rounding with a known noise, for predictions. `None` if it leaves no error.
+    /// Rounding for a known noise, used in predictions. `None` if rounding causes no error of the mean.
     pub(crate) fn of_noise(step: f64, noise: f64) -> Option<Self> {
         let coarse = step > 0.0 && (noise / step).hypot(1.0 / 12f64.sqrt()) < LEAST_SCATTER;
         coarse.then(|| Self {
@@ -82,10 +83,11 @@ impl Rounding {
 
     /// Rounding of the axes of a triad with these steps. `None` for an axis whose noise is not below its step.
     ///
-    /// The noise of each axis is estimated from the levels that occur at rest: all standard deviations are weighted by
-    /// their likelihood, for true means that are not known. Axes of a triad have similar noise, so the levels of the
-    /// other axes contribute. If only one level occurs on all of them, every small noise is as likely as the next, and
-    /// the variance of the error is the mean over all of them.
+    /// The noise of each axis is estimated from the levels that occur at rest, as the average over all tried standard
+    /// deviations, weighted by their likelihood. The true means are unknown and are eliminated. The levels of the other
+    /// axes contribute to the likelihood, because the axes of a triad usually have noise of nearly equal size. If only
+    /// one level occurs on each axis, all small standard deviations are equally likely, and the error variance is the
+    /// mean over them.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [Self; 3] {
         let noises: [f64; NOISES] = std::array::from_fn(tried_noise);
         let likelihoods = axes.each_ref().map(|axis| {
@@ -121,18 +123,19 @@ impl Rounding {
         })
     }
 
-    /// Whether rounding leaves an error in means.
+    /// Whether rounding causes an error of the means.
     pub fn is_coarse(&self) -> bool {
         self.error_variance > 0.0
     }
 
-    /// Whether the error of a mean exceeds 3 % of a step. Means of a few samples of a slow force then have errors that
-    /// do not look like noise.
+    /// Whether the rounding error of a mean exceeds 3 % of a step. In this case, the errors of short means of a slowly
+    /// varying force cannot be treated as white noise.
     pub(crate) fn is_not_white_in_moves(&self) -> bool {
         self.error_variance > (0.03 * self.step).powi(2)
     }
 
-    /// Variance of one sample while the true value sweeps over many steps: noise and rounding are then independent.
+    /// Variance of one sample while the true value passes through many steps, so that noise and rounding errors are
+    /// independent.
     pub(crate) fn sweeping_variance(&self, colour: f64) -> f64 {
         self.noise * self.noise * colour + self.step * self.step / 12.0
     }
@@ -140,7 +143,7 @@ impl Rounding {
     /// Covariance of the errors of two readings.
     pub(crate) fn covariance(&self, reading: f64, other: &Self, other_reading: f64) -> f64 {
         let product = self.error_variance * other.error_variance;
-        // Recordings with different ranges have independent errors.
+        // Recordings with different measurement ranges have independent errors.
         if product == 0.0 || (self.step / other.step - 1.0).abs() > EQUAL_STEPS {
             return 0.0;
         }
@@ -156,18 +159,20 @@ fn tried_noise(k: usize) -> f64 {
 
 /// Mean square of the error over all true means, in steps squared, for noise of this standard deviation in steps.
 fn error_variance(noise: f64) -> f64 {
-    // The terms fall at least as 1 / h^2. At the smallest noise the 60 terms reach the limit 1 / 12 to 3 %.
+    // The terms decrease at least as 1 / h^2. At the smallest noise, the sum of 60 terms differs from the limit 1 / 12
+    // by 3 %.
     let term = |h: f64| (-4.0 * (PI * h * noise).powi(2)).exp() / (2.0 * (PI * h).powi(2));
     (1..=60).map(|h| term(f64::from(h))).sum()
 }
 
 impl Levels {
-    /// Log likelihood of the levels for noise of this standard deviation: the mean of its maximum over the true mean
-    /// and of the logarithm of its average. With two levels, the maximum is the same for every small noise, and the
-    /// average is proportional to the noise, because a mean near the middle between the levels is then more likely.
+    /// Log-likelihood of the levels for noise of this standard deviation. The unknown true mean is eliminated in two
+    /// ways, and the result is their mean: the maximum of the log-likelihood over the true mean, and the logarithm of
+    /// the likelihood averaged over it. With two levels, the maximum is equal for all small noise, and the average is
+    /// proportional to the noise.
     fn log_likelihood(&self, noise: f64) -> f64 {
         let of_mean = |mean: f64| -> f64 {
-            // Differences of small numbers, so that the logarithm stays exact far from the mean.
+            // Only differences of small numbers are formed, so that the logarithm remains accurate far from the mean.
             let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
             let share = |level: i64| {
                 let distance = (mean - level as f64).abs();
@@ -175,7 +180,7 @@ impl Levels {
             };
             self.counts.iter().map(|(level, count)| count * share(*level).max(f64::MIN_POSITIVE).ln()).sum()
         };
-        // The logarithm of the likelihood is concave, so a search by thirds finds its maximum.
+        // The logarithm of the likelihood is concave, so a ternary search finds its maximum.
         let (mut low, mut high) = (self.mean - REACH, self.mean + REACH);
         for _ in 0..40 {
             let third = (high - low) / 3.0;
@@ -183,7 +188,7 @@ impl Levels {
         }
         let best = (low + high) / 2.0;
         let largest = of_mean(best);
-        // Ends of the interval outside which the likelihood is negligible.
+        // The ends of the interval outside which the likelihood is negligible.
         let end = |far: f64| {
             let (mut inside, mut outside) = (best, far);
             for _ in 0..24 {

@@ -87,7 +87,7 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
 
 /// The sum over i of the squared differences, for each factor.
 fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<f64> {
-    // Factors in ascending order use the cache best.
+    // Processing the factors in ascending order makes the best use of the cache.
     let mut order: Vec<usize> = (0..factors.len()).collect();
     order.sort_unstable_by_key(|&k| factors[k]);
     let job_len = BLOCK * BLOCKS_PER_JOB;
@@ -112,7 +112,8 @@ fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<
     total
 }
 
-/// Several partial sums allow the compiler to use vector instructions.
+/// Sum of the squared second differences of one block. Several partial sums allow the compiler to use vector
+/// instructions.
 fn block_sum(first: &[f64], second: &[f64], third: &[f64]) -> f64 {
     let (a, a_rest) = first.as_chunks::<LANES>();
     let (b, b_rest) = second.as_chunks::<LANES>();

@@ -13,24 +13,24 @@ use crate::error::Error;
 use crate::noise::allan::{octave_factors, overlapping_deviations};
 use crate::recording::Samples;
 
-/// Maximum deviation of the power in an octave from the model, in standard deviations. The false alarm rate is about
-/// 1e-6.
+/// Limit of the deviation of the power in an octave from the model, in standard deviations, above which the model does
+/// not fit. The false alarm rate per octave is about 1e-6.
 pub(super) const MISFIT: f64 = 5.0;
 /// Minimum increase of twice the log-likelihood for quantisation to be included in the model. In a record without
 /// quantisation, random variation reaches this increase with a probability of 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Numbers of octaves that are omitted, from half the sampling rate down, if a filter has changed the noise. Windows of
-/// 32 values have wide side lobes, so power missing at high frequencies affects all cosines of a stage. Therefore
-/// complete stages of five octaves are omitted, together with the first octave of the next stage, whose means still
-/// average filtered noise.
+/// Numbers of octaves, counted down from half the sampling rate, that are omitted on trial if a filter has changed the
+/// noise. The cosines of a window of 32 values have wide side lobes, so power that is missing at high frequencies
+/// affects all cosines of a stage. Therefore complete stages of five octaves are omitted, together with the first
+/// octave of the next stage, whose values are still means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// Maximum size of a count, in standard deviations of the noise. For larger counts, rounding errors depend on the
-/// signal.
+/// Limit of the size of a count, in standard deviations of the noise, up to which the white noise is determined. For
+/// larger counts, rounding errors depend on the signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
-/// Ratio of the duration of the record to the longest averaging time.
+/// Minimum ratio of the duration of the record to the averaging time of an Allan deviation.
 const LONGEST_SHARE: usize = 3;
 
-/// The estimate of one noise parameter.
+/// Estimate of one noise parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Maximum-likelihood estimate; `None` if the record does not show this kind of noise.
@@ -39,8 +39,8 @@ pub struct Estimate {
     pub std: Option<f64>,
     /// Lower end of the 95 % confidence band; zero if there is no value.
     pub low: f64,
-    /// Upper end of the 95 % confidence band. If there is no value, it is an upper limit; it is infinite for a constant
-    /// axis.
+    /// Upper end of the 95 % confidence band. If `value` is `None`, this end is an upper limit of the parameter. It is
+    /// infinite for a constant axis.
     pub high: f64,
 }
 
@@ -76,8 +76,8 @@ pub struct AxisNoise {
     pub lsb: f64,
     /// Whether the white noise is less than half a count.
     pub is_below_lsb: bool,
-    /// Shortest period that was fitted, s. Noise of shorter periods was filtered, or deviates from the model for other
-    /// reasons.
+    /// Shortest period of the noise that was fitted, s. At shorter periods, the power deviates from the model, usually
+    /// because of a filter.
     pub shortest_period_s: f64,
     /// Largest deviation of the power in an octave from the model, in standard deviations.
     pub misfit: f64,
@@ -87,7 +87,7 @@ pub struct AxisNoise {
 
 impl AxisNoise {
     /// Identifies the noise in one column of the samples of a rest, and the steps and drifts of its mean. `blocks` are
-    /// those of this number of samples.
+    /// the [`Blocks`] for this number of samples.
     pub(super) fn identify(
         rows: Samples<'_>,
         axis: usize,
@@ -122,7 +122,8 @@ impl AxisNoise {
                 (true, _) => estimate.bounded(0.0),
             }
         });
-        // A drift looks like a misfit, and so many octaves may be omitted that it can no longer be seen.
+        // A drift increases the misfit, which can lead to so many omitted octaves that the drift is no longer
+        // detectable. The search for drifts therefore omits at most one stage.
         let filtered = model.filtered.min(FILTERED[0]);
         let noise = NoiseModel { kinds: model.kinds, rounding: model.rounding, filtered };
         let components = match blocks {
@@ -145,7 +146,8 @@ impl AxisNoise {
 }
 
 impl Estimate {
-    /// Removes a value that would be meaningless; the upper end of the band is combined with `least`.
+    /// Estimate without a value, for cases in which the value would be meaningless. The upper end of the band is
+    /// increased by `least` (root sum square).
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }
@@ -163,7 +165,7 @@ struct Model {
 
 impl Model {
     /// Model with white noise, bias instability and random walk. Quantisation is added if it is significant. The
-    /// highest octaves are omitted if the model then agrees with all others.
+    /// highest octaves are omitted if the model then agrees with all remaining octaves.
     fn of(powers: &[Power], rounding: f64) -> Self {
         let whole = Self::above(powers, rounding, 0);
         if whole.misfit.abs() <= MISFIT {
@@ -215,7 +217,8 @@ fn fitted(powers: &[Power], filtered: u32) -> Vec<Power> {
     powers.iter().filter(|power| power.octave() >= filtered).copied().collect()
 }
 
-/// Smallest difference between consecutive values above rounding; zero for a constant.
+/// Smallest difference between consecutive values that is larger than floating-point rounding; zero for constant
+/// values.
 fn smallest_step(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let (low, high) = values.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
     let rounding = 1e-9 * (high - low).max(low.abs() * 1e-6);

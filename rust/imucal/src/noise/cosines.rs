@@ -4,9 +4,10 @@
 //! z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
 //! ```
 //!
-//! The windows have W consecutive values y. For white noise, for a random walk, and for means of them, the z_j of a
-//! window are exactly independent. A Fourier transform would leak the difference between the ends of a random walk into
-//! all frequencies. For flicker noise the z_j are nearly independent, and their variances here are exact.
+//! The windows have W consecutive values y. For white noise, for a random walk, and for block means of either, the z_j
+//! of a window are exactly independent. A Fourier transform would leak the difference between the ends of a random walk
+//! into all frequencies. For flicker noise, the z_j are only nearly independent, but the variances computed here are
+//! exact.
 //!
 //! A long record is processed in stages. The first stage has windows of 32 samples; the next one has windows of 32
 //! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In each other
@@ -20,13 +21,13 @@ use crate::cancellation::checkpoint;
 const WINDOW: usize = 32;
 const HALF: usize = WINDOW / 2;
 const LAST_WINDOW: usize = 2048;
-/// Number of windows after which a cancellation is looked for; they take less than a millisecond.
+/// Number of windows between two checks for a cancellation. Processing them takes less than a millisecond.
 const WINDOWS_PER_CHECKPOINT: usize = 1024;
-/// Adjacent cosines of the last window are averaged over this share of their frequency.
+/// Relative width of the frequency bands over which the powers of the last window are averaged.
 const POOLED_SHARE: f64 = 0.03;
 
-/// A mean power of the spectrum. It is chi-square distributed with `dof` degrees of freedom, times the ratio of the
-/// power of the model to `dof`.
+/// A mean power of the spectrum. Multiplied by `dof` and divided by the power of the model, it has a chi-square
+/// distribution with `dof` degrees of freedom.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Power {
     pub(super) value: f64,
@@ -104,8 +105,8 @@ impl Stage {
     }
 }
 
-/// The powers of one window: squares of its cosines, whose neighbours are averaged over [`POOLED_SHARE`] of their
-/// frequency. `length` is the number of samples in each value of the window.
+/// The powers of one window: the squares of its cosines, averaged over frequency bands of the relative width
+/// [`POOLED_SHARE`]. `length` is the number of samples in each value of the window.
 pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<Power> {
     let width = squares.len() + 1;
     let mut powers = Vec::new();
@@ -164,8 +165,8 @@ fn squared_cosines(window: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Cosines of a window of 32 values, by the index in its first half. Cosines of even j use the sum of both halves of
-/// the window, those of odd j the difference.
+/// Table of the cosines for a window of 32 values, indexed by the position in the first half of the window. For even j,
+/// the transform uses the sum of the first half and the mirrored second half; for odd j, their difference.
 struct Tables {
     even: [[f64; HALF]; HALF],
     odd: [[f64; HALF]; HALF],
@@ -204,7 +205,7 @@ impl Tables {
             }
             for k in 0..HALF {
                 sums[2 * k] += odd[k] * odd[k];
-                // The last even index, j = 32, has a cosine of zero everywhere.
+                // The last even index, j = 32, is skipped because all its cosines are zero.
                 if k < HALF - 1 {
                     sums[2 * k + 1] += even[k] * even[k];
                 }
@@ -220,7 +221,7 @@ mod tests {
     use super::super::power_law::{FLICKER, QUANTISATION, WALK, WHITE};
     use super::*;
 
-    /// Direct calculation of v^T C v for every cosine vector v.
+    /// Compares the expected powers with v^T C v, computed directly for every cosine vector v.
     #[test]
     fn expected_powers_are_quadratic_forms_of_the_covariance() {
         let (width, length) = (24, 5.0);

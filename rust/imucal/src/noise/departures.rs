@@ -1,4 +1,5 @@
-//! Steps and drifts of the mean of a unit at rest, told from random noise by their likelihood: `docs/model.md` (36).
+//! Detection of steps and drifts of the mean of a unit at rest, which are distinguished from random noise by their
+//! likelihood: `docs/model.md` (36).
 //!
 //! ```text
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
@@ -6,9 +7,10 @@
 //!
 //! z are the cosines of W block means, in which white noise and a random walk are uncorrelated. A component is a step
 //! at a time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power
-//! spectrum of a random walk. Its cosines, however, have the phases of one time, and those of a random walk are random.
-//! Components are added one by one: the one with the largest gain of twice the log-likelihood minus its penalty, with
-//! amplitudes and noise parameters estimated anew. If no gain exceeds the penalty, noise explains the record.
+//! spectrum of a random walk. However, the signs of its cosines follow from the time of the step, whereas those of a
+//! random walk are random. Components are added one at a time. The component that is added has the largest gain of
+//! twice the log-likelihood minus its penalty, after amplitudes and noise parameters are estimated again. If no gain
+//! exceeds its penalty, noise explains the record.
 
 use std::f64::consts::PI;
 
@@ -18,37 +20,41 @@ use super::cosines::{Power, expected_powers, pooled};
 use super::likelihood::Likelihood;
 use super::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 
-/// Maximum number of blocks. More blocks give the time of a step more accurately, and cost time with their square.
+/// Maximum number of blocks. With more blocks, the time of a step is more accurate, but the computing time grows with
+/// the square of the number.
 const MAX_BLOCKS: usize = 1024;
-/// Minimum number of blocks, below which steps and noise cannot be told apart.
+/// Minimum number of blocks. With fewer, steps cannot be distinguished from noise, so the search is omitted.
 const MIN_BLOCKS: usize = 64;
-/// Minimum gain of twice the log-likelihood for a component at a known time. With the penalty for the choice of the
-/// time, a record without steps shows one with a probability of about 1e-3.
+/// Minimum gain of twice the log-likelihood for a component at a known time. Together with the penalty for the choice
+/// of the time, the false-alarm probability is about 1e-3 for a record without steps.
 const GAIN: f64 = 16.0;
-/// Gain of twice the log-likelihood by which a drift must exceed a step to be preferred: a likelihood ratio of 7.
+/// Additional penalty of a drift, because it has one more parameter than a step: the gain of twice the log-likelihood
+/// that this parameter must provide. It corresponds to a likelihood ratio of 7.
 const LENGTH: f64 = 4.0;
 /// Maximum number of components.
 const MAX_COMPONENTS: usize = 12;
-/// Ratios of the time constant of a warm-up to the duration of the record. The last one is a change at a constant rate.
+/// Ratios of the time constant of a warm-up to the duration of the record. The last ratio represents a change at a
+/// constant rate.
 const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LINEAR];
-/// Ratio of the time constant to the duration of the record from which the rate of a change is constant.
+/// Ratio of the time constant to the duration of the record at which the rate of change is practically constant.
 const LINEAR: f64 = 1e3;
-/// A change within this time counts as a step, s. A unit that is bumped settles within this time, and no unit warms up
-/// so fast.
+/// Maximum duration of a change that counts as a step, s. A unit settles within this time after a bump, and no unit
+/// warms up so fast.
 pub(super) const ABRUPT_S: f64 = 10.0;
-/// A change within this number of blocks counts as a step, because the blocks do not show how abrupt it is.
+/// Maximum duration of a change that counts as a step, in blocks. Changes this short cannot be resolved by the blocks.
+/// The longer of this duration and `ABRUPT_S` applies.
 const ABRUPT_BLOCKS: usize = 2;
-/// Number of iterations in which amplitudes and noise parameters are estimated in turn.
+/// Number of iterations of the alternating estimation of amplitudes and noise parameters.
 const ROUNDS: usize = 4;
 
 /// Shape of a component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
-    /// A step at the start of block `first`, or later by the share `fraction` of a block.
+    /// A step that occurs `fraction` of a block after the start of block `first`.
     Step { first: usize, fraction: f64 },
     /// A change at a constant rate that starts at block `first` and takes `blocks` blocks.
     Ramp { first: usize, blocks: usize },
-    /// Exponential approach with this time constant, in blocks.
+    /// Exponential approach to a final value. The time constant is in blocks.
     WarmUp { time_constant: f64 },
 }
 
@@ -60,7 +66,7 @@ pub(super) struct Component {
     pub(super) size: f64,
     /// Standard deviation of the size.
     pub(super) sigma: f64,
-    /// Increase of twice the log-likelihood by this component.
+    /// Increase of twice the log-likelihood due to this component.
     pub(super) gain: f64,
 }
 
@@ -75,7 +81,7 @@ pub(super) struct Blocks {
     warm_ups: Vec<(Shape, Vec<f64>)>,
 }
 
-/// Noise of an axis as the search needs it: kinds in the model, variance of rounding, and octaves left out at the
+/// Noise model of an axis in the search: kinds of noise, variance of rounding, and number of omitted octaves at the
 /// highest frequencies.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NoiseModel {
@@ -102,7 +108,7 @@ impl Blocks {
         };
         let warm_up = |share: &f64| {
             let time_constant = share * count as f64;
-            // From 0 to 1, so that the amplitude is the change over the record.
+            // The shape is scaled to increase from 0 to 1, so that its amplitude is the change over the record.
             let end = 1.0 - (-(count as f64) / time_constant).exp();
             let values = (0..count).map(|t| (1.0 - (-(t as f64 + 0.5) / time_constant).exp()) / end);
             (Shape::WarmUp { time_constant }, blocks.cosines(&values.collect::<Vec<_>>()))
@@ -112,8 +118,8 @@ impl Blocks {
         Some(blocks)
     }
 
-    /// Steps and drifts of a record, which must have the length of these blocks, in the order of their gain. `rate_hz`
-    /// decides which changes are abrupt.
+    /// Steps and drifts of a record, in the order of their gain. The record must have the number of samples for which
+    /// the blocks were created. `rate_hz`, the sampling rate, is needed to compare durations with `ABRUPT_S`.
     pub(super) fn components(
         &self,
         values: impl Iterator<Item = f64>,
@@ -153,7 +159,8 @@ impl Blocks {
             .collect()
     }
 
-    /// The j-th cosine of a change from 0 to 1 that starts at block `first` and takes `blocks` blocks.
+    /// Element j of the cosine transform of a change from 0 to 1 that starts at block `first` and takes `blocks`
+    /// blocks.
     fn change(&self, j: usize, first: usize, blocks: usize) -> f64 {
         let width = self.count;
         let scale = (2.0 / width as f64).sqrt();
@@ -167,7 +174,7 @@ impl Blocks {
         -scale * difference / (4.0 * half_sine * half_sine * blocks as f64)
     }
 
-    /// The j-th cosine of a shape, for j = 1 to W - 1.
+    /// Cosine transform of a shape, for j = 1 to W - 1.
     fn column(&self, shape: Shape) -> Vec<f64> {
         match shape {
             Shape::Step { first, fraction } => {
@@ -182,7 +189,7 @@ impl Blocks {
         }
     }
 
-    /// All changes of the search: steps at every block, and ramps whose positions are spaced by a quarter of their
+    /// All shapes that the search tries: a step at every block, and ramps at positions spaced by a quarter of their
     /// length.
     fn shapes(&self, rate_hz: f64) -> Vec<Shape> {
         let mut shapes: Vec<Shape> = (1..self.count).map(|first| Shape::Step { first, fraction: 0.0 }).collect();
@@ -203,7 +210,7 @@ impl Blocks {
 }
 
 impl Shape {
-    /// Whether the shape is a step and no drift.
+    /// Whether the shape is a step. All other shapes are drifts.
     fn is_step(self) -> bool {
         matches!(self, Self::Step { .. })
     }
@@ -221,7 +228,7 @@ struct Search<'a> {
     shapes: Vec<Shape>,
 }
 
-/// Components with their amplitudes, and the noise that remains.
+/// Components with their amplitudes, and the noise parameters after they are subtracted.
 struct Explained {
     shapes: Vec<Shape>,
     columns: Vec<Vec<f64>>,
@@ -252,24 +259,26 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Twice the logarithm of the number of shapes among which this one was chosen, and the price of a parameter that a
-    /// step does not have: the length of a ramp, or the time constant of a warm-up.
+    /// Penalty of a shape: twice the logarithm of the number of candidate shapes of its kind, plus `LENGTH` for a shape
+    /// with one more parameter than a step (the length of a ramp, or the time constant of a warm-up).
     fn penalty(&self, shape: Shape) -> f64 {
         let is_same = |other: &&Shape| std::mem::discriminant(*other) == std::mem::discriminant(&shape);
         let length = if shape.is_step() { 0.0 } else { LENGTH };
         2.0 * (self.shapes.iter().filter(is_same).count() as f64).ln() + length
     }
 
-    /// The explanation with the best further component. Candidates are scored with the noise of the present
-    /// explanation, and with noise without a random walk: a large step is mistaken for a random walk, in which it is
-    /// not significant.
+    /// The present explanation extended by the best further component. Candidates are scored twice, with the noise
+    /// parameters of the present explanation and with noise parameters fitted without a random walk. The second score
+    /// is needed because a large step increases the estimated random walk so much that the step is no longer
+    /// significant.
     fn next(&self, present: &Explained) -> Option<Explained> {
         let mut without_walk = self.noise.kinds;
         without_walk[WALK] = false;
         let residual = self.residual(present);
         let steady = self.fit(&residual, without_walk).0;
         let candidates = [present.theta, steady].map(|theta| self.best_shapes(&residual, &theta, present));
-        // The likelihood may have two maxima: with a random walk, and with little of it.
+        // The likelihood may have two maxima, one with a strong and one with a weak random walk. The fit is therefore
+        // started from both.
         let starts = [self.noise.kinds, without_walk].map(|kinds| (kinds, self.fit(self.z, kinds).0));
         let mut tried: Vec<Shape> = Vec::new();
         let mut best: Option<(f64, Explained)> = None;
@@ -291,7 +300,7 @@ impl Search<'_> {
         best.map(|(_, explained)| explained)
     }
 
-    /// The best step and the two best drifts for given noise.
+    /// The best step and the two best drifts for given noise parameters.
     fn best_shapes(&self, residual: &[f64], theta: &PerKind, present: &Explained) -> Vec<Shape> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let used = self.used(&weights);
@@ -342,7 +351,7 @@ impl Search<'_> {
             let [a, b] = [start, start + 1].map(|first| self.blocks.column(Shape::Step { first, fraction: 0.0 }));
             let (aa, ab, bb) = (product(&a, &a), product(&a, &b), product(&b, &b));
             let (ra, rb) = (product(&a, residual), product(&b, residual));
-            // Both sizes times the determinant of the normal equations, which cancels in the fraction.
+            // Both sizes are multiplied by the determinant of the normal equations. It cancels in the fraction.
             let (at_start, at_end) = (ra * bb - rb * ab, rb * aa - ra * ab);
             let fraction = at_end / (at_start + at_end);
             if (0.0..=1.0).contains(&fraction) {
@@ -356,9 +365,9 @@ impl Search<'_> {
         best.1
     }
 
-    /// Number of cosines that decide about a component, from the first one on. A step has the share 1 / j^2 of its
-    /// power in the j-th cosine, so frequencies far above the one where white noise equals the random walk contribute
-    /// little.
+    /// Number of cosines, from the first one on, that are used to detect a component. They contain 99 % of the
+    /// information about a step. The power of a step in cosine j is proportional to 1 / j^2, so frequencies far above
+    /// the crossover of white noise and random walk contribute little.
     fn used(&self, weights: &[f64]) -> usize {
         const FEWEST: usize = 128;
         let mut total: f64 = (0..weights.len()).map(|k| weights[k] / ((k + 1) as f64).powi(2)).sum();
@@ -372,8 +381,9 @@ impl Search<'_> {
         end.max(FEWEST.min(weights.len()))
     }
 
-    /// Amplitudes and noise parameters of these components, estimated in turn. The start is noise with the given kinds,
-    /// fitted to the data without components; the final noise has all kinds of the model.
+    /// Amplitudes of these components and noise parameters, estimated alternately. The iteration starts from noise of
+    /// the kinds in `start`, fitted to the data without components. The final noise parameters contain all kinds of the
+    /// model.
     fn explained(
         &self,
         shapes: Vec<Shape>,
@@ -423,7 +433,7 @@ impl Search<'_> {
         residual
     }
 
-    /// Noise parameters of cosines, and minus twice their log-likelihood.
+    /// Noise parameters fitted to the cosines `residual`, and minus twice their log-likelihood.
     fn fit(&self, residual: &[f64], kinds: [bool; KINDS]) -> (PerKind, f64) {
         let squares: Vec<f64> = residual.iter().map(|z| z * z).collect();
         let mut powers = pooled(&squares, &self.blocks.expected, self.blocks.samples as f64);

@@ -6,19 +6,20 @@
 //!
 //! theta is estimated by Fisher scoring with the constraint theta >= 0. The confidence band of theta_k contains all
 //! values at which the minimum deviance over the other parameters exceeds the global minimum by no more than the 95 %
-//! quantile of chi-square with one degree of freedom. Such bands remain valid for few degrees of freedom, where the
-//! distribution of an estimate is far from normal.
+//! quantile of chi-square with one degree of freedom. Such bands remain valid with few degrees of freedom, for which
+//! the distribution of an estimate is far from normal.
 
 use nalgebra::{Matrix4, Vector4};
 
 use super::cosines::Power;
 use super::power_law::{KINDS, PerKind, dot};
 
-/// 95 % quantile of chi-square with one degree of freedom.
+/// 95 % quantile of the chi-square distribution with one degree of freedom. It defines the confidence bands.
 const BAND: f64 = 3.841_458_820_694_124;
 /// Maximum number of iterations of Fisher scoring.
 const ITERATIONS: usize = 60;
-/// Maximum number of bisections, and maximum number of halvings of a scoring step.
+/// Maximum number of bisections for the end of a band. It is also the maximum number of times that a scoring step is
+/// halved.
 const HALVINGS: usize = 40;
 
 /// The powers of the spectrum of one axis, and the kinds of noise in the model.
@@ -93,7 +94,8 @@ impl Likelihood<'_> {
         let free = self.maximize(best.theta, None, Domain::Free);
         let bands = [(Domain::Physical, best), (Domain::Free, &free)].map(|(domain, peak)| {
             let excess = |value: f64| {
-                // The start is inside the domain: a power with an expected value of zero has no gradient.
+                // The start must lie inside the domain, because the gradient does not exist where the expected value of
+                // a power is zero.
                 let start = std::array::from_fn(|k| if k == kind { value } else { best.theta[k].max(1e-3 * std[k]) });
                 self.maximize(start, Some(kind), domain).deviance - peak.deviance - BAND
             };
@@ -102,7 +104,7 @@ impl Likelihood<'_> {
         Band { low: bands[0].low.min(bands[1].low), high: bands[0].high.max(bands[1].high) }
     }
 
-    /// The two values at which `excess`, which is negative at `peak`, crosses zero. The lower one is at least zero.
+    /// The two zeros of `excess`, which is negative at `peak`. The lower end of the band is at least zero.
     fn crossings(&self, peak: f64, std: f64, excess: impl Fn(f64) -> f64) -> Band {
         let bisect = |mut inside: f64, mut outside: f64| {
             for _ in 0..HALVINGS {
@@ -133,7 +135,8 @@ impl Likelihood<'_> {
         dot(theta, &power.expected) + self.rounding * power.expected[super::power_law::WHITE]
     }
 
-    /// Start value of each kind of noise: 0.1 of the smallest ratio of a power to the expected power of this kind.
+    /// Start value of each kind of noise: one tenth of the smallest ratio of a power to its expected value for a unit
+    /// parameter of this kind.
     fn start(&self) -> PerKind {
         let least = |kind: usize| {
             let ratios = self.powers.iter().map(|power| power.value / power.expected[kind]);
@@ -157,7 +160,7 @@ impl Likelihood<'_> {
         sum
     }
 
-    /// Half the negative gradient of the deviance, and half its expected Hessian (the Fisher information).
+    /// Half the negative gradient of the deviance, and half its expected Hessian, which is the Fisher information.
     fn slope(&self, theta: &PerKind) -> (Vector4<f64>, Matrix4<f64>) {
         let (mut slope, mut information) = (Vector4::zeros(), Matrix4::zeros());
         for power in self.powers {
@@ -204,9 +207,9 @@ impl Likelihood<'_> {
     }
 }
 
-/// The matrix of the parameters that are estimated, scaled to a diagonal of ones, and the scale factors. Scaling is
-/// needed because the parameter of a random walk is smaller than that of white noise by ten orders of magnitude. Rows
-/// and columns of parameters that are held constant are those of the identity.
+/// Fisher information of the estimated parameters, scaled so that all diagonal entries are one, and the scale factors.
+/// Scaling is needed because the parameter of a random walk is smaller than that of white noise by ten orders of
+/// magnitude. Rows and columns of parameters that are held constant are replaced by those of the identity matrix.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

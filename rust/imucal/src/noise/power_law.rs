@@ -11,7 +11,7 @@
 //! quantisation  x = (1 - z^-1) n            s(k) = 1 for k = 0, else 0
 //! ```
 //!
-//! Covariances of differences are exact. This includes processes that have no covariance themselves, such as flicker
+//! The covariances of differences are exact, even for processes whose own covariance does not exist, such as flicker
 //! noise.
 
 use std::f64::consts::{LN_2, PI};
@@ -45,7 +45,7 @@ fn odd_harmonic(j: f64) -> f64 {
         return (1..=j as u32).map(|i| 1.0 / f64::from(2 * i - 1)).sum();
     }
     let square = 1.0 / (j * j);
-    // The next term of the series is below 1e-13.
+    // The first omitted term of the series is below 1e-13.
     0.5 * (j.ln() + EULER + 2.0 * LN_2) + square * (1.0 / 48.0 + square * (-7.0 / 1920.0 + square * 31.0 / 16128.0))
 }
 
@@ -64,7 +64,7 @@ pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// Covariance of two differences at a distance of `lag` samples. Each is the difference of consecutive means over
+/// Covariance of two differences at a distance of `lag` samples. Each difference is that of two consecutive means over
 /// `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
@@ -82,12 +82,13 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// edf = 2 E^2 / Var = c_0^2 n^2 / sum over |h| < n of (n - |h|) c_h^2
 /// ```
 ///
-/// c is the covariance of differences between consecutive means. For factors of 128 and above only every (factor /
-/// 64)-th difference is used; the others are so strongly correlated with these that they add no information.
+/// c is the covariance of differences between consecutive means. For factors of 128 and above, only every (factor /
+/// 64)-th difference is used. The omitted differences are so strongly correlated with the used ones that they add no
+/// information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
-    /// Distance in windows beyond which differences count as independent; their covariance decreases with the distance
-    /// squared.
+    /// Distance, in windows, beyond which differences count as independent. Their covariance decreases with the square
+    /// of the distance.
     const WINDOWS: usize = 24;
     let stride = (factor / PER_WINDOW).max(1);
     let count = ((samples - 2 * factor) / stride + 1) as f64;
@@ -118,13 +119,14 @@ mod tests {
             assert!((of(WHITE) * m - 1.0).abs() < 1e-12);
             assert!((of(WALK) / (m / 3.0 + 1.0 / (6.0 * m)) - 1.0).abs() < 1e-12);
             assert!((of(QUANTISATION) * m * m / 3.0 - 1.0).abs() < 1e-12);
-            // At short averaging times half an integration has more power than 1/f noise.
+            // At short averaging times, half-order integrated white noise has more power than 1/f noise.
             let flat = 2.0 * LN_2 / PI;
             assert!((of(FLICKER) / flat - 1.0).abs() < 3.0 / (m * m), "{}", of(FLICKER));
         }
     }
 
-    /// Variogram of half an integration from its power spectrum: `1/pi integral of (1 - cos k w) / (2 sin(w / 2))`.
+    /// Compares the variogram with that of half-order integrated white noise, computed from its power spectrum: `1/pi
+    /// integral of (1 - cos k w) / (2 sin(w / 2))`.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {
         let steps = 200_000;

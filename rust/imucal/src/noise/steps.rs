@@ -1,4 +1,4 @@
-//! Steps and drifts of both sensors: the components of the axes, put together by time.
+//! Steps and drifts of both sensors. Components of several axes that occur at the same time are combined into one step.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -10,28 +10,28 @@ use crate::check::{CHANNELS, unit_name};
 use crate::finding::{Finding, Place, general};
 use crate::recording::Recording;
 
-/// Time on both sides of a step that is cut with it, s. The unit may still move in it.
+/// Margin that is cut out on both sides of a step, s. The unit may still move within this time.
 const MARGIN_S: f64 = 1.0;
-/// Number of blocks on both sides of a step from which its sample is found.
+/// Number of blocks on both sides of a step that are searched for the exact sample of the step.
 const NEAR_BLOCKS: usize = 8;
 
-/// A step of the mean of a unit at rest, as by a bump of the table.
+/// A step of the mean of a unit at rest, for example after a bump against the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// Time of the first sample after the step, s.
     pub time_s: f64,
-    /// Index of that sample in the recording.
+    /// Index of the first sample after the step, in the recording.
     pub sample: usize,
-    /// Size of the step in each axis that shows it.
+    /// Size of the step in each axis in which it is significant.
     pub axes: Vec<Departure>,
 }
 
-/// A slow change of the mean of an axis of a unit at rest, as by warming up.
+/// A slow change of the mean of one axis of a unit at rest, for example while the unit warms up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drift {
     /// Time at which the change starts, s.
     pub start_s: f64,
-    /// Time at which it ends, s.
+    /// Time at which the change ends, s.
     pub end_s: f64,
     /// Time constant of an exponential approach, s; `None` for a change at a constant rate.
     pub time_constant_s: Option<f64>,
@@ -52,7 +52,7 @@ pub struct Departure {
     pub gain: f64,
 }
 
-/// Steps and drifts in the samples `rest` of a recording, from the components of its six axes. `block` is the number of
+/// Steps and drifts in the samples `rest` of a recording, from the components of the six axes. `block` is the number of
 /// samples in a block.
 pub(super) fn gather(
     recording: &Recording<'_>,
@@ -95,7 +95,7 @@ pub(super) fn gather(
             |step: &&mut Step| sample - step.sample <= 2 * block || recording.time_s[sample] - step.time_s <= ABRUPT_S;
         match steps.last_mut().filter(same) {
             Some(step) => {
-                // The most significant axis gives the time.
+                // The axis with the largest gain determines the time of the step.
                 if step.axes.iter().all(|other| other.gain < axis.gain) {
                     (step.sample, step.time_s) = (sample, recording.time_s[sample]);
                 }
@@ -154,7 +154,8 @@ pub(super) fn longest_without(recording: &Recording<'_>, rest: &Range<usize>, st
     best
 }
 
-/// The finding about one step. `used` is the part without steps that is used instead, if steps are cut.
+/// The finding about one step. `used` is the part without steps to which the analysis is restricted, if steps are cut
+/// out.
 pub(super) fn finding(recording: &Recording<'_>, step: &Step, used: Option<&Range<usize>>) -> Finding {
     let largest = step.axes.iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
     let sizes: Vec<String> = step.axes.iter().map(|axis| shown(recording, axis)).collect();
@@ -192,7 +193,7 @@ pub(super) fn finding(recording: &Recording<'_>, step: &Step, used: Option<&Rang
     }
 }
 
-/// The finding about all drifts; `None` without any.
+/// The finding about all drifts; `None` if there are none.
 pub(super) fn drift(recording: &Recording<'_>, drifts: &[Drift]) -> Option<Finding> {
     let mut columns: Vec<String> = drifts.iter().map(|drift| CHANNELS[drift.axis.channel].to_owned()).collect();
     columns.dedup();

@@ -13,16 +13,17 @@ use std::ops::Range;
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Maximum share of lost or repeated samples in the stretch. More would change the power spectrum at high frequencies.
+/// Maximum share of lost or repeated samples in the stretch. A larger share would change the power spectrum at high
+/// frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
-/// Minimum rise of the envelope for lost samples, in time steps. One lost sample raises it by 1.
+/// Minimum rise of the envelope that counts as lost samples, in time steps. One lost sample raises the envelope by 1.
 const LOST: f64 = 0.6;
 /// Length of the window of the envelope, s: the longest delay of a time stamp that does not count as lost samples.
 const WINDOW_S: f64 = 1.0;
-/// Minimum number of samples in that window.
+/// Minimum number of samples in the window of the envelope.
 const FEWEST_IN_WINDOW: usize = 16;
 
-/// A part of a recording with nearly all of its samples.
+/// A part of a recording in which almost no samples are lost or repeated.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Stretch {
     pub(super) samples: Range<usize>,
@@ -34,19 +35,21 @@ pub(super) struct Stretch {
     pub(super) places: usize,
 }
 
-/// The longest stretch. `has_repeats` says whether equal consecutive rows are known to be repeated and no coincidence.
+/// The longest stretch. `has_repeats` states whether equal consecutive rows count as repeated samples and not as a
+/// coincidence.
 pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     let faults = faults(recording, has_repeats);
     let (lost, repeated) = faults.iter().fold((0, 0), |(lost, repeated), fault| match fault.is_lost {
         true => (lost + fault.count, repeated),
         false => (lost, repeated + fault.count),
     });
-    // The samples between consecutive faults; the largest group of these with few faults inside.
+    // The faults divide the recording into groups of samples. The longest sequence of groups with few faults inside is
+    // selected.
     let ends: Vec<usize> = faults.iter().map(|fault| fault.sample).chain([recording.len()]).collect();
     let mut best = 0..0;
     let (mut first, mut inside) = (0, 0);
     for (last, &end) in ends.iter().enumerate() {
-        // The faults inside of the group are those with the numbers `first` to `last - 1`.
+        // The faults inside the sequence have the indices `first` to `last - 1`.
         let start_of = |group: usize| if group == 0 { 0 } else { ends[group - 1] };
         if last > first {
             inside += faults[last - 1].count;
@@ -62,7 +65,7 @@ pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     Stretch { samples: best, lost, repeated, places: faults.len() }
 }
 
-/// Lost samples before, or a repetition in, a sample.
+/// A fault: samples are lost before `sample`, or `sample` is a repetition.
 struct Fault {
     sample: usize,
     count: usize,
@@ -94,7 +97,7 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
             if is_repeated(k) {
                 faults.push(Fault { sample: k, count: 1, is_lost: false });
             }
-            // A row that was written twice has no place of its own on the clock.
+            // A row that was written twice does not advance the ideal clock.
             place += if time_s[k] == time_s[k - 1] && equal(k) { 0.0 } else { 1.0 };
         }
         envelope.push(k, time_s[k] - time_s[0] - place * interval_s);
@@ -112,7 +115,7 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
 /// Minimum of a sequence over a window that starts at each element.
 struct Envelope {
     window: usize,
-    /// Candidates for the minimum, by index, in ascending order of both.
+    /// Candidates for the minimum as (index, value), in ascending order of both.
     queue: VecDeque<(usize, f64)>,
     minima: Vec<f64>,
 }
@@ -141,7 +144,7 @@ impl Envelope {
         }
     }
 
-    /// Rises of the envelope from one element to the next, by the index of the second one.
+    /// Rises of the envelope between consecutive elements, each with the index of the second element.
     fn rises(mut self) -> impl Iterator<Item = (usize, f64)> {
         while let Some(&(index, _)) = self.queue.back() {
             let start = self.minima.len();

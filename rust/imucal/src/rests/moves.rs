@@ -18,7 +18,7 @@ use crate::rests::unit_rest::{UnitRest, touches};
 /// rotation cannot be integrated accurately, and the move is not used.
 const LONGEST_STEP: f64 = 2.5;
 
-/// Duration of the part of an unsteady rest, next to the move, from which the direction of gravity is computed, s
+/// Duration of the part of an unsteady rest, adjacent to the move, from which the direction of gravity is computed, s
 /// (model.md (13)).
 const SPAN_S: f64 = 1.0;
 /// Number of sub-means of this part of a rest; their scatter gives the variance of the gravity direction (model.md
@@ -27,11 +27,11 @@ const TENTHS: usize = 10;
 /// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope for a rest to be hand-held. The
 /// margin allows for the uncertainty of the estimated noise.
 const TREMBLING: f64 = 1.5;
-/// Minimum scatter of the rates within 0.1 s for a rest to be hand-held, rad/s. It prevents the detection of a hand in
-/// recordings without noise. A hand causes larger rates.
+/// Minimum scatter of the rates within 0.1 s for a rest to be hand-held, rad/s. Tremor of a hand causes larger rates.
+/// The limit prevents false detections in recordings without noise.
 const STILL_RADPS: f64 = 1e-3;
-/// Lower bound of the standard deviation of the direction error of a move, rad. It represents the error of integrating
-/// a sampled rate, which is all that remains in simulated data without noise.
+/// Lower bound of the standard deviation of the direction error of a move, rad. It represents the integration error of
+/// a sampled rate, which is the only error in simulated data without noise.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
 
 /// A move: the samples from the last sample of a rest to the first sample of the next rest.
@@ -43,9 +43,9 @@ pub(crate) struct Move {
     pub(crate) from: usize,
     /// Index of the rest after the move.
     pub(crate) to: usize,
-    /// Index of the first sample. It is the last sample of the rest before the move.
+    /// Index of the first sample of the move, which is the last sample of the rest before it.
     pub(crate) first: usize,
-    /// Index of the last sample (inclusive). It is the first sample of the rest after the move.
+    /// Index of the last sample of the move (inclusive), which is the first sample of the rest after it.
     pub(crate) last: usize,
     /// Duration, s.
     pub(crate) duration_s: f64,
@@ -85,8 +85,8 @@ pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
 }
 
 /// Index of the coordinate axis from which [`across`] constructs the perpendicular vectors: the first axis that is far
-/// from parallel to `up`. This choice is the same for neighbouring directions. The axis of the smallest component would
-/// not be, because two components near zero exchange their order at random.
+/// from parallel to `up`. Neighbouring directions yield the same axis. The axis of the smallest component would not
+/// have this property, because noise changes the order of two components near zero.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
     /// Maximum absolute component of `up` along the axis. One component of a unit vector is always below 0.58.
     const ASIDE: f64 = 0.6;
@@ -99,12 +99,12 @@ pub(crate) fn rows_across(up: &Vector3<f64>) -> Matrix2x3<f64> {
 }
 
 impl Move {
-    /// Whether this is the step from one epoch of a long rest to the next, in which the unit does not move.
+    /// Whether this is the step from one epoch of a long rest to the next epoch. The unit does not move in such a step.
     pub(crate) fn is_within_rest(&self, rests: &[UnitRest]) -> bool {
         rests[self.from].whole == rests[self.to].whole
     }
 
-    /// The same move with the indices of rests that contain the epochs.
+    /// This move with the indices of the epochs replaced by those of the rests that contain them.
     pub(crate) fn between_rests(&self, rests: &[UnitRest]) -> Self {
         Self { from: rests[self.from].whole, to: rests[self.to].whole, ..*self }
     }
@@ -186,7 +186,8 @@ pub(crate) struct End {
 
 impl Directions<'_> {
     /// Returns the directions of gravity and the standard deviation of each move. The second result is the part of each
-    /// standard deviation that does not come from the means of the rests, rad. This part is independent between moves.
+    /// standard deviation, in rad, that is independent between moves because it does not come from the means of the
+    /// rests.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()
@@ -204,8 +205,8 @@ impl Directions<'_> {
 
     /// Readings of gravity at the start and at the end of a move.
     ///
-    /// `sensors_drift` states that a drift of the sensors can explain a changing mean force. Only the gyroscope then
-    /// decides whether a rest is hand-held.
+    /// `sensors_drift` states that a drift of the sensors can explain a changing mean force. In this case, only the
+    /// gyroscope is used to decide whether a rest is hand-held.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
         let steady = |k: usize| {
             let UnitRest { recording, rest, .. } = &self.rests[k];
@@ -255,18 +256,18 @@ impl Directions<'_> {
         }
         let (force, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope.inverse(), span_s);
-        // The mean over a span of a random walk that is zero at its end has a third of the walk's variance.
+        // A random walk that is zero at one end of a span has a mean over this span with a third of the variance at the
+        // other end.
         let raw = self.accelerometer.measure(force);
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 + rounding }
     }
 
-    /// Mean force over the last or first second of a rest, with each sample rotated by the integrated gyroscope to the
-    /// attitude at that end (model.md (13)). Returns the mean (m/s^2), the variance of its direction from the scatter
-    /// of ten sub-means (rad^2), and the duration used (s).
+    /// Mean force over the last (`at_end`) or first second of a rest. Each sample is rotated by the integrated
+    /// gyroscope rate to the attitude at that end of the rest (model.md (13)). Returns the mean (m/s^2), the variance
+    /// of its direction from the scatter of ten sub-means (rad^2), and the duration used (s).
     ///
-    /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the direction at which the move
-    /// starts. The mean rate of the rest is used as the bias of the gyroscope, so a bias that depends on the pose
-    /// causes no error.
+    /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the direction at the start of
+    /// the move. The mean rate of this rest is used as the gyroscope bias, so a pose-dependent bias causes no error.
     fn tremor_free(&self, k: usize, at_end: bool) -> (Vector3<f64>, f64, f64) {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let recording = &self.recordings[*recording];

@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::rounding::Rounding;
 
-/// Unsteadiness (a ratio of variances) from which a rest counts as hand-held. It is near 1 on a table and larger in a
-/// hand (model.md (11)).
+/// Unsteadiness (a ratio of variances) from which a rest counts as hand-held. Rests on a table have an unsteadiness
+/// near 1, rests in a hand a larger one (model.md (11)).
 pub(super) const UNSTEADY: f64 = 2.0;
 
 /// Mean of a triad over a rest, in raw units.
@@ -18,28 +18,29 @@ pub struct RestMean {
     /// Variance of the mean of each axis, raw units squared, from the scatter within this rest and the correlation of
     /// the noise.
     pub variance_of_mean: Vector3<f64>,
-    /// Rounding of each axis. Its error in the mean is common to all rests with this reading (model.md (37)).
+    /// Rounding of each axis. The rounding error of the mean is common to all rests with this reading (model.md (37)).
     pub rounding: [Rounding; 3],
 }
 
 impl RestMean {
-    /// Variance of the mean of each axis with the error of rounding, raw units squared.
+    /// Variance of the mean of each axis, including the rounding error, raw units squared.
     pub fn whole_variance(&self) -> Vector3<f64> {
         self.variance_of_mean + self.rounding_std().map(|std| std * std)
     }
 
-    /// Standard deviation of the error of rounding in the mean of each axis, raw units.
+    /// Standard deviation of the rounding error of the mean of each axis, raw units.
     pub(crate) fn rounding_std(&self) -> Vector3<f64> {
         Vector3::from(self.rounding.map(|rounding| rounding.error_variance.sqrt()))
     }
 }
 
-/// Largest difference of the readings of two rests in the same pose, on each axis, in steps. Equal poses have equal
-/// errors of rounding, even if their readings do not determine the error.
+/// Maximum difference between the readings of two rests for them to count as having the same pose, for each axis, in
+/// quantisation steps. Rests in the same pose have equal rounding errors, even if the readings do not determine these
+/// errors.
 const SAME_POSE: f64 = 0.5;
 
-/// Covariance of the errors that rounding leaves in the means of rests, on one axis, raw units squared. `None` if there
-/// are none.
+/// Covariance of the rounding errors of the means of rests, on one axis, raw units squared. `None` if there are no such
+/// errors.
 pub(crate) fn rounding_covariance(means: &[&RestMean], axis: usize) -> Option<Mat<f64>> {
     let reading = |k: usize| (&means[k].rounding[axis], means[k].mean[axis]);
     let are_in_one_pose = |i: usize, j: usize| {
@@ -66,9 +67,9 @@ pub struct Rest {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Unsteadiness (model.md (11)), a ratio of variances. It is the larger of two numbers: the variance within half a
-    /// second divided by the noise floor, and the squared drift of the mean force divided by what noise explains. It is
-    /// near 1 on a table and above 2 in a hand.
+    /// Unsteadiness (model.md (11)), a ratio of variances. It is the larger of two ratios: the variance within half a
+    /// second divided by the noise floor, and the squared drift of the mean force divided by its variance from noise.
+    /// The unsteadiness is near 1 on a table and above 2 in a hand.
     pub unsteadiness: f64,
     /// Mean of the accelerometer.
     pub specific_force: RestMean,

@@ -1,4 +1,5 @@
-//! Rounding at the rests of a recording: the noise below the step of each axis, and the finding that reports it.
+//! Rounding at the rests of a recording: estimation of noise that is smaller than the quantisation step, and the
+//! finding that reports such noise.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -12,25 +13,28 @@ use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
 use crate::rounding::{Levels, Rounding};
 
-/// Maximum difference of a reading to the next larger one whose levels are counted together with it, in steps. The
-/// gyroscope reads nearly the same at all rests. Counted as separate means, these readings would make a wide transition
-/// between two levels, and therefore a large noise, seem more likely.
+/// Maximum difference between two readings, next to each other in ascending order, whose samples are pooled, in
+/// quantisation steps. The gyroscope has nearly equal readings at all rests. If these readings were treated as separate
+/// means, a wide transition between two levels, and thus large noise, would be overestimated in likelihood.
 const SAME_READING: f64 = 0.15;
-/// Minimum share of the samples at a level more than 1.5 steps from the mean. Fewer samples come from a jolt or a
-/// faulty transmission, and a single one of them would decide on the noise.
+/// Minimum share of the samples at a level that is more than 1.5 steps from the mean. A level with fewer samples is
+/// omitted, because they come from a jolt or a faulty transmission, and a single one of them would dominate the
+/// estimated noise.
 const FOREIGN: f64 = 1e-3;
 
 /// Share of the samples at each end of a rest that do not contribute to its levels. A filter delays the rate, so a rest
-/// that begins when a move ends still contains the last part of the move. With a filter of 5 Hz this part takes 0.2 s.
+/// that begins when a move ends still contains the last part of the move. With a filter bandwidth of 5 Hz, this part
+/// lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// Ratio of c - 1 before rounding to that of the rounded samples at best, where the mean lies in the middle between two
-/// levels. Rounding keeps only the sign of the noise there, and the sign is less correlated than the noise.
+/// Ratio of c - 1 before rounding to c - 1 of the rounded samples, with c of model.md (10), for a mean in the middle
+/// between two levels. For such a mean, rounding keeps only the sign of the noise, and the sign is less correlated than
+/// the noise. For all other means the ratio is larger.
 const SIGN: f64 = 1.28;
 
-/// Factors c of model.md (10) of the noise before rounding, for channels whose noise is below the step. The rounded
-/// samples of a channel are the less correlated, the farther its mean is from the middle between two levels. The
-/// filters of the axes of a triad are equal, so the largest factor of a triad is the best.
+/// Factors c of model.md (10) of the noise before rounding, for channels whose noise is below the step. The farther the
+/// mean of a channel is from the middle between two levels, the less its rounded samples are correlated. All axes of a
+/// triad have equal filters, so the largest factor among the axes is the best estimate.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {
@@ -41,7 +45,8 @@ pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6
 }
 
 /// Rounding of the six channels, in the order gyroscope x, y, z, accelerometer x, y, z. `steps` contains the step of
-/// each channel whose noise is below it, otherwise zero; `colour` the factor c of model.md (10).
+/// each channel whose noise is below its step, and zero for all other channels. `colour` contains the factor c of
+/// model.md (10).
 pub(super) fn roundings(
     recording: &Recording<'_>,
     rests: &[Rest],
@@ -58,8 +63,8 @@ pub(super) fn roundings(
     [a, b, c, d, e, f]
 }
 
-/// Rounding of the six channels at one rest. Unlike the rate, a force of which only one level occurs is not determined
-/// by its reading.
+/// Rounding of the six channels at one rest. If all samples of a force channel have the same level, its reading does
+/// not determine the rounding error. This does not apply to the rate, whose true value is zero at every rest.
 pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Rounding; 6]) -> [Rounding; 6] {
     std::array::from_fn(|channel| {
         let (rows, axis) = of_channel(recording, channel);
@@ -82,7 +87,7 @@ pub(super) fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samp
     (rows, channel % 3)
 }
 
-/// Numbers of independent samples at each level, for groups of rests with nearly equal means.
+/// For each group of rests with nearly equal means, the number of independent samples at each level.
 fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64) -> Vec<Levels> {
     let Some(zero) = rests.first().map(|rest| rows.at(rest.first)[axis]) else { return Vec::new() };
     let mut readings: Vec<(f64, BTreeMap<i64, f64>)> = rests
@@ -120,16 +125,17 @@ fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64
         .collect()
 }
 
-/// Reports axes whose noise is so far below the step of the converter that rounding, and not noise, decides on the
-/// error of the mean of a rest.
+/// Reports axes whose noise is so far below the step of the converter that rounding errors exceed the noise in the mean
+/// of a rest.
 pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], rounding: &[Rounding; 6]) -> Option<Finding> {
     let mut samples: Vec<f64> = rests.iter().map(|rest| (rest.end - rest.first) as f64).collect();
     let samples = if samples.is_empty() { 1.0 } else { median(&mut samples) };
-    // Channels are listed as in the columns, accelerometer first.
+    // Channels are listed in the order of the columns, accelerometer first.
     let of = |column: usize| rounding[(column + 3) % 6];
     let decides = |column: &usize| {
         let Rounding { step, noise, error_variance, .. } = of(*column);
-        // The mean of white noise of one sample in addition to the rounding of the samples.
+        // The rounding error is compared with the variance of the mean of white noise, but at least with that of
+        // uniformly distributed rounding errors.
         error_variance > (noise * noise).max(step * step / 12.0) / samples
     };
     let columns: Vec<usize> = (0..6).filter(decides).collect();

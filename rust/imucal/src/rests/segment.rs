@@ -3,8 +3,8 @@
 //! The statistic of a window of half a second is the mean over the six channels of the ratio of the variance to the
 //! noise floor. From 400 Hz on, the samples are first averaged to means over about 5 ms. No initial rest and no
 //! threshold is required from the user: the noise floor is estimated from the quietest windows, and the threshold is
-//! taken from the widest range of thresholds that yield the same number of rests. A sum of squared residuals cannot be
-//! used to choose the threshold, because fewer rests always give a smaller sum.
+//! taken from the widest range of thresholds that yield the same number of rests. The threshold cannot be chosen by the
+//! sum of squared residuals of a calibration, because fewer rests always have a smaller sum.
 
 mod blocks;
 mod edges;
@@ -33,7 +33,7 @@ use epochs::{LONG_REST_S, cut, joined};
 use steadiness::{Steadiness, Stretch, gravity_wanders};
 use threshold::{choose_threshold, still, window_statistic};
 
-/// Length of a block, s. It is the resolution at which ends of rests are found.
+/// Length of a block, s. It determines the time resolution of the ends of rests.
 const BLOCK_S: f64 = 0.05;
 /// Number of blocks in a window, which is therefore 0.5 s long.
 const WINDOW_BLOCKS: usize = 10;
@@ -59,13 +59,14 @@ pub struct Threshold {
 pub struct Segments {
     /// Rests in chronological order.
     pub rests: Vec<Rest>,
-    /// For each rest, its epochs if it is so long that one mean does not describe it, otherwise none (model.md (41)).
+    /// The epochs of each rest. The list is empty for a rest that is short enough to be described by one mean (model.md
+    /// (41)).
     pub epochs: Vec<Vec<Rest>>,
     /// Intervals at rest that are shorter than the required duration, as index ranges of samples.
     pub too_short: Vec<Range<usize>>,
     /// The threshold and the reason for its choice.
     pub threshold: Threshold,
-    /// White-noise densities estimated from the rests. They contain the rounding of the samples in moves.
+    /// White-noise densities estimated from the rests. They include the rounding errors of the samples in moves.
     pub noise_density: NoiseDensity,
     /// Rounding of each channel, in the order gyroscope x, y, z, accelerometer x, y, z.
     pub rounding: [Rounding; 6],
@@ -77,7 +78,8 @@ pub const MIN_REST_S: f64 = 1.0;
 const LONGEST_MIN_REST_S: f64 = 3600.0;
 
 impl Segments {
-    /// Finds all rests of at least `min_rest_s` seconds, with both sensors or with the one that the recording has.
+    /// Finds all rests of at least `min_rest_s` seconds. Both sensors are used, or only one if the recording lacks the
+    /// other.
     ///
     /// # Errors
     /// * [`Error::Input`] if `min_rest_s` is not between 0 and 3600 s.
@@ -103,10 +105,10 @@ impl Segments {
         };
         let (statistic, floor, coarse) = window_statistic(variances, &(steps / averaged.sqrt()), step_of);
         let threshold = choose_threshold(&statistic, min_blocks);
-        // Without an accelerometer there is no gravity that could wander.
+        // Without an accelerometer, the direction of gravity cannot be checked. An infinite gravity disables the check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        // Samples far apart make blocks of minutes.
+        // At very low sampling rates, a block may last minutes, so a lower limit is needed.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))
@@ -123,7 +125,7 @@ impl Segments {
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
         let degc = |range: Range<usize>| mean_temperature(&recording.temperature_degc?[samples(range)]);
         let epochs_of = |rest: &Stretch| -> Vec<Stretch> {
-            // A support that vibrates, or a hand, moves the unit, so no epoch has a pose of its own accuracy.
+            // A vibrating support or a hand moves the unit, so the epochs of such a rest would not share one pose.
             if rest.is_steady() { cut(&rest.blocks, block_s, degc).iter().map(stretch).collect() } else { Vec::new() }
         };
         let epochs: Vec<Vec<Stretch>> = stretches.iter().map(epochs_of).collect();
@@ -156,7 +158,8 @@ impl Segments {
         }
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
-        // The scatter at rest depends on where the mean lies between two levels. Moves sweep over many levels.
+        // The scatter of rounded samples at rest depends on the position of the mean between two levels. In moves, the
+        // samples pass through many levels, so their variance is that of noise plus uniform rounding errors.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
         }
@@ -187,7 +190,7 @@ impl Segments {
         self.rests.iter_mut().chain(self.epochs.iter_mut().flatten())
     }
 
-    /// Sets everything about a sensor that is not there to NaN. `is_there` is in the order gyroscope, accelerometer.
+    /// Sets all values of a missing sensor to NaN. `is_there` is in the order gyroscope, accelerometer.
     fn blank(&mut self, is_there: [bool; 2]) {
         let none = Vector3::repeat(f64::NAN);
         let of_none = RestMean { mean: none, variance_of_mean: none, rounding: Default::default() };
@@ -206,8 +209,8 @@ impl Segments {
     }
 }
 
-/// The recording with the channels of a sensor that is not there replaced by those of the other one. The statistic is a
-/// mean over the channels, so it is that of the sensor alone.
+/// The recording with the channels of a missing sensor replaced by those of the other sensor. The statistic is a mean
+/// over the channels, so it equals the statistic of the existing sensor.
 fn doubled<'a>(recording: &Recording<'a>) -> Recording<'a> {
     let (force, rate) = (recording.specific_force, recording.angular_rate);
     Recording {
@@ -229,7 +232,7 @@ impl Threshold {
 }
 
 impl Segments {
-    /// Reports axes whose noise is so far below the step of the converter that rounding decides on the error of the
+    /// Reports axes whose noise is so far below the step of the converter that rounding errors exceed the noise in the
     /// mean of a rest.
     pub fn noise_below_lsb(&self, recording: &Recording<'_>) -> Option<Finding> {
         noise_below_lsb(recording, &self.rests, &self.rounding)
@@ -240,7 +243,7 @@ impl Segments {
         self.rests.iter().map(|rest| rest.first..rest.end).collect()
     }
 
-    /// Replaces means and noise of the raw samples by those of the corrected samples, in SI units.
+    /// Replaces the means and the noise of raw samples by the means and the noise of corrected samples, in SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;
         let turned = |triad: &Triad<f64>, std: Vector3<f64>| variance_by_axis(triad.inverse(), &std);
@@ -262,7 +265,7 @@ impl Segments {
     }
 }
 
-/// The intervals that one mean describes: the epochs of long rests, and all other rests.
+/// The intervals that are each described by one mean: the epochs of long rests, and all rests without epochs.
 fn described<'a, T>(rests: &'a [T], epochs: &'a [Vec<T>]) -> impl Iterator<Item = &'a T> {
     let of = |(rest, epochs): (&'a T, &'a Vec<T>)| if epochs.is_empty() { std::slice::from_ref(rest) } else { epochs };
     rests.iter().zip(epochs).flat_map(of)
@@ -282,8 +285,8 @@ fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<u
     before.zip(after).map(|(start, end)| start..end)
 }
 
-/// Magnitude of gravity in raw units, or an upper estimate of it. The estimate is not much too small even if raw counts
-/// have an offset.
+/// Magnitude of gravity in raw units. For raw counts it is an estimate, which is rather too large than too small, even
+/// if the counts have an offset.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
         return STANDARD_GRAVITY_MPS2;
@@ -350,15 +353,15 @@ mod tests {
             let found = Segments::find(&run.recording("run"), 1.0).unwrap();
             assert_eq!(found.rests.len(), run.rests.len(), "{rate_hz} Hz, noise x {noise}");
             for (rest, (start_s, end_s)) in found.rests.iter().zip(&run.rests) {
-                // The acceleration of the motors starts smoothly, so the ends are detected with a delay.
+                // The motors accelerate smoothly, so the ends of rests are detected with a delay.
                 assert!(rest.start_s > start_s - 0.25 && rest.start_s < start_s + 0.4, "{} {start_s}", rest.start_s);
                 assert!(rest.end_s < end_s + 0.25 && rest.end_s > end_s - 0.4, "{} {end_s}", rest.end_s);
             }
         }
     }
 
-    /// If a part of a move's rotation is assigned to a rest, it is missing in the integrated rotation of the move, and
-    /// all estimated scales of the gyroscope are too small.
+    /// If part of the rotation of a move is assigned to a rest, the integrated rotation of the move lacks this part,
+    /// and all estimated gyroscope scales are too small.
     #[test]
     fn the_slow_beginning_of_a_move_that_drowns_in_noise_is_the_moves() {
         for (rate_hz, noise) in [(25.0, 3.0), (128.0, 1.0), (128.0, 3.0), (128.0, 10.0), (1000.0, 3.0)] {
@@ -391,7 +394,7 @@ mod tests {
         let found = Segments::find(&run(200.0, 1.0).recording("run"), 1.0).unwrap();
         let unit = Unit::paper();
         for axis in 0..3 {
-            // 45 s of rests in means of 0.25 s give a standard deviation of about 9 % per axis.
+            // With 45 s of rests in means of 0.25 s, the estimate has a standard deviation of about 9 % per axis.
             let rate = found.noise_density.angular_rate[axis] / unit.gyroscope.noise_density;
             let force = found.noise_density.specific_force[axis] / unit.accelerometer.noise_density;
             assert!((rate - 1.0).abs() < 0.27 && (force - 1.0).abs() < 0.27, "{rate} {force}");

@@ -7,9 +7,9 @@
 //!
 //! Both sensors observe the same tremor, and their noise is independent. The mean product of their fluctuations is
 //! therefore the variance of the tremor. The unit is hand-held if this variance exceeds the variance of a gravity
-//! direction that is averaged along the gyroscope attitude. The mean over a rest is then not the direction at which a
-//! move begins, and the scatter within a rest is not sensor noise. Sensor noise is estimated from fourth differences of
-//! neighbouring samples, because tremor is too slow to affect them.
+//! direction that is averaged along the gyroscope attitude. In a hand-held rest, the mean force is not the direction at
+//! which the next move begins, and the scatter of the samples is not sensor noise. Sensor noise is estimated from
+//! fourth differences of consecutive samples, because tremor is too slow to affect these differences.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -28,12 +28,12 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
 /// Sum of the squares of the coefficients of the fourth difference.
 const SQUARES: f64 = 70.0;
-/// Number of averaging time constants after which the exponential weights are truncated. The omitted weights are below
-/// 1 % of the sum.
+/// Number of averaging time constants after which the exponential weights are truncated. The omitted weights add up to
+/// less than 1 %.
 const REACH: f64 = 5.0;
 /// Maximum share of rests without measurable tremor in a hand-held recording (model.md (27)).
 const FEW: f64 = 0.1;
-/// Minimum ratio of the duration of a rest to the averaging time constant. It limits the time constant at short rests
+/// Minimum ratio of the duration of a rest to the averaging time constant. It limits the time constant in short rests
 /// (model.md (27)).
 const ROOM: f64 = 6.0;
 
@@ -98,9 +98,9 @@ impl Hand {
         let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
         let walk = variance_per_axis(sensors.gyroscope.inverse(), &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
-        // Noise coloured by a filter has small fourth differences, so its density and the threshold are underestimated.
-        // The random correlation of force and rotation may then exceed the threshold. It is negative as often as
-        // positive, so the variance must also be positive in nearly all rests.
+        // Low-pass filtered noise has small fourth differences, so its density and the threshold are underestimated,
+        // and a random correlation of force and rotation may exceed the threshold. A random correlation is negative as
+        // often as positive. Therefore the estimated variance must also be positive in nearly all rests.
         let everywhere = quantile(&mut tremors, FEW) > 0.0;
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
         trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
@@ -112,8 +112,8 @@ impl Hand {
     }
 
     /// Time constant of the exponential weights, s, with which the direction at the end of a rest is averaged along the
-    /// gyroscope attitude. It is the steady-state time constant of a Kalman filter for both noises, `sqrt(r / q)`,
-    /// limited at short rests.
+    /// gyroscope attitude. It is the steady-state time constant `sqrt(r / q)` of a Kalman filter for the noise of both
+    /// sensors, limited in short rests.
     fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
@@ -127,7 +127,7 @@ impl Hand {
 
     /// Variance of the rotation error perpendicular to gravity over a rest, rad^2, after the rotation between the
     /// directions at both ends has been subtracted: `q (T - 3 a) + r / a`, with the symbols of model.md (27) and the
-    /// duration T of the rest. It includes the errors of both directions.
+    /// duration T of the rest. The variance includes the errors of both directions.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
@@ -160,8 +160,8 @@ impl Hand {
     }
 
     /// Removes the tremor from the means of a rest. The variance of the mean force becomes that of the sensor noise.
-    /// The rotation from the first to the last sample is subtracted from the mean rate, except about gravity, where it
-    /// is unknown. Returns the subtracted rotation, rad.
+    /// The rotation from the first to the last sample is subtracted from the mean rate, except for the component about
+    /// gravity, which is unknown. Returns the subtracted rotation, rad.
     fn remove_tremor(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
         let UnitRest { rest: Rest { first, end, start_s, end_s, .. }, bias, .. } = *rest;
         let duration_s = end_s - start_s;
@@ -169,7 +169,7 @@ impl Hand {
         let (before, after) = (at(false), at(true));
         let up = (before + after).normalize();
         let rate = |sample: usize| Vector3::from(recording.angular_rate.at(sample));
-        // The sum uses the trapezoidal rule, because the rotation is that from the first to the last sample.
+        // The sum uses the trapezoidal rule, because the rotation extends from the first to the last sample.
         let seen = (first..end).map(rate).sum::<Vector3<f64>>() - (rate(first) + rate(end - 1)) / 2.0;
         let turn = (after - before).cross(&up);
         let along = up * up.transpose();
@@ -187,7 +187,8 @@ impl Hand {
 }
 
 /// Estimates the hand model of each recording, and corrects its rests and noise densities for the tremor. Only rests in
-/// `used` contribute to the model, because a slow rotation is not tremor and its mean rate is not a bias.
+/// `used` contribute to the model. The other rests may contain a slow rotation, which is not tremor and whose mean rate
+/// is not a bias.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],
@@ -199,15 +200,16 @@ pub(crate) fn hands(
         let mut own: Vec<OwnRest<'_>> = rests
             .iter_mut()
             .zip(used)
-            // Nobody holds a unit still for minutes, and a drift of the biases over minutes resembles a tremor.
+            // Rests of minutes are not hand-held, because nobody holds a unit still for so long, and a bias drift over
+            // minutes would be mistaken for tremor.
             .filter(|(rest, _)| rest.recording == index && rest.rest.end_s - rest.rest.start_s <= LONG_REST_S)
             .map(|(rest, &contributes)| OwnRest { rest, contributes })
             .collect();
         if own.is_empty() {
             return None;
         }
-        // If most rests are excluded, they are not isolated slow rotations: the bias of this recording differs from the
-        // others.
+        // If most rests of this recording are excluded, the reason is not isolated slow rotations but a bias that
+        // differs from that of the other recordings. All rests then contribute.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
             own.iter_mut().for_each(|own| own.contributes = true);
         }
@@ -216,7 +218,7 @@ pub(crate) fn hands(
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
         // The rotation about gravity is assumed to be as large as the rotations about the two perpendicular axes. The
-        // variance of the direction errors is subtracted from the latter.
+        // variance of the direction errors is subtracted from the variance about the perpendicular axes.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);
@@ -224,7 +226,8 @@ pub(crate) fn hands(
         };
         let turns: Vec<f64> = own.iter_mut().filter_map(turned).collect();
         hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(0.0);
-        // Second pass, because the covariances of the mean rates depend on the rotation variance `turn_rad2`.
+        // The tremor is removed a second time, because the covariances of the mean rates depend on the rotation
+        // variance `turn_rad2`.
         own.iter_mut().for_each(|own| {
             hand.remove_tremor(recording, own.rest, sensors);
         });
@@ -246,10 +249,10 @@ struct OwnRest<'a> {
     contributes: bool,
 }
 
-/// Estimates the gyroscope bias at each rest and returns the mean bias of all rests, raw units. The estimate shrinks
-/// the mean rate of the rest towards the mean of all rests, according to the scatter between rests that exceeds noise.
-/// A bias may depend on the pose, but the mean rate of a rest also contains rotation of the hand. The second result is
-/// the share by which each rest is shrunk.
+/// Estimates the gyroscope bias at each rest and returns the mean bias of all rests, raw units. A bias may depend on
+/// the pose, but the mean rate of a rest also contains rotation of the hand. Therefore the estimate shrinks the mean
+/// rate of each rest towards the mean of all rests. The shrinkage follows from the scatter between rests in excess of
+/// noise. The second result is the share by which each rest is shrunk.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
     let bias = Vector3::from_fn(|axis, _| {
@@ -271,7 +274,7 @@ fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>
 }
 
 /// Covariance of tilt (from the force) and integrated rotation within a rest, rad^2 per axis. A rotation of the body
-/// changes the direction of gravity in the body frame, so both contain the tremor.
+/// changes the direction of gravity in the body frame, so tremor is contained in both quantities.
 fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>, dt_s: f64) -> f64 {
     let samples = (rest.end - rest.first) as f64;
     let (mut turn, mut products) = (Vector3::zeros(), Matrix3::zeros());
@@ -369,7 +372,7 @@ mod tests {
         let tremor_rad = 0.05_f64.to_radians();
         let moves = HandMoves { poses: 15, tremor_rad, ..HandMoves::default() };
         let hand = found(&Motion::Tumble(Tumble::random(&moves, 2).unwrap())).unwrap();
-        // Tolerance: the estimate has the relative error of a variance of 15 rests and two axes.
+        // The tolerance allows for the relative error of a variance that is estimated from 15 rests and two axes.
         assert!((hand.tremor_rad() / tremor_rad - 1.0).abs() < 0.2, "{:e}", hand.tremor_rad());
         let unit = Unit::paper();
         for axis in 0..3 {

@@ -18,7 +18,7 @@ pub(crate) struct UnitRest {
     pub(crate) rate_covariance: Matrix3<f64>,
     /// Best estimate of the gyroscope bias at this rest, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// How the means of a hand-held rest were computed; `None` for a rest without tremor.
+    /// Parameters with which the means of a hand-held rest were computed; `None` for a rest without tremor.
     pub(crate) propagated: Option<PropagatedMean>,
     /// Index of the rest that contains this interval, among the rests of all recordings. The epochs of a long rest have
     /// the same index.
@@ -35,8 +35,8 @@ pub(crate) struct PropagatedMean {
     pub(crate) mean_s: f64,
     /// Mean gyroscope bias over all rests, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Share of the difference between the mean rate of this rest and that of all rests by which the bias of the rest
-    /// is shrunk towards the mean, for each axis: 1 if it is the mean, 0 if it is the rest's own.
+    /// Shrinkage of the bias of this rest, for each axis: 1 if the bias is the mean rate of all rests, 0 if it is the
+    /// mean rate of this rest.
     pub(crate) shrunk: Vector3<f64>,
 }
 
@@ -55,7 +55,7 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
 }
 
 /// The rests with each long rest replaced by its epochs. `segments` are those from which [`rests_of`] made the rests.
-/// The means of a hand-held unit are not those of epochs, so the rests of such a recording are kept.
+/// In a hand-held recording, the means of rests are computed differently from those of epochs, so its rests are kept.
 pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRest> {
     let epochs = segments.iter().flat_map(|segments| &segments.epochs);
     let of = |(rest, epochs): (&UnitRest, &Vec<Rest>)| -> Vec<UnitRest> {
@@ -115,8 +115,8 @@ impl UnitRest {
         }
     }
 
-    /// Whether this is an epoch of a long rest after its first one. It has the pose of the first epoch, so it
-    /// determines changes of the readings, but no further direction.
+    /// Whether this is an epoch of a long rest other than the first one. A later epoch has the pose of the first epoch.
+    /// It therefore determines changes of the readings, but no additional direction of gravity.
     pub(crate) fn is_later_epoch(&self) -> bool {
         self.epoch > 0
     }

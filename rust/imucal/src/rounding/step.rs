@@ -1,25 +1,25 @@
-//! Step (LSB) of the values of one axis, from the values alone.
+//! Quantisation step (LSB) of one axis, determined only from its values.
 //!
 //! Values may be counts, counts times a scale, or such products rounded to float32 or to the decimals of a text file.
-//! An axis of a recording that was corrected for misalignment mixes the counts of three axes: it has no step, or one
-//! that is far below the noise.
+//! If a recording was corrected for misalignment, each axis is a combination of the counts of three axes. Such an axis
+//! has no step, or a step that is far below the noise.
 
 use crate::recording::Samples;
 
 /// Maximum number of samples that are examined.
 const MOST_SAMPLES: usize = 200_000;
-/// Relative accuracy of float32. Differences below this fraction of the largest value are rounding of the number
+/// Relative accuracy of float32. Differences below this fraction of the largest value are attributed to the number
 /// format.
 const FLOAT32: f64 = 3e-7;
-/// Largest distance of two neighbouring levels, in steps, that is compared with a multiple of the step.
+/// Largest distance between two neighbouring levels, in steps, that is compared with multiples of the step.
 const FAR: f64 = 20.5;
 /// Maximum deviation of a distance from a multiple of the step, in steps. A text file with few decimals makes the
 /// distances uneven.
 const UNEVEN: f64 = 0.25;
 /// Minimum share of the distances between neighbouring levels that are multiples of the step.
 const REGULAR: f64 = 0.9;
-/// Minimum share of these distances that are not above [`FAR`]. Most levels of continuous values are much farther apart
-/// than the two closest.
+/// Minimum share of the distances between neighbouring levels that do not exceed [`FAR`]. For continuous values, most
+/// distances are much larger than the smallest one.
 const NEAR: f64 = 0.5;
 
 /// The step of an axis; `None` if the values have no step.

@@ -11,24 +11,25 @@ use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 /// Sums over the samples of one block of [`BLOCK_S`](super::BLOCK_S), six channels: rate x, y, z, then force x, y, z.
 pub(super) type Block = BlockSums<f64>;
 
-/// Minimum number of means per block, if the samples of a block are averaged (to means over about 5 ms, at high rates).
+/// Number of means per block at high sampling rates, at which samples are averaged to means over about 5 ms. At low
+/// rates, samples are not averaged.
 const MEANS: usize = 10;
 
-/// Number of samples that are processed together, few enough to stay in the processor's cache.
+/// Number of samples that are processed together. Their data fit into the processor's cache.
 const PART: usize = 256;
 /// Number of samples per job of a thread.
 const JOB: usize = 1 << 16;
 
-/// Number of blocks per mean (0.25 s) for the Allan variance, which measures noise at low frequencies.
+/// Number of blocks per mean in the Allan variance. Means over 0.25 s are sensitive to noise at low frequencies.
 const GROUP_BLOCKS: usize = 5;
 
 /// The blocks of a recording, with further statistics from the same pass over the samples.
 pub(super) struct Blocks {
     /// Sums over the samples of each block.
     pub(super) samples: Vec<Block>,
-    /// Variance of each channel in each window; consecutive windows are shifted by one block. The variance is that of
-    /// means over `averaged` samples. The noise of single samples increases with the sampling rate and would hide slow
-    /// motion.
+    /// Variance of each channel in each window, computed from means over `averaged` samples. Consecutive windows are
+    /// shifted by one block. Single samples are not used, because their noise increases with the sampling rate and
+    /// would mask slow motion.
     pub(super) variances: [Vec<f64>; 6],
     /// Number of samples per mean; 1 below 400 Hz.
     pub(super) averaged: usize,
@@ -194,17 +195,18 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
     blocks.iter().map(Block::mean).sum::<Vector6<f64>>() / blocks.len() as f64
 }
 
-/// Minimum factor of noise that counts as filtered. The estimated factor of white noise is hardly ever above it.
+/// Minimum factor c at which noise counts as low-pass filtered. The estimated factor of white noise almost never
+/// exceeds it.
 const FILTERED: f64 = 1.7;
 
-/// Data for the factor by which the variance of a mean exceeds that of white noise (c in model.md (10)): the Allan
-/// variance of neighbouring 0.25 s means, divided by the value that the variance of single samples predicts for white
-/// noise.
+/// Accumulated data for the factor c of model.md (10), by which the variance of a mean exceeds that of white noise. The
+/// factor is the Allan variance of consecutive 0.25 s means, divided by the value expected for white noise with the
+/// variance of single samples.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
     /// Sum over all pairs of the ratio of the Allan variance to the variance expected for white noise.
     sum: Vector6<f64>,
-    /// Number of pairs of neighbouring means whose samples are not all equal.
+    /// Number of pairs of consecutive means whose samples are not all equal.
     pairs: Vector6<f64>,
     /// Number of samples per mean.
     samples: f64,
@@ -238,11 +240,11 @@ impl Colour {
         self.samples = self.samples.max(other.samples);
     }
 
-    /// The factor for long means from that of the means used here.
+    /// Converts the factor of 0.25 s means into the factor of long means.
     ///
-    /// Noise behind a low-pass filter is correlated across the edges of neighbouring means, so their differences are
-    /// too small. With the noise bandwidth B and means over the time tau, the ratio is `1 - 1.5 / (pi^2 tau B)`, and `1
-    /// / B = 2 c dt`. Nearly white noise is not changed.
+    /// Low-pass filtered noise is correlated across the boundary of consecutive means, so their differences are too
+    /// small. The factor is too small by the ratio `1 - 1.5 / (pi^2 tau B)`, with the averaging time tau and the noise
+    /// bandwidth B from `1 / B = 2 c dt`. Factors of nearly white noise are not changed.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {

@@ -8,7 +8,7 @@ use super::WINDOW_BLOCKS;
 use super::blocks::Block;
 use super::steadiness::unsteadiness;
 
-/// Removes one guard block at each end, which the motion may have touched. An end that coincides with an end of the
+/// Removes one guard block at each end, because it may contain motion. An end that coincides with an end of the
 /// recording needs no guard block.
 pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     let start = if blocks.start == 0 { 0 } else { blocks.start + 1 };
@@ -16,8 +16,9 @@ pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     start..end.max(start)
 }
 
-/// Removes blocks at the ends while the statistic there exceeds three times the unsteadiness of the rest. This removes
-/// the slow settling of a hand. The limit depends on the tremor of the rest itself.
+/// Removes blocks at both ends as long as their statistic exceeds three times the unsteadiness of the rest. This
+/// removes the slow settling of a hand. The limit adapts to the tremor of the rest, because tremor determines the
+/// unsteadiness.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;
@@ -43,8 +44,8 @@ struct Inner {
 }
 
 impl Inner {
-    /// `coarse` contains the step of each channel whose noise is below its step, otherwise zero. A slight change of the
-    /// rate then changes the mean of a block by up to a step.
+    /// `coarse` contains the step of each channel whose noise is below its step, and zero for all other channels. In
+    /// such a channel, a slight change of the rate can change the mean of a block by a whole step.
     fn of(blocks: &[Block], coarse: &Vector6<f64>) -> Self {
         let rates: Vec<Vector3<f64>> = blocks.iter().map(rate).collect();
         let count = rates.len() as f64;
@@ -115,11 +116,11 @@ pub(super) fn onset(
     blocks: &[Block],
     coarse: &Vector6<f64>,
 ) -> Range<usize> {
-    // Blocks inside the rest at which the accumulation of the angle begins (0.2 s).
+    // The accumulation of the angle begins this number of blocks inside the rest (0.2 s).
     const EDGE: usize = 4;
     // Maximum number of blocks outside the rest over which the angle is accumulated (1 s).
     const REACH: usize = 2 * WINDOW_BLOCKS;
-    // chi2 of the accumulated angle at which it is evaluated: ten times its noise.
+    // The angle is evaluated where its chi2 reaches this value, at ten times its noise.
     const CHI2_AT_END: f64 = 100.0;
     // Time assigned to the move, in units of angle / rate: five sixths of the time since its start, 3 angle / rate.
     const ASSIGNED: f64 = 3.0 * 5.0 / 6.0;
@@ -175,7 +176,7 @@ mod tests {
 
     #[test]
     fn a_move_that_begins_softly_is_given_back_its_beginning() {
-        // The rate c t^2 reaches the noise of a block after 0.4 to 4 blocks.
+        // With these strengths c, the rate c t^2 reaches the noise of a block after 0.4 to 4 blocks.
         for strength in [0.05, 0.005, 0.0005] {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));

@@ -1,9 +1,9 @@
 //! Epochs of a long rest (model.md (41)).
 //!
-//! One mean describes a rest of seconds. During a rest of minutes the biases wander and the unit warms up, so a longer
-//! mean is no more accurate, and the change within the rest is information about temperature effects and drifts. A long
-//! rest is therefore cut into epochs of equal length. Each epoch has its own mean, time and temperature; all share the
-//! pose.
+//! One mean describes a rest of a few seconds. During a rest of several minutes, the biases drift and the unit warms
+//! up, so a mean over the whole rest is not more accurate than one over a part. The change within the rest contains
+//! information about temperature effects and drifts. A long rest is therefore cut into epochs of equal length. Each
+//! epoch has its own mean, time and temperature; all share the pose.
 
 use std::ops::Range;
 
@@ -11,19 +11,21 @@ use nalgebra::Vector6;
 
 use crate::recording::Recording;
 
-/// Minimum duration of a rest that is cut into epochs, s. Rests of a calibration run last 1 to 60 s, also the initial
-/// rest that some methods require (50 s), and are described by one mean.
+/// Minimum duration of a rest that is cut into epochs, s. The rests of a calibration run last 1 to 60 s, including the
+/// initial rest of 50 s that some methods require. They are shorter than this limit and are described by one mean.
 pub(crate) const LONG_REST_S: f64 = 120.0;
 /// Maximum duration of an epoch, s. The Allan deviation of MEMS sensors ceases to decrease after 10 to 100 s, where
-/// bias instability exceeds white noise; a longer mean is no more accurate.
+/// bias instability exceeds white noise, so a longer mean is not more accurate.
 const EPOCH_S: f64 = 60.0;
-/// Maximum change of the temperature within an epoch, K. Effects are averaged over the temperatures within an epoch, so
-/// linear and quadratic effects would permit more; over 2 K the bias of a MEMS sensor is close to linear.
+/// Maximum change of the temperature within an epoch, K. Over 2 K, the bias of a MEMS sensor is close to linear in
+/// temperature. Linear and quadratic effects alone would permit a larger change, because they are averaged over the
+/// temperatures within an epoch.
 const EPOCH_K: f64 = 2.0;
-/// Minimum duration of an epoch, s, however fast the temperature changes. It is that of rests in calibration runs, over
-/// which the noise of a mean is small enough for a direction of gravity.
+/// Minimum duration of an epoch, s, however fast the temperature changes. It equals the duration of typical rests in
+/// calibration runs. Over this duration, noise averages down far enough for a mean to determine the direction of
+/// gravity.
 const MIN_EPOCH_S: f64 = 10.0;
-/// Maximum number of epochs of one rest. The time of a fit grows with the third power of their number.
+/// Maximum number of epochs of one rest. It limits the time of a fit, which grows with the third power of this number.
 const MAX_EPOCHS: usize = 120;
 
 /// The epochs of a rest as ranges of blocks; empty if one mean describes the rest. `block_s` is the duration of a block
@@ -38,8 +40,8 @@ pub(super) fn cut(
         return Vec::new();
     }
     let most = ((duration_s / MIN_EPOCH_S) as usize).min(MAX_EPOCHS).min(blocks.len());
-    // The temperature may rise and fall again, so its changes are summed, over means that average down the noise of
-    // the thermometer.
+    // The temperature may rise and fall again, so absolute changes are summed. They are differences of means, in which
+    // the noise of the thermometer is averaged down.
     let temperatures: Vec<f64> = parts(blocks, most).into_iter().filter_map(temperature_degc).collect();
     let change_k: f64 = temperatures.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
     let count = (duration_s / EPOCH_S).max(change_k / EPOCH_K).ceil() as usize;
@@ -52,9 +54,9 @@ fn parts(range: &Range<usize>, count: usize) -> Vec<Range<usize>> {
     (0..count).map(|k| bound(k)..bound(k + 1)).collect()
 }
 
-/// Joins consecutive intervals at rest, ranges of blocks of `samples` samples, that are separated only by noise, if
-/// together they are a long rest. Noise interrupts a rest of minutes now and then, and epochs need not be interrupted.
-/// `floor` is the standard deviation of the noise of each channel.
+/// Joins consecutive intervals at rest that are separated only by noise, if the joined interval is a long rest. Joining
+/// is needed because noise occasionally interrupts a rest of several minutes. Intervals are ranges of blocks of
+/// `samples` samples. `floor` is the standard deviation of the noise of each channel.
 pub(super) fn joined(
     recording: &Recording<'_>,
     still: Vec<Range<usize>>,
@@ -74,9 +76,9 @@ pub(super) fn joined(
     still.chunk_by(follows).flat_map(of_group).collect()
 }
 
-/// Whether a rest and the next one, which starts at sample `next`, are separated only by noise: no sample between them
-/// deviates from the end of the rest by more than six standard deviations. Noise can split a long rest, in particular
-/// filtered noise, whose variance over half a second varies strongly.
+/// Whether a rest and the following rest, which starts at sample `next`, are separated only by noise. This is the case
+/// if no sample between them deviates from the mean at the end of the rest by more than six standard deviations.
+/// Filtered noise in particular can split a long rest, because its variance over half a second varies strongly.
 pub(crate) fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &Vector6<f64>) -> bool {
     const NEAR: usize = 200;
     const LIMIT: f64 = 6.0;

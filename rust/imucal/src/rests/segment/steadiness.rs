@@ -12,7 +12,7 @@ use crate::rests::rest::UNSTEADY;
 /// An interval at rest with the statistics of its blocks.
 #[derive(Clone)]
 pub(super) struct Stretch {
-    /// Index range of its blocks.
+    /// Index range of the blocks of the interval.
     pub(super) blocks: Range<usize>,
     /// Sums over all samples of the interval.
     pub(super) whole: Block,
@@ -22,7 +22,7 @@ pub(super) struct Stretch {
     scatter: f64,
     /// Data from which the factor c of coloured noise (model.md (10)) is computed.
     colour: Colour,
-    /// Variance by which rounding changes a mean, raw units squared; zero for channels whose noise exceeds their step.
+    /// Variance of the rounding error of a mean, raw units squared; zero for channels whose noise exceeds their step.
     rounding: Vector6<f64>,
 }
 
@@ -47,8 +47,9 @@ impl Stretch {
         self.scatter < UNSTEADY
     }
 
-    /// Squared change of the mean force from the first to the last third, divided by its variance from noise, as chi2 /
-    /// 15. With this divisor, noise alone gives a value above 2 with a probability of 1e-6 per rest.
+    /// Drift of the mean force from the first to the last third of a rest: the squared change divided by its variance
+    /// from noise (chi2), divided by 15. With this divisor, a rest with noise only exceeds the limit of 2 with a
+    /// probability of 1e-6.
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
@@ -58,7 +59,8 @@ impl Stretch {
     }
 }
 
-/// Maximum deviation of the mean force of a window at rest from that of the rest, as a fraction of gravity (3 deg).
+/// Maximum deviation of the mean force of a window from the mean force of the rest, as a fraction of gravity. 0.05
+/// corresponds to a tilt of 3 deg.
 const MAX_TILT: f64 = 0.05;
 
 /// The factors c of coloured noise (model.md (10)) in a recording. Steady and hand-held rests have different spectra.
@@ -88,8 +90,9 @@ impl Steadiness {
         rest.scatter.max(rest.drift(self.colour(rest)))
     }
 
-    /// Unsteadiness of a rest that is cut into epochs: the median over the epochs. The change of the mean force over
-    /// the whole rest is that of the biases. Without epochs as [`unsteadiness`](Self::unsteadiness).
+    /// Unsteadiness of a rest that is cut into epochs: the median over the epochs. The median is used because over the
+    /// whole rest the mean force changes with the biases. Equals [`unsteadiness`](Self::unsteadiness) if `epochs` is
+    /// empty.
     pub(super) fn unsteadiness_of(&self, rest: &Stretch, epochs: &[Stretch]) -> f64 {
         if epochs.is_empty() {
             return self.unsteadiness(rest);
@@ -110,18 +113,19 @@ impl Steadiness {
 
 /// Median of the statistic over the windows inside a rest.
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
-    // An interval of one window at the end of the recording may start behind the last window after its ends have been
-    // cut.
+    // After its ends have been cut, an interval of one window at the end of the recording may start after the last
+    // window.
     let first = blocks.start.min(statistic.len().saturating_sub(1));
     let end = (blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(first + 1).min(statistic.len());
     median(&mut statistic[first..end].to_vec())
 }
 
-/// Whether the mean force of any window deviates from that of the interval by more than 5 % of gravity `size` (3 deg).
-/// A uniform tumble passes the test of the statistic, because no window is quieter, but it is not a rest.
+/// Whether the mean force of any window deviates from the mean force of the interval by more than 5 % of gravity, which
+/// corresponds to 3 deg. `size` is the magnitude of gravity. This test excludes a uniform tumble, which the statistic
+/// accepts as rest because no window of the recording is quieter.
 ///
-/// In a rest of more than `long` blocks the biases of the accelerometer may change by as much, so each part of this
-/// length is compared with its own mean. Over the whole rest three times the deviation is permitted.
+/// In a rest of more than `long` blocks, accelerometer drift may reach the same limit. Each part of `long` blocks is
+/// therefore compared with the mean of that part, and over the whole rest three times the deviation is permitted.
 pub(super) fn gravity_wanders(blocks: &[Block], size: f64, long: usize) -> bool {
     let force = |blocks: &[Block]| -> Vector3<f64> { mean(blocks).fixed_rows::<3>(3).into() };
     let exceeds = |blocks: &[Block], share: f64| {

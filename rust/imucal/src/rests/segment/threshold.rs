@@ -10,8 +10,8 @@ use super::edges::trim;
 use crate::numerics::stats::quantile_of;
 use crate::rounding::LEAST_SCATTER;
 
-/// Returns the statistic of each window, the noise floor of each channel (a variance, raw units squared), and the step
-/// of each channel whose noise is below its step, otherwise zero.
+/// Returns the statistic of each window, the noise floor of each channel (a variance, raw units squared), and the
+/// quantisation step of each channel whose noise is below its step (zero for all other channels).
 ///
 /// `variances` contains the variance of each channel in each window, `steps` the smallest step (resolution) of each
 /// channel, divided by the root of the number of samples per mean. `step_of` finds the step of a channel.
@@ -20,9 +20,9 @@ pub(super) fn window_statistic(
     steps: &Vector6<f64>,
     step_of: impl Fn(usize) -> Option<f64>,
 ) -> (Vec<f64>, Vector6<f64>, Vector6<f64>) {
-    // With a coarse converter a channel may be constant throughout a rest, so the floor is at least the variance of
-    // rounding. A channel that is constant throughout the recording has no finite step. Its floor is infinite, so it
-    // does not contribute to the statistic.
+    // With a coarse converter, a channel may be constant throughout a rest, so the floor is at least the variance of
+    // rounding errors. A channel that is constant throughout the recording has no finite step. Its floor is infinite,
+    // so it does not contribute to the statistic.
     let mut rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
     let mut coarse = Vector6::zeros();
     let mut floor = Vector6::from_fn(|channel, _| {
@@ -31,7 +31,8 @@ pub(super) fn window_statistic(
         let quietest = quantile_of(of_channel.len(), write, 0.05);
         let may_be_coarse = steps[channel].is_finite() && quietest < (LEAST_SCATTER * steps[channel]).powi(2);
         if let Some(step) = may_be_coarse.then(|| step_of(channel)).flatten() {
-            // Two levels that are equally frequent have this variance, however small the noise is.
+            // If the mean lies in the middle between two levels, both are equally frequent, and the samples have this
+            // variance even for very small noise.
             rounding[channel] = steps[channel] * steps[channel] / 4.0;
             coarse[channel] = step;
         }
@@ -100,19 +101,20 @@ impl WithSimd for Ratios<'_> {
 /// scale, in which the number of rests is constant.
 ///
 /// Widths are weighted by the logarithm of the number of rests, and a range without rests has a negative weight.
-/// Otherwise a unit that first lies on a table and is then held by hand, with a thousand times the variance, would have
-/// a single rest.
+/// Without this weighting, a unit that first lies on a table and is then hand-held, with a thousand times the variance,
+/// would yield a single rest.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f64, f64) {
-    // The lowest threshold tried, a ratio of variances. It exceeds the statistic of most windows at rest, which is near
-    // 1.
+    // The lowest threshold tried, a ratio of variances. Most windows at rest have a statistic near 1, which is below
+    // this threshold.
     const LOWEST: f64 = 1.5;
     // Ratio of consecutive trial thresholds.
     const STEP: f64 = 1.08;
-    // Samples whose square is not a finite number would make the range of thresholds endless.
+    // Upper limit of the statistic. Samples whose square overflows would otherwise make the range of thresholds
+    // infinite.
     const HIGHEST: f64 = 1e300;
     let maximum = statistic.iter().copied().fold(1.0, f64::max).min(HIGHEST);
-    // The highest threshold: a tenth of the fastest motion (in standard deviation), or the geometric mean of noise and
-    // fastest motion. Higher thresholds would classify motion as rest.
+    // The highest threshold tried: the larger of a tenth of the standard deviation of the fastest motion and the
+    // geometric mean of the variances of noise and fastest motion. Higher thresholds would classify motion as rest.
     let highest = (maximum / 100.0).max(maximum.sqrt()).max(2.0 * LOWEST);
     let mut pending: Vec<(f64, usize)> = statistic.iter().copied().zip(0..).collect();
     pending.retain(|(level, _)| (LOWEST..highest).contains(level));
@@ -167,8 +169,9 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
 
 /// The intervals of [`still`], updated incrementally while the threshold increases and windows are added.
 struct Stretches {
-    /// For the first window of each interval, the index of its last window, and for the last window that of the first.
-    /// Windows between them hold the index of any window of the interval, and windows outside hold [`Self::OUTSIDE`].
+    /// For the first window of each interval, the index of the last window, and for the last window, the index of the
+    /// first. Windows between them hold the index of any window of the interval, and windows outside hold
+    /// [`Self::OUTSIDE`].
     other_end: Vec<usize>,
 }
 
