@@ -1,20 +1,21 @@
 //! Preintegration of the gyroscope: the rotation over a move, and its derivatives with respect to the parameters
 //! (`docs/model.md` (6), (7)).
 //!
-//! One pass over the samples of a move calculates its rotation and the sums from which the derivatives of all
-//! parameters follow. The rate is `w = T^-1 (m - b)`, the rotation vector of a step is
-//! `phi = h wbar + h^2/12 (w0 x w1)`, and `R <- R exp(phi)`. A change of the parameters changes the attitude at the end
-//! by `delta` on the body side, `R exp(delta)`:
+//! One pass over the samples of a move computes the rotation and the sums from which the derivatives with respect to
+//! all parameters follow. The rate is `w = T^-1 (m - b)`, the rotation vector of a step is `phi = h wbar + h^2/12 (w0 x
+//! w1)`, and `R <- R exp(phi)`. A change of the parameters changes the attitude at the end of the move to `R
+//! exp(delta)`, where `delta` is a rotation vector in the body frame:
 //!
 //! ```text
 //! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = integral of R w_j dt
 //! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = integral of R dt
 //! ```
 //!
-//! The integrals are trapezoidal sums over the samples. Because of `R' = R [w]x`, a third of the G_j follow from the
-//! rotation of the whole move: with the columns R_x, R_y, R_z of R, the integral of `R_y w_z - R_z w_y` is the change
-//! of R_x. If the move does not start and end at rest, this relation has a relative error of a twelfth of the squared
-//! rotation per step. Short steps are summed in groups of sixteen (see `preintegration/sums.rs`), with the same result.
+//! The integrals are trapezoidal sums over the samples. Because of `R' = R [w]x`, a third of the entries of the G_j
+//! follow from the rotation of the whole move. With the columns R_x, R_y, R_z of R, the integral of `R_y w_z - R_z w_y`
+//! is the change of R_x. If the move does not start and end at rest, this relation has a relative error of a twelfth of
+//! the squared rotation per step. Short steps are summed in groups of sixteen, which does not change the result (see
+//! `preintegration/sums.rs`).
 
 mod attitudes;
 mod interpolation;
@@ -130,13 +131,13 @@ impl Sums {
         self.bias += weight;
     }
 
-    /// Adds the contribution `beyond`, rad/s, by which the quantity multiplied by the sensitivity exceeds the rate of
-    /// rotation, with `weight` for an interval. The two differ if there are effects.
+    /// Adds the contribution of effects over an interval. The sensitivity multiplies the sum of the true rate and the
+    /// effects; `beyond` is the part due to the effects, rad/s. `weight` is the integral of R over the interval.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }
 
-    /// Adds the sums of an interval that follows a rotation `before`.
+    /// Adds the sums of an interval. `before` is the rotation from the start of the move to the start of the interval.
     pub(crate) fn add_after(&mut self, before: &Matrix3<f64>, other: &Self) {
         for (sum, term) in self.sensitivity.iter_mut().zip(&other.sensitivity) {
             *sum += before * term;
@@ -151,7 +152,7 @@ pub(crate) fn turn(mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) ->
     mean * h + w0.cross(w1) * (h * h / 12.0)
 }
 
-/// Multiplies the rotation from the right by the rotation with this rotation vector, rad.
+/// Multiplies `rotation` from the right by the rotation with the rotation vector `turn`, rad.
 #[inline(always)]
 fn rotate_by(rotation: &mut UnitQuaternion<f64>, turn: &Vector3<f64>) {
     *rotation *= so3::exp(turn);

@@ -1,5 +1,5 @@
-//! The two-stage fit (model.md (3) to (5), (7) to (9)): the accelerometer from the rests, then the gyroscope from the
-//! moves.
+//! The two-stage fit (model.md (3) to (5), (7) to (9)). The accelerometer is estimated from the rests, and then the
+//! gyroscope from the moves.
 
 pub(crate) mod accelerometer;
 pub(crate) mod ellipsoid;

@@ -2,7 +2,7 @@
 
 use std::ops::{Deref, DerefMut};
 
-/// Number of values in the widest SIMD register and in a cache line.
+/// Number of `f64` values in the widest SIMD register, which equals the number in a cache line.
 pub(crate) const WIDEST: usize = 8;
 /// Size of a cache line of current processors, bytes.
 const CACHE_LINE_BYTES: usize = 64;
@@ -10,7 +10,7 @@ const CACHE_LINE_BYTES: usize = 64;
 /// A list of numbers that starts at a cache line and whose length is a multiple of [`WIDEST`].
 #[derive(Default)]
 pub(crate) struct Aligned {
-    /// Storage, with up to [`WIDEST`] - 1 unused values before the first cache line.
+    /// Storage. Up to [`WIDEST`] - 1 values before the first cache-line boundary are unused.
     buffer: Vec<f64>,
     /// Index of the first value in `buffer`.
     start: usize,
@@ -50,7 +50,7 @@ impl Aligned {
 }
 
 impl Clone for Aligned {
-    /// Aligns the copy anew, because a copy of the buffer may start elsewhere in a cache line.
+    /// Aligns the copy again, because a plain copy of the buffer may have a different position relative to cache lines.
     fn clone(&self) -> Self {
         let mut copy = Self::zeros(self.len);
         copy.copy_from_slice(self);

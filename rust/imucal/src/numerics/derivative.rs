@@ -1,16 +1,16 @@
-//! Time derivative of noisy data, with as much smoothing as the motion allows (model.md (16)).
+//! Time derivative of noisy data. The data are smoothed as far as the motion permits (model.md (16)).
 //!
-//! The derivative at a sample is that of a polynomial of fourth degree. Its means over five consecutive intervals
+//! The derivative at a sample is that of a polynomial of fourth degree whose means over five consecutive intervals
 //! ("boxes") equal the means of the data:
 //!
 //! ```text
 //! sum_j weight_j mean over box j of (t - t_k)^m = 1 for m = 1, 0 for m = 0, 2, 3, 4
 //! ```
 //!
-//! The noise of the derivative decreases with the power 3/2 of the width of a box, and the error from motion increases
-//! with the fourth power. Boxes are therefore widened as long as noise explains the change of the derivative (after
-//! Lepski, Theory of Probability and its Applications 35, 1991, 454-466). The width chosen is one step narrower than
-//! the widest accepted one, where the error from motion is an eighth as large.
+//! The noise of the derivative decreases with the power 3/2 of the box width, and the truncation error of motion
+//! increases with the fourth power. Boxes are therefore widened as long as noise explains the change of the derivative
+//! (after Lepski, Theory of Probability and its Applications 35, 1991, 454-466). The chosen width is one step below the
+//! widest accepted width. At the chosen width, the truncation error is an eighth of that at the widest.
 
 mod stencil;
 
@@ -23,16 +23,18 @@ use stencil::{BOXES, Stencil, Steps, Sums};
 
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// Width of the narrowest box, s, or one sample if that is longer. Noise of narrower boxes exceeds any error from
-/// motion.
+/// Width of the narrowest box that is tried, s. If the sampling interval is longer, the narrowest box contains one
+/// sample. With narrower boxes, noise exceeds any truncation error.
 const NARROWEST_S: f64 = 2e-3;
-/// Width of the widest box, s. Over five wider boxes a motion is not a polynomial of fourth degree.
+/// Width of the widest box that is tried, s. Over five wider boxes, a polynomial of fourth degree no longer describes a
+/// motion.
 const WIDEST_S: f64 = 0.1;
-/// Ratio of consecutive widths. With 1.7 the error from motion changes by a factor of eight.
+/// Ratio of consecutive widths. With 1.7, the truncation error changes by a factor of eight.
 const WIDER: f64 = 1.7;
-/// Minimum number of samples for a choice of the width. With fewer samples noise and motion cannot be separated.
+/// Minimum number of samples for choosing the width from the data. With fewer samples, noise and motion cannot be
+/// separated, and the narrowest stencil is used.
 const FEWEST: usize = 4 * BOXES;
-/// Number of fourth differences from which the noise is estimated, accurate to one per cent.
+/// Number of fourth differences from which the noise is estimated. It is sufficient for an accuracy of one per cent.
 const ENOUGH: usize = 100_000;
 
 /// A differentiation rule for given times.
@@ -45,13 +47,13 @@ pub(crate) struct Derivative<'a> {
     stencil: Stencil,
 }
 
-/// Number of samples in a box, determined on first use and then kept.
+/// Box width as a number of samples. It is determined on first use and then kept.
 #[derive(Default)]
 pub(crate) struct Width(OnceLock<usize>);
 
 impl Width {
-    /// Returns the derivative with the width that the motion allows. `values` is evaluated on the first call only, to
-    /// determine this width.
+    /// Returns the differentiation rule with the widest boxes that the motion permits. `values` is evaluated only on
+    /// the first call, to determine this width.
     pub(crate) fn derivative<'a>(
         &self,
         time_s: &'a [f64],
@@ -83,14 +85,14 @@ impl<'a> Derivative<'a> {
         Self { time_s: distinct, places, stencil }
     }
 
-    /// Differentiation rule with as much smoothing as the motion in `values` allows.
+    /// Differentiation rule with the widest boxes that the motion in `values` permits.
     pub(crate) fn smooth(time_s: &'a [f64], values: &[Vector3<f64>]) -> Self {
         let mut derivative = Self::narrow(time_s);
         derivative.stencil = derivative.smoothed(values);
         derivative
     }
 
-    /// Returns the stencil with the widest boxes that the motion allows.
+    /// Returns the stencil with the widest boxes that the motion permits.
     fn smoothed(&self, values: &[Vector3<f64>]) -> Stencil {
         let (values, times, narrow) = (self.distinct(values), &self.time_s, &self.stencil);
         let (n, interval_s) = (values.len(), narrow.steps.interval_s);

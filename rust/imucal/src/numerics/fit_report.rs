@@ -13,20 +13,21 @@ use faer::Mat;
 
 use crate::numerics::lsq::{Solution, Termination, singular_of_triangle};
 
-/// Maximum predicted decrease of chi2 of a converged fit, relative to chi2 per degree of freedom if that exceeds one.
-/// With this value every parameter is within a tenth of its standard deviation of the optimum of the linear
-/// model, which increases its rms error by half a per cent.
+/// Limit of the gradient test: largest predicted decrease of chi2 at which a fit counts as converged. If chi2 per
+/// degree of freedom exceeds one, the decrease is divided by it. At this limit, every parameter is within a tenth of a
+/// standard deviation of its optimum in the linear model. This distance increases the rms error of a parameter by half
+/// a per cent.
 const LARGEST_DECREASE: f64 = 1e-2;
 
 /// Quality of a fit, and the reason for its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitReport {
-    /// Sum of the squared residuals, each divided by the standard deviation of its noise.
+    /// Sum of squares of the residuals, after each residual is divided by the standard deviation of its noise.
     pub chi2: f64,
     /// Number of residuals minus number of parameters.
     pub degrees_of_freedom: usize,
-    /// Factor by which the standard deviations are increased, because the residuals are significantly larger than their
-    /// noise (three standard deviations of chi2); 1 otherwise.
+    /// Factor by which the standard deviations of the parameters are increased. It exceeds 1 only if the residuals are
+    /// significantly larger than their noise, which is tested at three standard deviations of chi2.
     pub inflation: f64,
     /// Number of iterations of the solver.
     pub iterations: u64,
@@ -40,8 +41,8 @@ impl FitReport {
     /// The report of one minimisation.
     pub(crate) fn of(solution: &Solution) -> Self {
         let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
-        // chi2 / dof has a standard deviation of sqrt(2 / dof). If every value above one increased the standard
-        // deviations, they would be too large on average.
+        // chi2 / dof has a standard deviation of sqrt(2 / dof). If every value above one inflated the standard
+        // deviations of the parameters, these would be too large on average.
         let reduced = solution.chi2 / degrees_of_freedom.max(1) as f64;
         let predicted_decrease = predicted_decrease(&solution.residuals, &solution.jacobian);
         let passes = predicted_decrease <= LARGEST_DECREASE * reduced.max(1.0);
@@ -101,10 +102,10 @@ pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
     1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
 
-/// Decrease of chi2, `|P r|^2`, if the linear model is exact.
+/// Decrease of chi2, `|P r|^2`, that the linear model predicts.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
-    /// Minimum ratio of a singular value to the largest one. Directions below it are not determined and have no
-    /// gradient.
+    /// Minimum ratio of a singular value to the largest singular value. A direction with a smaller ratio is not
+    /// determined and does not contribute to the gradient.
     const DETERMINED: f64 = 1e-12;
     let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
         return f64::INFINITY;

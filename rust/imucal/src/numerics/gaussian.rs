@@ -24,11 +24,12 @@ impl WithSimd for Kernels<'_> {
 /// `exp(x)` for `x <= 0`, computed as `exp(n ln 2) exp(r)` with |r| at most half of ln 2.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
-    /// Lower limit of x. Below it the exponent of a double cannot represent 2^n.
+    /// Lower limit of x. For smaller x, the exponent of a double cannot represent 2^n, so x is set to this limit.
     const LEAST: f64 = -700.0;
-    /// 1.5 * 2^52. Adding it to a number rounds the number to the nearest integer, in the lowest bits of the sum.
+    /// 1.5 * 2^52. If it is added to a number, the lowest bits of the sum contain the number rounded to the nearest
+    /// integer.
     const ROUNDS: f64 = 6_755_399_441_055_744.0;
-    /// ln 2 as the sum of two numbers. The first has so few digits that its product with n is exact.
+    /// ln 2 as the sum of two numbers. The first number has so few digits that its product with n is exact.
     const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
     /// Coefficients of the Taylor series, from 1 / 13! to 1 / 2!.
     const TAYLOR: [f64; 12] = [
@@ -51,7 +52,7 @@ fn exp(x: f64) -> f64 {
     let r = (x - n * LN_2[0]) - n * LN_2[1];
     let sum = TAYLOR.iter().fold(0.0, |sum, coefficient| sum * r + coefficient);
     let exp_r = 1.0 + (r + r * r * sum);
-    // The lowest bits of `rounded` are n. Added to the exponent bits they multiply by 2^n.
+    // The lowest bits of `rounded` are n. Adding them to the exponent bits of a number multiplies the number by 2^n.
     f64::from_bits(exp_r.to_bits().wrapping_add(rounded.to_bits() << 52))
 }
 

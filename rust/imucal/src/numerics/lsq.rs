@@ -1,9 +1,9 @@
 //! Nonlinear least squares: minimum of |r(p)|^2 by the Levenberg-Marquardt method with an analytic Jacobian.
 //!
-//! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs it, limits and
-//! counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`, by QR of `[R; sqrt(lambda) D]`, where R
-//! comes from the QR of J. D contains the largest column norms of J so far, so the result does not depend on the units
-//! of the parameters.
+//! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
+//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`, by QR of `[R; sqrt(lambda) D]`,
+//! where R comes from the QR of J. D contains the largest column norms of J so far, so the result does not depend on
+//! the units of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -68,14 +68,15 @@ impl Solution {
     }
 }
 
-/// Convergence tolerance of a final result: relative length of a step, with step and parameters scaled by D. The
-/// remaining error is orders of magnitude smaller if the model is adequate.
+/// Convergence tolerance of a final result: relative length of a step, with step and parameters scaled by D. If the
+/// model is adequate, the remaining error is smaller than the last step by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
 /// Convergence tolerance of a start value: relative length of a step.
 pub(crate) const ROUGH: f64 = 1e-3;
 /// Maximum number of iterations of a fit, chosen far above the number that a convergent fit needs.
 pub(crate) const ITERATION_LIMIT: u64 = 200;
-/// Maximum damping lambda. With larger values a step is smaller than the rounding errors of the parameters.
+/// Maximum damping lambda, at which a fit ends as stalled. With larger values, a step is smaller than the rounding
+/// errors of the parameters.
 const MAX_DAMPING: f64 = 1e16;
 
 /// Minimises the sum of squared residuals from `start` until the relative length of a step is below `tolerance`.
@@ -110,7 +111,8 @@ pub(crate) fn minimize_within<R: Residuals>(
 
 /// Covariance `(J^T J)^-1` of the parameters for whitened residuals, by QR of the column-scaled Jacobian.
 ///
-/// The Jacobian must have full rank, which callers check. Otherwise the entries of the result are not finite.
+/// The Jacobian must have full rank; callers check it. For a rank-deficient Jacobian, the entries of the result are not
+/// finite.
 pub(crate) fn covariance(jacobian: &Mat<f64>) -> Mat<f64> {
     let n = jacobian.ncols();
     let scale = column_norms(jacobian);
@@ -141,19 +143,20 @@ pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
         return vec![1.0; rows];
     }
     let mut q = Mat::from_fn(rows, own.len(), |i, j| jacobian[(i, own[j])] / norms[own[j]]);
-    // Q is computed as J R^-1, which is several times faster than forming it from the reflectors.
+    // Q is computed as J R^-1, which is several times faster than forming it from the Householder reflectors.
     q.qr().thin_R().transpose().solve_lower_triangular_in_place(q.transpose_mut());
     let mut leverages = vec![0.0; rows];
     for j in 0..own.len() {
         leverages.iter_mut().zip(q.col_as_slice(j)).for_each(|(sum, value)| *sum += value * value);
     }
-    // Rounding with nearly dependent columns could give values above one.
+    // With nearly dependent columns, rounding errors could lead to leverages above one.
     leverages.iter().map(|leverage| leverage.min(1.0)).collect()
 }
 
 /// Singular values (descending) and right singular vectors (columns) of `matrix`, which may have any shape.
 ///
-/// QR first, then the SVD of R. If the SVD does not converge, the eigenvectors of R^T R are used.
+/// They are computed by the SVD of R from the QR decomposition. If the SVD does not converge, the eigenvectors of R^T R
+/// are used.
 pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error> {
     let n = matrix.ncols();
     let r = Mat::from_fn(n.max(matrix.nrows()), n, |i, j| if i < matrix.nrows() { matrix[(i, j)] } else { 0.0 })
@@ -295,7 +298,7 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let negligible = self.length(&step) <= self.tolerance * self.length(&current);
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
         if negligible {
-            // The residuals are not evaluated again: they would change by rounding errors only.
+            // The residuals are not evaluated again, because they would change only by rounding errors.
             self.termination = Some(Termination::Converged);
             return Ok((state.param(trial).cost(self.chi2), None));
         }

@@ -5,12 +5,12 @@ use faer::Mat;
 use crate::numerics::lsq;
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// Threshold of an outlier, in robust standard deviations of the scores. With normal errors the score of a valid item
-/// exceeds it with a probability of about 1e-6.
+/// Score above which an item is an outlier, in robust standard deviations. With normally distributed errors, the score
+/// of a valid item exceeds this threshold with a probability of about 1e-6.
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move (`size` consecutive rows): the norm of its residuals in a fit without it, divided by
-/// their standard deviation.
+/// Score of each rest or move, which has `size` consecutive rows: the norm of its residuals, relative to a fit without
+/// this rest or move, in standard deviations.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
@@ -28,8 +28,8 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The item with the largest score if it is an outlier. The scale is the median of the scores divided by its value for
-/// normal errors, and at least one.
+/// The item with the largest score if it is an outlier. The scale of the scores is their median divided by the median
+/// for normally distributed errors, and at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of the score for normal errors: |z| for one residual, the square root of chi2 for two.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };
@@ -38,7 +38,7 @@ pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     (scores[worst] > LIMIT * scale).then_some(worst)
 }
 
-/// Whether one more rest or move may be excluded: at most a fifth of all may be excluded, and at least `least` must
+/// Whether one more rest or move may be excluded. At most a fifth of all may be excluded, and at least `least` must
 /// remain.
 pub(crate) fn may_exclude(used: &[bool], least: usize) -> bool {
     let kept = used.iter().filter(|&&kept| kept).count();

@@ -11,7 +11,7 @@ pub fn p_value(statistic: f64, dof: usize) -> f64 {
     p_value_of(statistic, dof as f64)
 }
 
-/// As [`p_value`], for a number of degrees of freedom that need not be whole.
+/// As [`p_value`], for a number of degrees of freedom that need not be an integer.
 pub(crate) fn p_value_of(statistic: f64, dof: f64) -> f64 {
     ChiSquared::new(dof).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
 }
@@ -42,9 +42,9 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
 /// values between these limits are stored. If the quantile is outside the limits, all values are stored (after Floyd
 /// and Rivest, Communications of the ACM 18, 1975, 165-172).
 pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
-    // Number of values below which storing all of them is faster.
+    // For fewer values, storing all of them is faster.
     const FEWEST: usize = 2000;
-    // Number of values from which storing all of them must be avoided.
+    // From this number of values on, storing all of them must be avoided.
     const MANY: usize = 100_000;
     let of_all = || {
         let mut all = vec![f64::NAN; count];
@@ -65,9 +65,9 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if sample.is_empty() {
         return of_all();
     }
-    // Distance of the limits from the sample quantile, in standard deviations of its rank. With 2.5 about one quantile
-    // in a hundred is outside the limits, which is faster on average than storing more values. For long records storing
-    // all values must be avoided, so the limits are wider.
+    // Distance of the two limits from the quantile of the sample, in standard deviations of the rank. With 2.5, about
+    // one quantile in a hundred lies outside the limits; this is faster on average than wider limits, between which
+    // more values are stored. For long records, storing all values must be avoided, so the limits are wider.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();
@@ -81,7 +81,7 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if rank < below || rank + 1 >= up_to_high {
         return of_all();
     }
-    // The value of this rank and the value of the next rank.
+    // `low` is the value at the rank of the quantile, `high` the value at the next rank.
     let (low, high) = match rank.checked_sub(up_to_low) {
         _ if rank + 1 < up_to_low => (low, low),
         None => (low, smallest(&inside).min(high)),
@@ -104,8 +104,8 @@ fn smallest(values: &[f64]) -> f64 {
     values.iter().fold(f64::INFINITY, |smallest, &v| if v < smallest { v } else { smallest })
 }
 
-/// Numbers of values relative to the two limits. Values equal to a limit are counted and not stored, because the time
-/// steps of a regular clock are nearly all equal.
+/// Numbers of values below, between and above the two limits. Values equal to a limit are only counted and not stored,
+/// because nearly all time steps of a regular clock are equal.
 struct Census {
     /// Number of values below the lower limit.
     below: usize,
@@ -152,7 +152,7 @@ impl<W: Fn(usize, &mut [f64])> WithSimd for Counting<'_, W> {
             census.up_to_high += up_to_high as usize;
             census.all += all as usize;
             if below_high > up_to_low {
-                // No branch per value, because its outcome would be predicted poorly.
+                // The loop has no branch for each value, because the processor would predict such a branch poorly.
                 let (mut inside, mut kept) = ([0.0; PART], 0);
                 for few in values.chunks_exact(FEW) {
                     if few.iter().fold(false, |any, v| any | ((*v > low) & (*v < high))) {
@@ -189,13 +189,13 @@ pub(crate) struct RandomEffectsMean {
     pub(crate) mean: f64,
     /// Weight of each value. The weights sum to one.
     pub(crate) weights: Vec<f64>,
-    /// Variance between the true values, in addition to the variances of the single values.
+    /// Estimated variance of the true values about their mean, without the variances of the measured values.
     pub(crate) between: f64,
 }
 
-/// Mean of values whose true values may differ. If `variances` explain the scatter, the weights are the inverse
-/// variances. If the scatter is much larger, the weights are nearly equal (DerSimonian and Laird, Controlled Clinical
-/// Trials 7, 1986, 177-188; model.md (7)).
+/// Mean of measured values whose true values may differ. If `variances` explain the scatter, the weights are the
+/// inverse variances. If the scatter is much larger, the weights are nearly equal (DerSimonian and Laird, Controlled
+/// Clinical Trials 7, 1986, 177-188; model.md (7)).
 pub(crate) fn random_effects_mean(values: &[f64], variances: &[f64]) -> RandomEffectsMean {
     let fixed: Vec<f64> = variances.iter().map(|v| 1.0 / v).collect();
     let total: f64 = fixed.iter().sum();
@@ -275,7 +275,7 @@ mod tests {
                 assert_eq!(of(50_000, &value, q), quantile(&mut kept, q), "{k} {q}");
             }
         }
-        // A period that equals the spacing of the sample, so the sample contains a single value.
+        // The period of the values equals the spacing of the sample, so all values in the sample are equal.
         let value = |i: usize| if i.is_multiple_of(50) { 7.0 } else { i as f64 };
         assert_eq!(of(50_000, &value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
         assert!(of(0, &|_| 1.0, 0.5).is_nan());

@@ -6,8 +6,8 @@ use pulp::Simd;
 
 use crate::numerics::aligned::WIDEST;
 
-/// The upper triangle of a symmetric matrix, or its first rows. Each row is padded to whole SIMD registers; the values
-/// left of the diagonal are unused.
+/// The upper triangle of a symmetric matrix, or only its first rows. Each row is padded to whole SIMD registers. The
+/// stored values left of the diagonal are unused.
 #[derive(Clone)]
 pub(crate) struct SymmetricMatrix {
     /// Number of columns.
@@ -94,8 +94,8 @@ impl SymmetricMatrix {
     ///    C  ->           C - B^T A^-1 B
     /// ```
     ///
-    /// Blocks may be swept one after the other. Returns the logarithm of the determinant of A, after earlier sweeps
-    /// that of its Schur complement. Returns `None` if the block is not positive definite.
+    /// Several blocks may be swept one after the other. Returns the logarithm of the determinant of A or, if other
+    /// blocks were swept before, of the Schur complement of A. Returns `None` if the block is not positive definite.
     #[inline(always)]
     pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;
@@ -123,9 +123,9 @@ impl SymmetricMatrix {
         Some(log_determinant.logarithm())
     }
 
-    /// [`sweep`](Self::sweep) of the first `known` rows, if the result `swept` for these rows is known. `whole`
-    /// contains the rows before the sweep. `places` are the columns of `whole` that correspond to the columns of this
-    /// matrix after the first `known`.
+    /// [`sweep`](Self::sweep) of the first `known` rows, reusing the known result `swept` for these rows. `whole`
+    /// contains these rows before the sweep. `places` are the columns of `whole` that correspond to the columns of this
+    /// matrix after the first `known` columns.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,
@@ -193,14 +193,16 @@ struct LogDeterminant {
 }
 
 impl LogDeterminant {
-    /// Limit of the product (and of its reciprocal) at which a logarithm is taken, far from overflow and underflow.
+    /// Limit of the product, and of its reciprocal, at which a logarithm is taken. It is far from overflow and
+    /// underflow.
     const LARGE: f64 = 1e100;
 
     fn new() -> Self {
         Self { product: 1.0, logarithm: 0.0 }
     }
 
-    /// Multiplies by a pivot and returns its reciprocal, or `None` if it is not positive.
+    /// Multiplies the determinant by a pivot and returns the reciprocal of the pivot; `None` if the pivot is not
+    /// positive.
     #[inline(always)]
     fn times(&mut self, pivot: f64) -> Option<f64> {
         if pivot.is_nan() || pivot <= 0.0 {

@@ -8,11 +8,12 @@ use std::thread::{self, Thread};
 
 use crate::cancellation::{Cancellation, POLL_INTERVAL, checkpoint};
 
-/// Number of samples from which threads are used. A pass over fewer samples takes about as long as starting the
-/// threads.
+/// Minimum number of samples for which several threads are used. A pass over fewer samples takes about as long as
+/// starting the threads.
 const WORTH_THREADS: usize = 500_000;
 
-/// Number of threads for a pass over `samples` samples: all processors, or one if threads would not make it faster.
+/// Number of threads for a pass over `samples` samples: the number of processors, or one if several threads would not
+/// be faster.
 pub(crate) fn threads_for(samples: usize) -> usize {
     if samples < WORTH_THREADS { 1 } else { processors() }
 }
@@ -76,7 +77,7 @@ pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) 
     });
 }
 
-/// Counts a helper as done when it returns or unwinds, and wakes the thread that waits for it.
+/// Marks a worker thread as finished when it returns or panics, and wakes the thread that waits for it.
 struct Done<'a> {
     working: &'a AtomicUsize,
     caller: &'a Thread,

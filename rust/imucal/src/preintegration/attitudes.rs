@@ -1,7 +1,8 @@
-//! The attitude after each of many rotations.
+//! Computation of the attitude after each of many consecutive rotations.
 //!
-//! The lanes of a vector register process consecutive parts of the rotations in parallel. A first pass gives the
-//! product over each part, and with it the attitude at the start of each part. A second pass then gives all attitudes.
+//! The lanes of a vector register process consecutive parts of the rotations in parallel. A first pass computes the
+//! product of the rotations in each part, from which the attitude at the start of each part follows. A second pass
+//! computes all attitudes.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use pulp::{Arch, Simd, WithSimd};
@@ -10,12 +11,12 @@ use super::lanes::{Lanes, MOST_LANES, Quaternions, lane_start, three};
 use super::rotate_by;
 use super::step::{half_turn, is_within_range, times_quaternion};
 
-/// Number of rotations per block. A block stays in the L1 cache, and the length of unnormalised quaternions stays
-/// bounded.
+/// Number of rotations per block. A block fits into the L1 cache and is so short that the norm of the unnormalised
+/// quaternions stays near one.
 const AT_ONCE: usize = 512;
 
-/// Attitudes before the first and after each of these rotation vectors, rad, which are relative to the body:
-/// `v_start = attitude v_here`.
+/// Attitudes before the first and after each of the rotations `turns`, which are rotation vectors in the body frame,
+/// rad: `v_start = attitude v_here`.
 pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
     let mut all = Vec::with_capacity(turns.len() + 1);
     all.push(begin);

@@ -1,6 +1,6 @@
 //! Interpolation of the rate between two samples.
 
-/// Maximum relative difference of time steps that count as equal.
+/// Maximum relative difference between time steps that count as equal.
 const UNEVEN: f64 = 0.01;
 /// Maximum ratio of adjacent time steps for cubic interpolation; beyond it linear interpolation is more robust.
 const MOST_UNEVEN: f64 = 3.0;
@@ -12,7 +12,7 @@ pub(crate) enum Interpolation {
     Linear,
     /// Cubic through four samples with nearly equal steps.
     Cubic,
-    /// Cubic through four samples at their own times. Time steps with this interpolation are not vectorised.
+    /// Cubic through four samples at unequal times. Steps with this interpolation are integrated without SIMD.
     UnevenCubic,
 }
 
@@ -50,11 +50,12 @@ pub(crate) fn are_equal_steps(step: f64, other: f64) -> bool {
     (step - other).abs() <= UNEVEN * other
 }
 
-/// Number of steps that are compared at once.
+/// Number of time steps that are compared together.
 const AT_ONCE: usize = 32;
 
-/// The first step from `start` (not zero) whose interpolation differs from `interpolation`; `end` if there is none
-/// before it. Nearly all recordings have equal steps only, which a vectorised comparison of many steps detects quickly.
+/// The first step from `start` (not zero) whose interpolation differs from `interpolation`; `end` if no step before
+/// `end` differs. Nearly all recordings have only equal steps. A vectorised comparison of many steps detects this
+/// quickly.
 pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, interpolation: Interpolation) -> usize {
     let mut next = start;
     while interpolation == Interpolation::Cubic
@@ -67,7 +68,8 @@ pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, inter
     (next..end).find(|&i| Interpolation::of(time_s, i).0 != interpolation).unwrap_or(end)
 }
 
-/// Weights of four samples, taken at these times, in the mean over the middle step of the cubic through all of them.
+/// Weights of four samples, taken at these times, in the mean over the middle step of the cubic through the four
+/// samples.
 pub(crate) fn cubic_weights([before, start, end, after]: [f64; 4]) -> [f64; 4] {
     let (a, h, b) = (start - before, end - start, after - end);
     // Linear interpolation minus h^2/6 times the weighted second divided differences of both sides.

@@ -1,5 +1,5 @@
-//! Vectorised preintegration. Each lane of a vector register processes consecutive steps; the results of the lanes are
-//! combined at the end.
+//! Vectorised preintegration. Each lane of a vector register processes a separate range of consecutive steps. The
+//! results of the lanes are combined at the end.
 
 use nalgebra::{Matrix3, UnitQuaternion};
 use pulp::{Simd, WithSimd};
@@ -10,21 +10,23 @@ use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 
 /// Number of steps whose samples a lane reads together: half a node.
 const TILE: usize = STEPS_OF_A_NODE / 2;
-/// Distance of prefetching, in samples.
+/// Number of samples by which memory is prefetched ahead of their use.
 const AHEAD: usize = 64;
 
-/// Consecutive samples that all lanes process together.
+/// Block of consecutive samples, which the lanes divide among themselves.
 #[derive(Clone, Copy)]
 pub(super) struct Block<'a> {
-    /// Raw samples: one more than steps, and for a cubic one more on either side.
+    /// Raw samples. Their number is the number of steps plus one, and plus three for cubic interpolation, which uses
+    /// one additional sample on either side.
     pub(super) raw: &'a [[f64; 3]],
     /// Time of each sample, s; `None` for equal steps.
     pub(super) stamps_s: Option<&'a [f64]>,
     pub(super) map: &'a Map,
 }
 
-/// Map from raw readings to rates, in a frame in which its matrix is upper triangular; this saves a third of the
-/// products. The rates are in rad/s, or for equal steps in units of a sixth of the rotation vector of a step.
+/// Map from raw readings to rates, in a frame in which the matrix of the map is upper triangular. The triangular form
+/// saves a third of the multiplications. The rates are in rad/s. For equal time steps, their unit is instead a sixth of
+/// the rotation vector of a step.
 #[derive(Clone, Copy)]
 pub(super) struct Map {
     pub(super) upper: Matrix3<f64>,
@@ -37,8 +39,8 @@ pub(super) struct Increment {
     /// Sums of R with the weights of the samples, and of R times each component of the rate. For component j only the
     /// columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
-    /// Number of steps that were processed. The remaining steps of a block are fewer than lanes, or fewer than one node
-    /// per lane.
+    /// Number of steps that were processed. The number of remaining steps of a block is less than the number of lanes,
+    /// or less than one node per lane.
     pub(super) steps: usize,
 }
 
@@ -61,8 +63,7 @@ impl Increment {
 pub(super) struct Kernel<'a, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(pub(super) Block<'a>);
 
 impl<const CUBIC: bool, const SUMS: bool, const RANGE: usize> WithSimd for Kernel<'_, CUBIC, SUMS, RANGE> {
-    /// `None` if a step exceeds the range of angles of the polynomials, or if there are fewer steps than one node per
-    /// lane.
+    /// `None` if the angle of a step exceeds the range of the polynomials, or if there is less than one node per lane.
     type Output = Option<Increment>;
 
     #[inline(always)]
@@ -95,7 +96,8 @@ impl Block<'_> {
             std::array::from_fn(|l| self.stamps_s.map_or(&[][..], |stamps| &stamps[first(l)..first(l) + samples]));
         let map = LaneMap::new(simd, self.map);
 
-        // Samples up to the start of the first step, or its end for a cubic.
+        // Number of samples that are read before the first step: up to the start of this step, or to its end for cubic
+        // interpolation.
         let known = samples - steps;
         let (zero, half) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 0.5));
         let mut run: LaneState<S> = LaneState::new(simd);
@@ -191,7 +193,7 @@ impl<S: Simd> LaneMap<S> {
     }
 }
 
-/// Combines the results of the lanes, which follow each other in time.
+/// Combines the results of the lanes, which cover consecutive time intervals.
 #[inline(always)]
 fn combine_lanes<S: Simd, const SUMS: bool>(
     simd: S,

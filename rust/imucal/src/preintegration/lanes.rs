@@ -1,4 +1,5 @@
-//! Vectors of numbers in one register. `pulp` selects the instructions at run time; the operators are defined here.
+//! SIMD vectors of numbers. The crate `pulp` selects the instruction set at run time; this file defines the arithmetic
+//! operators.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -40,7 +41,7 @@ impl Instructions {
         all
     }
 
-    /// Runs `work` with these instructions; with the best available ones if the processor lacks them.
+    /// Runs `work` with these instructions. If the processor lacks them, the best available instructions are used.
     pub(super) fn run<W: WithSimd>(self, work: W) -> W::Output {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -75,8 +76,8 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value: simd.splat_f64s(value) }
     }
 
-    /// Vector with `value(l)` in lane l. With an array of exactly the register's length the compiler uses shuffles. A
-    /// longer array in memory, written in parts and read as a whole, would cause a store forwarding stall.
+    /// Vector with `value(l)` in lane l. With an array of exactly the register's length, the compiler uses shuffles. A
+    /// longer array would be written to memory in parts and read as a whole, which causes a store-forwarding stall.
     #[inline(always)]
     pub(super) fn from_fn(simd: S, value: impl Fn(usize) -> f64) -> Self {
         let v = &value;
@@ -158,7 +159,8 @@ impl<S: Simd> Div for Lanes<S> {
 /// A vector with three components, in each lane.
 pub(super) type Three<S> = [Lanes<S>; 3];
 
-/// A vector from its components. `map` on an array is not always inlined; the registers would then be stored in memory.
+/// A vector from its components. `map` on an array is not used here, because it is not always inlined, and the
+/// registers would then be stored in memory.
 #[inline(always)]
 pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
     [part(0), part(1), part(2)]
@@ -177,7 +179,8 @@ pub(super) fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
     [part(1, 2), part(2, 0), part(0, 1)]
 }
 
-/// Start of a lane's part if each lane processes `count` elements. Lanes beyond the register read the first part.
+/// Index of the first element of a lane, if each lane processes `count` elements. Lanes beyond the register length read
+/// the elements of the first lane.
 #[inline(always)]
 pub(super) fn lane_start<S: Simd>(lane: usize, count: usize) -> usize {
     if lane < S::F64_LANES { lane * count } else { 0 }
@@ -200,9 +203,9 @@ impl Quaternions {
     }
 }
 
-/// Prefetches as many samples as `samples` has, from `ahead` samples after its start.
+/// Prefetches `samples.len()` samples, beginning `ahead` samples after the start of `samples`.
 ///
-/// The lanes read eight streams of memory, more than the hardware prefetcher follows. Without this function the
+/// The lanes read eight streams of memory, more than the hardware prefetcher follows. Without prefetching, the
 /// integration takes a fifth longer.
 #[inline(always)]
 pub(super) fn prefetch(samples: &[[f64; 3]], ahead: usize) {

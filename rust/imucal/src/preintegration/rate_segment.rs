@@ -20,8 +20,8 @@ pub enum SampleTimes<'a> {
 }
 
 impl<'a> SampleTimes<'a> {
-    /// Equal steps if the time stamps deviate from them only by rounding, so that rounding of the stamps does not
-    /// affect the integral.
+    /// `Even` if the time stamps deviate from equal steps only by rounding, so that rounded stamps do not affect the
+    /// integral; otherwise `Stamps`.
     pub fn of(stamps_s: &'a [f64]) -> Self {
         let (Some(first), Some(last)) = (stamps_s.first(), stamps_s.last()) else { return Self::Stamps(stamps_s) };
         let interval_s = Self::Stamps(stamps_s).mean_interval_s();
@@ -41,7 +41,7 @@ impl<'a> SampleTimes<'a> {
     }
 }
 
-/// Consecutive raw samples of a gyroscope. The rotation is calculated from the first to the last of them.
+/// Consecutive raw samples of a gyroscope, from which the rotation over their time interval is computed.
 #[derive(Clone, Copy, Debug)]
 pub struct RateSegment<'a> {
     raw: Samples<'a>,
@@ -52,27 +52,27 @@ pub struct RateSegment<'a> {
 
 #[cfg(test)]
 thread_local! {
-    /// Number of integrated steps, to count the passes of a fit over the samples.
+    /// Number of integrated steps. Tests use it to count the passes of a fit over the samples.
     pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
 }
 
-/// Number of steps per lane in a block. It is large, because the first samples of each lane are not prefetched. It is
-/// not a power of two, because the lanes would then use the same cache sets.
+/// Number of steps per lane in a block. The number is large because the first samples of each lane are not prefetched.
+/// It is not a power of two, because the lanes would then compete for the same cache sets.
 const STEPS_OF_A_LANE: usize = 4000;
-/// Maximum rate for which a range of step angles is tried first, rad/s (340 deg/s). The smaller ranges would often fail
-/// at this rate.
+/// Angular rate that decides which range of step angles is tried first, rad/s (340 deg/s): the smallest range that
+/// contains the step angle at this rate. With a smaller range, the first trial would often fail.
 const FAST_RAD_PER_S: f64 = 5.9;
-/// Minimum number of steps for vectorised integration.
+/// Minimum number of steps for vectorised integration. Fewer steps are integrated one by one.
 const FEW: usize = 16;
 
 impl<'a> RateSegment<'a> {
-    /// Linear interpolation of the rate.
+    /// A segment with linear interpolation of the rate.
     pub fn linear(raw: impl Into<Samples<'a>>, sample_times: SampleTimes<'a>) -> Self {
         Self::of_samples(raw.into(), sample_times, Interpolation::Linear)
     }
 
-    /// Cubic interpolation of the rate through four samples. The first and the last sample are only used for
-    /// interpolation.
+    /// A segment with cubic interpolation of the rate through four samples. The first and the last sample are used only
+    /// for interpolation.
     pub fn cubic(raw: impl Into<Samples<'a>>, sample_times: SampleTimes<'a>) -> Self {
         Self::of_samples(raw.into(), sample_times, Interpolation::Cubic)
     }
@@ -163,8 +163,8 @@ impl<'a> RateSegment<'a> {
             let block = Block { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
             let in_lanes = count >= FEW && self.interpolation != Interpolation::UnevenCubic;
             let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(block, &mut angle_range) } else { None };
-            // If a step exceeded the range of angles, only some steps are integrated without vectorisation, then the
-            // lanes are tried again.
+            // If the angle of a step exceeds the range of the polynomials, some steps are integrated without SIMD, and
+            // then the vectorised integration is tried again.
             let alone = at..at + count.min(STEPS_OF_A_LANE);
             all.then(&turned.unwrap_or_else(|| self.scalar_steps::<CUBIC>(gyroscope, &frame, alone)));
         }
@@ -172,8 +172,8 @@ impl<'a> RateSegment<'a> {
         (frame.rotation * all.rotation * frame.rotation.inverse(), sums)
     }
 
-    /// Integrates a block in lanes, with the smallest sufficient range of step angles. The next block starts with this
-    /// range.
+    /// Integrates a block with SIMD, with the smallest sufficient range of step angles. For the next block, this range
+    /// is tried first.
     fn lanes<const CUBIC: bool, const SUMS: bool>(
         &self,
         block: Block<'_>,
@@ -192,8 +192,8 @@ impl<'a> RateSegment<'a> {
         }
     }
 
-    /// Integrates steps of any angle, and the steps that the lanes leave over, without vectorisation. It works in the
-    /// frame of the gyroscope, which avoids the rounding of one more transformation.
+    /// Integrates steps without SIMD, for large step angles and for the last steps, which do not fill all lanes. The
+    /// computation uses the frame of the gyroscope, which avoids the rounding errors of another transformation.
     fn scalar_steps<const CUBIC: bool>(
         &self,
         gyroscope: &Triad<f64>,
@@ -232,7 +232,8 @@ impl<'a> RateSegment<'a> {
         Increment { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
     }
 
-    /// Units of the kernel's sums: of the sum of R, s, and of the sums of R times a component of the rate, rad.
+    /// Factors that convert the sums of the kernel: the sum of R to s, and the sums of R times a component of the rate
+    /// to rad.
     fn units_of_sums(&self) -> (f64, f64) {
         match self.sample_times {
             SampleTimes::Even(interval_s) => (interval_s, 6.0),
@@ -244,8 +245,8 @@ impl<'a> RateSegment<'a> {
     fn all_sums(&self, all: &Increment, axes: &Matrix3<f64>) -> Sums {
         let (by_time, by_turn) = self.units_of_sums();
         let [bias, mut by_rate @ ..] = all.sums;
-        // The entries below the diagonal follow from R' = R [w]x: the difference of the sums of two columns, each times
-        // the rate component of the other, is the change of the third column.
+        // The sums that the kernel does not compute follow from R' = R [w]x. For two columns of R, multiply each by the
+        // rate component of the other. The difference of the two sums is the change of the third column.
         let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
         for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
             let column = by_rate[c].column(j) + turned.column(across) * sign;
@@ -256,7 +257,8 @@ impl<'a> RateSegment<'a> {
     }
 }
 
-/// Sums of R times each component of the rate in another frame; `axes` are the axes of this frame in the other one.
+/// Transforms the sums of R times each component of the rate to another frame. `axes` are the axes of the present frame
+/// in that other frame.
 fn along(axes: &Matrix3<f64>, by_rate: &[Matrix3<f64>; 3]) -> [Matrix3<f64>; 3] {
     let turned = by_rate.map(|sum| axes * sum * axes.transpose());
     [0, 1, 2].map(|j| (0..3).map(|i| turned[i] * axes[(j, i)]).sum())
@@ -275,7 +277,7 @@ impl Frame {
     pub(super) fn of(gyroscope: &Triad<f64>, scale: f64) -> Self {
         let inverse = gyroscope.inverse() * scale;
         let (axes, upper) = inverse.qr().unpack();
-        // A reflection would change the sign of cross products.
+        // The frame must be right-handed, because a reflection would change the sign of cross products.
         let sign = axes.determinant().signum();
         let (axes, upper) = (axes * sign, upper * sign);
         let offset = -(upper * gyroscope.bias());

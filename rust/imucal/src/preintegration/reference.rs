@@ -6,7 +6,7 @@ use nalgebra::Matrix3;
 use super::rate_segment;
 use super::sums::{BY_ENDS, BY_HALVES, SECOND, STEPS_OF_A_NODE};
 
-/// Inputs of an integration; the time is one step, s, or the times of all samples, s.
+/// Inputs of an integration. The time is either a constant step, s, or the times of all samples, s.
 pub(super) struct Samples<'a> {
     pub(super) raw: &'a [[f64; 3]],
     pub(super) time_s: Result<f64, &'a [f64]>,
@@ -91,7 +91,7 @@ fn exponential(m: &Square) -> Square {
     let mut sum = term;
     for k in 1..30 {
         term = product(&term, m);
-        // 1/n to 31 digits, by one iteration of Newton's method.
+        // 1/n to 31 digits by one iteration of Newton's method.
         let n = Double::of(f64::from(k));
         let guess = Double::of(1.0 / n.0);
         term = scaled(&term, guess * (Double::of(2.0) - n * guess));
@@ -148,7 +148,7 @@ pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
             }
             continue;
         }
-        // R' for a rate in the units of the kernel, a sixth of the rotation in a step.
+        // R' for a rate in the units of the kernel.
         let derivative = |rotation: &Square, rate: &Vector| {
             scaled(&product(rotation, &hat_of(rate)), h * h * third * Double::of(0.5))
         };
@@ -192,8 +192,8 @@ fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double)
     sums[3] = plus(&sums[3], &scaled(rotation, weight));
 }
 
-/// Calculates the sums of columns and rate components below the diagonal from those above it, in the frame with these
-/// axes.
+/// Replaces the sums below the diagonal (column index greater than the index of the rate component) by values computed
+/// from those above it, in the frame with these axes.
 fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [Square; 3] {
     let out: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(r, c)])));
     let back: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(c, r)])));

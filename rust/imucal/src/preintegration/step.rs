@@ -1,10 +1,10 @@
 //! One integration step in every lane: its quaternion, the rotation before it, and the contribution of its first sample
 //! to the sums.
 //!
-//! In the units of this file the rotation vector of a step is `3 p` with `p = s + q`. `s` is a third of the integral of
-//! the rate, `q` a third of the coning term. For equal steps the samples are scaled so that `s = a0 + a1` and
-//! `q = a0 x a1`. With `y = |p|^2` the quaternion of a step is `(1, tau(y) p)` up to its length, where tau is a
-//! polynomial. Another polynomial in y gives the factor by which the length of the product changes.
+//! In the units of this file, the rotation vector of a step is `3 p` with `p = s + q`, where `s` is a third of the
+//! integral of the rate, and `q` a third of the coning term. For equal steps the samples are scaled so that `s = a0 +
+//! a1` and `q = a0 x a1`. With `y = |p|^2`, the quaternion of a step is proportional to `(1, tau(y) p)`, where tau is a
+//! polynomial. The factor by which this quaternion changes the norm of the product is another polynomial in y.
 
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -12,7 +12,7 @@ use pulp::Simd;
 use super::lanes::{Lanes, Three, cross, square, three};
 use super::sums::Sample;
 
-/// A range of rotation angles per step, and the polynomials for it.
+/// A range of rotation angles per step, and the polynomials that are accurate in this range.
 pub(super) struct AngleRange {
     /// Maximum rotation angle of a step, rad.
     pub(super) turn_rad: f64,
@@ -20,16 +20,16 @@ pub(super) struct AngleRange {
     terms: [usize; 2],
 }
 
-/// Ranges from small to large angles. The truncation error of the tangent is at most 1e-14 relative. The truncation
-/// error of the cosine is removed once per tile.
+/// Ranges from small to large angles. The relative truncation error of the tangent is at most 1e-14. The truncation
+/// error of the cosine does not accumulate, because it is removed once per tile.
 pub(super) const ANGLE_RANGES: [AngleRange; 3] = [
     AngleRange { turn_rad: 0.001, terms: [2, 3] },
     AngleRange { turn_rad: 0.03, terms: [4, 4] },
     AngleRange { turn_rad: 0.2, terms: [7, 6] },
 ];
 
-/// Whether sums are calculated at nodes instead of at each sample: for equal steps with angles in the first of the
-/// [`ANGLE_RANGES`].
+/// Whether sums are computed at nodes instead of at each sample. This is the case for equal steps with angles in the
+/// first of the [`ANGLE_RANGES`].
 pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const RANGE: usize>() -> bool {
     EVEN && SUMS && RANGE == 0
 }
@@ -56,13 +56,14 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
 /// Quantities of a step that do not depend on the previous step.
 ///
 /// They are calculated for all steps of a tile before the quaternions are multiplied. Only the product of quaternions
-/// depends on the previous step. If this product were calculated in between, its latency would stall the processor.
+/// depends on the previous step. If these products were interleaved with the other computations, their latency would
+/// stall the processor.
 #[derive(Clone, Copy)]
 #[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
 pub(super) struct StepTerm<S: Simd> {
     /// Vector part of the step's quaternion divided by its scalar part.
     vector: Three<S>,
-    /// Square of the cosine of half the rotation angle: 1 / |(1, vector)|^2.
+    /// Square of the cosine of half the rotation angle, which equals 1 / |(1, vector)|^2.
     cosine_squared: Lanes<S>,
 }
 
@@ -87,7 +88,7 @@ pub(super) struct LaneState<S: Simd> {
     pub(super) quaternion: [Lanes<S>; 4],
     /// Two divided by the squared norm of the quaternion.
     double: Lanes<S>,
-    /// Sum over the steps of the samples at both ends, since the last call of `sum_of_samples`.
+    /// Sum, over all steps since the last call of `sum_of_samples`, of the two samples at the ends of a step.
     pairs: Three<S>,
     /// Largest y of all steps.
     largest: Lanes<S>,
@@ -115,8 +116,8 @@ impl<S: Simd> LaneState<S> {
         self.times = [self.times[1], self.times[2], time];
     }
 
-    /// Adds the next sample. It ends a step; for a cubic it is the sample after the end of the step. Writes the
-    /// quantities of the step that do not depend on the rotation.
+    /// Adds the next sample, which is the end of a step or, for cubic interpolation, the sample after the end. Writes
+    /// those quantities of the step that do not depend on the rotation.
     #[inline(always)]
     pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(
         &mut self,
@@ -172,7 +173,7 @@ impl<S: Simd> LaneState<S> {
         self.a[if CUBIC { 1 } else { 2 }]
     }
 
-    /// Contribution of this sample to the sums, with a given weight.
+    /// Contribution of the sample at the start of the next step to the sums, with a given weight.
     #[inline(always)]
     pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Sample<S> {
         let sample = self.sample::<CUBIC>();
@@ -191,7 +192,8 @@ impl<S: Simd> LaneState<S> {
         [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 
-    /// Columns of the rotation matrix if the norm of the quaternion was not tracked.
+    /// Columns of the rotation matrix, after the norm of the quaternion, which is not tracked between nodes, is
+    /// computed.
     #[inline(always)]
     pub(super) fn rotation_at_node(&mut self) -> [Three<S>; 3] {
         self.double = Lanes::splat(self.simd, 2.0) / self.square_of_length();
@@ -213,7 +215,7 @@ impl<S: Simd> LaneState<S> {
         w.mul_add(w, square(&[x, y, z]))
     }
 
-    /// Multiplies the rotation by those of several steps, one after the other.
+    /// Multiplies the rotation by the rotations of several steps, one after the other.
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {

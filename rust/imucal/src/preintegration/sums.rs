@@ -1,13 +1,14 @@
 //! Sums of the rotations R, and of R times each component of the rate, over all samples or at nodes.
 //!
-//! A node combines n = 16 short steps. It approximates the sum of `R w` over its samples by `R W + R' D`. R is the
-//! rotation in the middle of the node and R' its derivative. W is the sum of the samples of the node with half weight
-//! for both ends (trapezoidal rule). D is a combination of differences of samples.
+//! A node combines n = 16 short steps. The sum of `R w` over the samples of a node is approximated by `R W + R' D`,
+//! where R is the rotation in the middle of the node and R' the derivative of R. W is the sum of the rates at the
+//! samples of the node, with half weight for both ends (trapezoidal rule). D is a combination of differences of these
+//! rates.
 //!
-//! The coefficients of D follow from an oscillating rate w whose phase changes by x over a node. For it, W is
+//! The coefficients of D are derived for a sinusoidal rate w whose phase changes by x over a node. For this rate, W is
 //! `n w (1 - a x^2 + b x^4)`. D is `n a x w (1 - b / a x^2)` with a phase lag of a quarter period. Integration by parts
 //! transforms the sum of `R' w'` over a segment to that of `-R w''`, except for terms at the ends of the segment, which
-//! [`end_of_nodes`] adds. All terms up to the fifth power of x are therefore exact.
+//! [`end_of_nodes`] adds. With these coefficients, all terms up to the fifth power of x are exact.
 
 use pulp::Simd;
 
@@ -20,11 +21,11 @@ const N: f64 = STEPS_OF_A_NODE as f64;
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 /// Ratio b / a of the coefficients of W.
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
-/// Coefficient in place of b / a if D were only the difference between the sums over both halves.
+/// Coefficient that would replace b / a if D were only the difference between the sums over the two halves of a node.
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
-/// Coefficient in place of b / a if D were only the difference between the samples at both ends.
+/// Coefficient that would replace b / a if D were only the difference between the samples at the two ends of a node.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// Weight of the difference of both ends in D. With this weight the coefficient of D is b / a.
+/// Weight in D of the difference between the end samples. With this weight, the coefficient of D is b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
 /// Factor of the difference of the half sums in D, for rates in units of a sixth of the rotation in a step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
@@ -33,7 +34,7 @@ pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// Contribution of a sample to the sums.
 #[derive(Clone, Copy)]
-#[repr(align(64))] // For the reason given at `StepTerm`.
+#[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
 pub(super) struct Sample<S: Simd> {
     /// Rate times the weight of the sample.
     pub(super) rate: Three<S>,
@@ -92,8 +93,8 @@ struct Column<S: Simd> {
     by_rate: [Three<S>; 3],
 }
 
-/// Sums in all lanes. For column c and rate component j only `j >= c` is summed; the other sums follow from the final
-/// rotation.
+/// Sums in all lanes. For column c of R and rate component j, only sums with `j >= c` are accumulated; the other sums
+/// follow from the final rotation.
 #[repr(align(64))]
 pub(super) struct Totals<S: Simd>([Column<S>; 3]);
 
@@ -104,8 +105,8 @@ impl<S: Simd> Totals<S> {
         Self([Column { by_one: zero, by_rate: [zero; 3] }; 3])
     }
 
-    /// Adds the samples of a tile. Each group of sums is completed before the next group, because there are more sums
-    /// than registers.
+    /// Adds the samples of a tile. The sums of one column of R are completed before those of the next column, because
+    /// there are more sums than registers.
     #[inline(always)]
     pub(super) fn add<const EVEN: bool>(&mut self, samples: &[Sample<S>]) {
         self.add_column::<EVEN, 0>(samples);
@@ -150,7 +151,8 @@ impl<S: Simd> Totals<S> {
     }
 }
 
-/// Terms at the ends of a segment: at the sample where the nodes end (`sign` 1) or start (`sign` -1).
+/// Terms of the integration by parts at the ends of a segment: at the sample where the nodes end (`sign` 1) or start
+/// (`sign` -1).
 #[inline(always)]
 pub(super) fn end_of_nodes<S: Simd>(simd: S, sign: f64, rate: Three<S>, rotation: &[Three<S>; 3]) -> Sample<S> {
     let factor = Lanes::splat(simd, sign * 6.0 * SECOND * N * N);

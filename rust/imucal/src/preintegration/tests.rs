@@ -44,8 +44,8 @@ fn derivatives_meet_finite_differences_from_rest_to_rest() {
     let carried = carry(&triad);
     let delta = |sensitivity: Matrix3<f64>, bias: Vector3<f64>| {
         let moved = carry(&Triad::try_new(sensitivity, bias).unwrap()).rotation;
-        // For a tiny rotation the antisymmetric part of the matrix is the rotation vector. An arc cosine would lose
-        // half of the digits.
+        // For a tiny rotation, the antisymmetric part of the matrix is the rotation vector. The angle from an arc
+        // cosine would lose half of the digits.
         let turn = carried.rotation.transpose() * moved;
         Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12) / 2.0
     };
@@ -97,7 +97,7 @@ fn a_cubic_through_uneven_samples_is_exact_for_cubics() {
 #[test]
 fn uneven_steps_are_as_exact_as_even_ones() {
     let unit = Triad::identity();
-    // Rotation about one axis, whose angle is the integral of the rate: 2.5 rad in 5 s.
+    // Rotation by 2.5 rad in 5 s about one axis, so that the angle is the integral of the rate.
     let angle = |t: f64| 1.25 * (1.0 - (std::f64::consts::PI * t / 5.0).cos());
     let rate = |t: &f64| [0.0, 0.0, 1.25 * std::f64::consts::PI / 5.0 * (std::f64::consts::PI * t / 5.0).sin()];
     let error = |samples: f64, interpolation: Interpolation| {
@@ -139,8 +139,8 @@ impl Samples<'_> {
         }
     }
 
-    /// Largest error of the rotation, rad, and of the sums, rad and s, for each instruction set. The reference sums use
-    /// the same nodes (`by_nodes`) or all samples.
+    /// Largest error of the rotation, rad, and of the sums, rad and s, for each instruction set. The reference sums are
+    /// computed at the same nodes (`by_nodes`) or at all samples.
     fn errors(&self, by_nodes: bool) -> Vec<(Instructions, f64, f64)> {
         let error = |instructions: Instructions| {
             let at_nodes = if by_nodes { self.steps_at_nodes(instructions) } else { 0 };
@@ -157,7 +157,8 @@ impl Samples<'_> {
         Instructions::available().into_iter().map(error).collect()
     }
 
-    /// Number of steps summed at nodes, for a segment with step angles in the first range that fits into one block.
+    /// Number of steps that are summed at nodes. The segment must fit into one block and have step angles in the first
+    /// range.
     fn steps_at_nodes(&self, instructions: Instructions) -> usize {
         let (steps, lanes) = (self.raw.len() - 1 - 2 * usize::from(self.is_cubic), instructions.run(CountLanes));
         let is_short = self.time_s.is_ok_and(|interval_s| interval_s < 1e-3);
@@ -180,7 +181,8 @@ fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> 
 #[test]
 fn rotations_and_sums_are_exact_with_all_instructions() {
     let (_, _, triad) = tumble();
-    // Fewer steps than lanes, incomplete lanes, incomplete tiles, and more steps than one block has per lane.
+    // The numbers of steps include fewer steps than lanes, incomplete lanes, incomplete tiles, and more steps than fit
+    // into one block.
     for steps in [0, 1, 5, 15, 16, 17, 63, 64, 65, 200, 1023, 8_005] {
         for (interval_s, speed) in [(1.25e-4, 1.0), (1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {
             for is_cubic in [false, true] {
@@ -206,7 +208,7 @@ fn sums_at_nodes_are_those_of_all_samples() {
         let samples = Samples { raw, time_s: Ok(1.25e-4), triad, is_cubic };
         samples.errors(false).into_iter().map(|(_, _, sums)| sums).fold(0.0, f64::max)
     };
-    // From rest to rest, with fewer and with more steps than one block.
+    // Segments that start and end at rest, with fewer and with more steps than one block.
     for (steps, speed) in [(16_000, 0.5), (24_011, 1.0), (40_013, 1.4)] {
         let gently = |k: usize| (std::f64::consts::PI * k as f64 / f64::from(steps)).sin().powi(4);
         let slowed =
@@ -216,10 +218,10 @@ fn sums_at_nodes_are_those_of_all_samples() {
         let error = worst(&raw, false);
         assert!(error < 1e-12, "{steps}: {error:e}");
     }
-    // During a rotation at 2.4 rad/s, as in the moves of the benchmark.
+    // A segment during a rotation at 2.4 rad/s, as in the moves of the benchmark.
     let error = worst(&shaken(20_001, 1.25e-4, 0.45, 0.0), false);
     assert!(error < 1e-12, "{error:e}");
-    // At 7 rad/s with incomplete lanes; and with noise, where the error must be below 1 % of the change due to the
+    // Segments at 7 rad/s with incomplete lanes. With noise, the error must be below 1 % of the change due to the
     // noise.
     for steps in [127, 128, 200, 1023, 8_005] {
         for is_cubic in [false, true] {

@@ -23,8 +23,8 @@ use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
 use crate::two_stage::observability::{self, LARGEST_SHIFT, REST_ERROR_MPS2};
 
-/// Maximum ratio of the noise of a rest mean to the smallest radius of the ellipsoid. It is 0.001 for a noisy sensor,
-/// and 0.5 if the ellipsoid is fitted to noise.
+/// Maximum ratio of the noise of a rest mean to the smallest radius of a valid ellipsoid. The ratio is 0.001 for a
+/// noisy sensor, and about 0.5 if all rests have one pose and the ellipsoid is fitted to their noise.
 const NOISE_OVER_SIZE: f64 = 0.02;
 
 /// Result of the accelerometer fit.
@@ -32,7 +32,7 @@ const NOISE_OVER_SIZE: f64 = 0.02;
 pub(crate) struct AccelerometerFit {
     /// The fitted accelerometer.
     pub(crate) triad: Triad<f64>,
-    /// Whether the fit uses each rest. The others are outliers.
+    /// For each rest, whether the fit uses it. Rests that are not used are outliers.
     pub(crate) used: Vec<bool>,
     /// Derivative of the parameters with respect to the error of |f| at each rest in m/s^2, 9 x number of rests. The
     /// columns of unused rests are zero.
@@ -41,14 +41,15 @@ pub(crate) struct AccelerometerFit {
     /// priors.
     pub(crate) prior_gain: Mat<f64>,
     pub(crate) report: FitReport,
-    /// Whether the rests alone determine all parameters that are not held. Otherwise some of them come from the moves.
+    /// Whether the rests alone determine all parameters without a prior. If not, the moves determine the remaining
+    /// parameters.
     pub(crate) is_determined: bool,
 }
 
 /// Fits the nine parameters. Rests that contradict all others are excluded one by one (model.md (14)).
 ///
-/// `nominal` is the start value if the rests determine no ellipsoid. In SI units (`raw_is_si`) the identity is the
-/// default. The rests need not determine the parameters that `held` contains.
+/// `nominal` is the start value if the rests do not determine an ellipsoid. If it is `None`, recordings in SI units
+/// (`raw_is_si`) start from the identity. The rests need not determine the parameters in `held`, which have a prior.
 ///
 /// # Errors
 /// * [`Error::NotEnoughMotion`] if the rests do not determine the parameters.
@@ -61,7 +62,8 @@ pub(crate) fn fit(
     held: &StageRows<'_>,
 ) -> Result<AccelerometerFit, Error> {
     let means: Vec<Vector3<f64>> = rests.iter().map(|rest| rest.specific_force.mean).collect();
-    // An ellipsoid through poses that do not determine all parameters may be far from the truth.
+    // With priors, no ellipsoid is fitted, because an ellipsoid through poses that do not determine all parameters may
+    // be far from the truth.
     let found = if held.count() == 0 {
         ellipsoid::fit(&means, gravity_mps2)?
     } else {
@@ -84,11 +86,11 @@ pub(crate) fn fit(
     fit_from(rests, gravity_mps2, &start, held, true)
 }
 
-/// Fits the accelerometer to rests that leave some of its parameters open: these keep the values of `start`, all others
-/// are fitted. A prior of a hundredth of the size of each parameter holds what the rests leave open, and changes the
-/// others by much less than their standard deviation.
+/// Fits the accelerometer to rests that do not determine some of its parameters. Undetermined parameters keep the
+/// values of `start`, and all others are fitted. For this purpose every parameter has a prior with a standard deviation
+/// of a hundredth of its size. This prior changes the determined parameters by much less than their standard deviation.
 ///
-/// All rests are used, because few rests on the faces of a box do not show which of them is wrong. The joint fit
+/// All rests are used, because a few rests on the faces of a box are not enough to detect a wrong one. The joint fit
 /// excludes outliers.
 ///
 /// # Errors
@@ -103,8 +105,7 @@ pub(crate) fn fit_near(rests: &[&Rest], gravity_mps2: f64, start: &Triad<f64>) -
     fit_from(rests, gravity_mps2, &start, &StageRows::new(&near, ACCEL), false)
 }
 
-/// The fit from a start value. `is_determined` states whether the rests alone determine all parameters that are not
-/// held.
+/// The fit from a start value. `is_determined` states whether the rests alone determine all parameters without a prior.
 fn fit_from(
     rests: &[&Rest],
     gravity_mps2: f64,
@@ -131,20 +132,20 @@ fn fit_from(
     }
 }
 
-/// Whether the ellipsoid is much larger than the noise of the means. The means of a single pose also determine an
-/// ellipsoid, whose size is that of the noise.
+/// Whether the ellipsoid is much larger than the noise of the means. If all rests have one pose, the means also
+/// determine an ellipsoid, but its size is that of the noise.
 fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.whole_variance().max().sqrt()).collect();
     let noise = stats::median(&mut noise);
     start.sensitivity.try_inverse().is_some_and(|inverse| noise * inverse.norm() < NOISE_OVER_SIZE * gravity_mps2)
 }
 
-/// Returns an error if the rests do not determine all parameters that are not held.
+/// Returns an error if the rests do not determine all parameters without a prior.
 fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64, held: &StageRows<'_>) -> Result<(), Error> {
     let parameters = parameters_of(start);
     let triad = triad_of(&parameters)?;
     let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
-    // Columns in units of the mean scale, and of the reading of gravity for biases.
+    // The columns are in units of the mean scale, and for biases in units of the reading at 1 g.
     let scale = start.sensitivity.trace() / 3.0;
     let unit = |j: usize| if j < 3 { gravity_mps2 * scale } else { scale };
     let (mut residuals, mut priors) = (Mat::zeros(held.count(), 1), Mat::zeros(held.count(), 9));
@@ -176,7 +177,8 @@ fn finish(
     let prior_gain = Mat::from_fn(9, row_gain.ncols() - first, |i, row| row_gain[(i, first + row)]);
     let mut report = FitReport::of(solution);
     if !is_determined {
-        // The prior determines what the rests leave open, so the leverages of the rests count their own parameters.
+        // The prior determines some parameters instead of the rests. The sum of the leverages of the rests is the
+        // number of parameters that the rests determine.
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }

@@ -1,6 +1,6 @@
 //! Algebraic ellipsoid fit: start value of the accelerometer (model.md (3), (4)).
 //!
-//! At rest |T^-1 (a - b)| = g, so the means a of the rests lie on an ellipsoid, whose equation is linear in ten
+//! At rest |T^-1 (a - b)| = g. The means a of the rests therefore lie on an ellipsoid, whose equation is linear in ten
 //! unknowns:
 //!
 //! ```text
@@ -24,8 +24,8 @@ pub(crate) struct Start {
     pub(crate) bias: Vector3<f64>,
 }
 
-/// Minimum ratio of a singular value to the largest one for the sphere to be determined. For means in one plane the
-/// smallest singular value is zero without noise, and below this ratio with noise.
+/// Minimum ratio of a singular value to the largest one for a sphere to be determined. If all means lie in one plane,
+/// the smallest singular value is zero without noise, and its ratio is below this limit with noise.
 const LEAST_SINGULAR: f64 = 1e-3;
 
 /// The ellipsoid through `means` (one per rest, any raw unit), or the sphere if the means determine no ellipsoid.
@@ -35,8 +35,8 @@ const LEAST_SINGULAR: f64 = 1e-3;
 /// # Errors
 /// [`Error::Fit`] if the singular value decomposition fails.
 pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
-    // The points are centred and scaled, so that all columns have similar magnitudes, for counts with an offset as for
-    // m/s^2.
+    // The points are centred and scaled, so that all columns of the design are of order one in any raw unit, including
+    // counts with an offset.
     let Some((centre, size)) = extent(means).filter(|_| means.len() >= 4) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
     let unit = match ellipsoid(&points)? {
@@ -49,8 +49,8 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// The sphere through `means` with the centre closest to their midpoint (minimum-norm solution). It exists also if the
-/// poses do not determine a sphere. Returns `None` for a single pose.
+/// The sphere through `means` with the centre closest to their midpoint (minimum-norm solution). This solution exists
+/// even if the poses do not determine a unique sphere. Returns `None` for a single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
@@ -113,7 +113,7 @@ fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     Ok(square_root(&(w_inverse * scale)).map(|sensitivity| Start { sensitivity, bias }))
 }
 
-/// The sphere of points, by an equation linear in centre and radius: |a|^2 = 2 a . b + (r^2 - |b|^2).
+/// The sphere through points, from an equation that is linear in b and r^2 - |b|^2: |a|^2 = 2 a . b + (r^2 - |b|^2).
 fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     let design = Mat::from_fn(points.len(), 4, |k, j| if j < 3 { 2.0 * points[k][j] } else { 1.0 });
     let (values, _) = lsq::singular(&design)?;

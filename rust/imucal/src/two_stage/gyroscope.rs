@@ -5,9 +5,10 @@
 //! r_k = E_k (R_k^T u_k - u_(k+1)) / sigma_k
 //! ```
 //!
-//! u_k and u_(k+1) are the directions of gravity at the two rests of a move, and R_k is the rotation between them from
-//! the integrated gyroscope. The two rows of E_k span the plane perpendicular to u_(k+1), because a rotation about
-//! gravity is not observable. The nine entries of T are ordered by rows, `T_xx, T_xy, ... T_zz`.
+//! u_k and u_(k+1) are the directions of gravity at the rests before and after move k. R_k is the rotation over the
+//! move, integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). The
+//! component along u_(k+1) is omitted, because a rotation about gravity is not observable. The nine entries of T are
+//! ordered by rows, `T_xx, T_xy, ... T_zz`.
 
 mod bias;
 
@@ -39,7 +40,7 @@ pub(crate) use bias::{GyroscopeBias, bias_from_rests};
 pub(crate) struct GyroscopeFit {
     /// The fitted gyroscope.
     pub(crate) triad: Triad<f64>,
-    /// Whether the fit uses each move. The others are outliers.
+    /// For each move, whether the fit uses it. Moves that are not used are outliers.
     pub(crate) used: Vec<bool>,
     /// Preintegrated rotation and Jacobian integrals of each move at the solution.
     pub(crate) preintegrated: Vec<Preintegrated>,
@@ -67,8 +68,8 @@ struct Linearised {
 
 /// Rms direction error below which a fit is close to the global minimum, rad.
 const CLOSE_RAD: f64 = 0.05;
-/// Maximum second-order error when a preintegration is reused for a slightly different gyroscope, as a fraction of the
-/// standard deviation of a move. Otherwise the samples are integrated again.
+/// Maximum second-order error at which a preintegration is reused for a slightly different gyroscope, as a fraction of
+/// the standard deviation of a move. If the error is larger, the samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
@@ -82,8 +83,8 @@ impl<'a> PreintegratedMoves<'a> {
         Self { segments, bias, held, last: RefCell::new(None) }
     }
 
-    /// A first estimate from the start value with the smallest misfit. If this fit ends far from the data, the other
-    /// start values are tried, too.
+    /// A first estimate by a fit from the start value with the smallest misfit. If the residuals of this fit are large,
+    /// fits from the other start values are tried, too.
     ///
     /// # Errors
     /// [`Error::Fit`] if no start value leads to a finite result.
@@ -110,14 +111,14 @@ impl<'a> PreintegratedMoves<'a> {
             }
         }
         let best = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
-        // The final fit checks whether the moves determine all entries. Here the scale may still be wrong by a large
-        // factor.
+        // Observability is not checked here, because the scale may still be wrong by a large factor. The final fit
+        // checks whether the moves determine all entries.
         triad_of(&best.parameters, self.bias)
     }
 
     /// Fits the nine entries from a first estimate. Moves that contradict all others are excluded one by one (model.md
-    /// (14)), unless the accelerometer is only a start value (`is_start`): its errors then appear in the residuals, and
-    /// the joint fit excludes outliers.
+    /// (14)), unless the accelerometer is only a start value (`is_start`). In that case, errors of the accelerometer
+    /// appear in the residuals, and the joint fit excludes outliers instead.
     ///
     /// # Errors
     /// * [`Error::NotEnoughMotion`] if the moves do not determine all entries.
@@ -168,7 +169,7 @@ impl Linearised {
         if self.triad == *triad {
             return Some(self);
         }
-        // The rate changes by this matrix times the rate. The bias is unchanged.
+        // This matrix times the rate is the change of the rate. The bias does not change.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {
@@ -193,7 +194,7 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
 /// Derivative of the residual of a move in rad with respect to the nine entries of T and the three biases, 2 x 12.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
-    // A rotation delta of the end attitude changes the propagated direction by [R^T u]x delta.
+    // A rotation `delta` of the attitude at the end of the move changes the propagated direction by [R^T u]x delta.
     let by_turn = -(ends.across() * hat(&propagated_up) * preintegrated.rotation.transpose());
     std::array::from_fn(|p| match p {
         0..9 => by_turn * (preintegrated.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),

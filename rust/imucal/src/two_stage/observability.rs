@@ -4,10 +4,10 @@
 //! C = (J^T J + 1 / 10^2)^-1,     undetermined: C_jj > 1
 //! ```
 //!
-//! J is the design matrix. Its rows are divided by errors that every real unit has (half a mg at a rest, 0.2 deg in a
-//! move), and its columns are multiplied by a hundredth of the size of the parameters. Sensor noise is not a suitable
-//! reference, because with small noise three nearly equal poses would appear sufficient. The second term is a prior: no
-//! parameter deviates by more than a tenth of its size.
+//! J is the design matrix. Its rows are divided by model errors that every real unit has (half a mg at a rest, 0.2 deg
+//! in a move), and its columns are multiplied by a hundredth of the size of each parameter. The rows are not divided by
+//! sensor noise, because with small noise three nearly equal poses would appear sufficient. The term 1 / 10^2 is a
+//! prior, according to which a parameter deviates from its nominal value by a tenth of its size.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -20,7 +20,7 @@ use crate::parameters::{self, ACCELEROMETER, WORDS};
 pub(crate) const REST_ERROR_MPS2: f64 = 0.005;
 /// Model error of the gravity direction after a move of a real unit, rad (0.2 deg).
 pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
-/// A parameter is not determined if these model errors change it by more than this fraction of its size.
+/// A parameter is not determined if the model errors above change it by more than this fraction of its size.
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Prior standard deviation of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
@@ -33,8 +33,9 @@ const TRADED: f64 = 0.1;
 const FACE_LIMIT_DEG: f64 = 40.0;
 /// Recommendation for rests on the six faces alone.
 pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";
-/// The other way out for a unit whose gyroscope measures the rotations between the faces: four turns about each axis
-/// while it is horizontal pass every face, and separate the misalignment from the scale of the gyroscope.
+/// Alternative recommendation for a unit with a gyroscope, which measures the rotations between the faces. Four turns
+/// about each axis while this axis is horizontal include every face, and separate the misalignment of the gyroscope
+/// from its scale.
 pub(crate) const OR_ROLL: &str = ", or roll the unit over its faces: four turns of 90 deg about each axis while that \
                                   axis is level, with a rest after each";
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -44,8 +45,7 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub(crate) struct Open {
     /// Columns of the design whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
-    /// Groups of undetermined columns of which some linear combinations are determined, with the number of these
-    /// combinations.
+    /// Groups of undetermined columns, each with the number of its linear combinations that are determined.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
@@ -67,7 +67,7 @@ impl Open {
         Ok(Self { traded: traded(&columns, projection), columns })
     }
 
-    /// Without the columns of parameters that have a prior of a given width.
+    /// The result without the columns `held`, whose parameters have a prior of known width.
     pub(crate) fn without(self, held: &[usize]) -> Self {
         let is_left = |j: &usize| !held.contains(j);
         let columns: Vec<usize> = self.columns.into_iter().filter(is_left).collect();
@@ -150,9 +150,9 @@ fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(V
 
 /// Returns an error if the rests do not determine the accelerometer.
 ///
-/// `design` is the Jacobian of |f| in m/s^2, with respect to biases in units of the reading of gravity and to entries
-/// of the sensitivity in units of its mean scale. `up` contains the directions of gravity at the rests, `held` the
-/// columns of parameters with a prior.
+/// `design` is the Jacobian of |f| in m/s^2, with respect to biases in units of the reading at 1 g and with respect to
+/// entries of the sensitivity in units of the mean scale. `up` contains the directions of gravity at the rests, `held`
+/// the columns of parameters with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the parameters and the poses to add.
@@ -188,7 +188,7 @@ fn in_hundredths(design: &Mat<f64>, typical_error: f64) -> Mat<f64> {
     Mat::from_fn(design.nrows(), design.ncols(), |i, j| design[(i, j)] * unit)
 }
 
-/// Message for rests that are too few or too similar to determine a sphere.
+/// Message for rests whose number or variety is too small to determine a sphere.
 pub(crate) fn no_start(rests: usize) -> String {
     format!(
         "{rests} rests do not determine the accelerometer's {}: {}",
@@ -197,7 +197,7 @@ pub(crate) fn no_start(rests: usize) -> String {
     )
 }
 
-/// Recommendation if the rests of an accelerometer in counts do not even determine its scale.
+/// Recommendation for an accelerometer in counts whose rests do not determine any scale.
 pub(crate) fn too_few_poses() -> String {
     "at least 9 different poses are needed; hold the unit still with each axis up and down, and in some poses in \
      between"
@@ -244,7 +244,8 @@ pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String
     if largest < 0.3 {
         return "the unit hardly rotates: add moves of 90 deg or more about each axis".into();
     }
-    // Entry (i, j) responds to rotation about axis j. Without rotation about an axis its whole column is undetermined.
+    // Only rotation about axis j determines entry (i, j). Without rotation about an axis, the whole column of this axis
+    // is undetermined.
     let column_open = |j: usize| open.iter().filter(|&&p| p % 3 == j).count() >= 2;
     let idle: Vec<&str> =
         (0..3).filter(|&j| column_open(j) && turned_rad[j] < 0.3 * largest).map(|j| AXES[j]).collect();
@@ -278,8 +279,8 @@ mod tests {
 
     #[test]
     fn a_small_component_in_an_unobservable_direction_is_tolerated() {
-        // The second parameter deviates by at most a tenth of its size. Times 0.05 this is less than a hundredth of the
-        // first.
+        // By its prior, the second parameter deviates by a tenth of its size. Multiplied by 0.05, this deviation
+        // changes the first parameter by less than a hundredth.
         let open = |part: f64| Open::of(&design(&[&[50.0, 50.0 * part]])).unwrap().columns;
         assert_eq!(open(0.05), [1]);
         assert_eq!(open(0.2), [0, 1]);

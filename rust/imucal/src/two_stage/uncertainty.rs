@@ -1,9 +1,9 @@
 //! Covariance of the two-stage estimate (model.md (9)).
 //!
-//! Both stages use the same rests: errors of the rests affect the gyroscope through the directions of gravity, through
-//! the parameters of the accelerometer and through the gyroscope bias. To first order every parameter is a linear
-//! function of independent errors: three of each mean force, three of each mean rate, and two of each move. The
-//! covariance follows from the variances of these errors.
+//! Both stages use the same rests. Errors of the rests therefore affect the gyroscope through the directions of
+//! gravity, through the parameters of the accelerometer, and through the gyroscope bias. To first order every parameter
+//! is a linear function of independent errors: three of each mean force, three of each mean rate, and two of each move.
+//! The covariance follows from the variances of these errors.
 
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
@@ -38,7 +38,8 @@ pub(crate) fn covariance(
     }
     gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
-    // If the residuals are significantly larger than noise, the noise is increased by the same factor.
+    // If the residuals of a stage are significantly larger than noise, its standard deviations are increased by the
+    // inflation of the fit.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
         let (item, axis) = (column / 3, column % 3);
@@ -52,7 +53,7 @@ pub(crate) fn covariance(
     };
     let scaled = Mat::from_fn(21, map.ncols(), |i, column| map[(i, column)] * deviation(column));
     let mut covariance = &scaled * scaled.transpose();
-    // The errors of rounding are common to rests with equal readings.
+    // Rounding errors are common to rests with equal readings, so their covariance is not diagonal.
     let forces: Vec<&RestMean> = rests.iter().map(|rest| &rest.specific_force).collect();
     let rates: Vec<&RestMean> = rests.iter().map(|rest| &rest.angular_rate).collect();
     for (first, means, axis) in
@@ -101,8 +102,8 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
 /// Fills the derivatives of the nine gyroscope entries with respect to all errors: minus the gain of the fit times the
 /// derivative of the residuals.
 ///
-/// The effects of the accelerometer parameters and of the bias are summed over the moves first, so the cost is
-/// proportional to the number of moves and not to its square.
+/// The influence of the accelerometer parameters and of the bias is summed over the moves first, so that the computing
+/// time is proportional to the number of moves and not to its square.
 fn gyroscope_rows(
     map: &mut Mat<f64>,
     rests: &[&Rest],
@@ -124,8 +125,8 @@ fn gyroscope_rows(
         for (rest, by_direction) in [(m.from, before), (m.to, after)] {
             let (by_mean, direction_by_parameters) = &directions[rest];
             by_parameters += by_direction * direction_by_parameters;
-            // The direction at a hand-held rest comes from a part of its samples, whose noise is included in that of
-            // the move.
+            // The direction at a hand-held rest is computed from only part of its samples. Their noise is included in
+            // the noise of the move, so nothing is subtracted here.
             if rests[rest].is_steady() {
                 subtract(map, 3 * rest, &(by_direction * by_mean));
             }
@@ -151,8 +152,8 @@ fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<
     }
 }
 
-/// Derivative of the direction of gravity at a rest with respect to its mean force (3 x 3) and to the nine parameters
-/// of the accelerometer (3 x 9).
+/// Derivatives of the direction of gravity at a rest with respect to the mean force of the rest (3 x 3) and with
+/// respect to the nine parameters of the accelerometer (3 x 9).
 fn direction_gradients(rest: &Rest, fit: &AccelerometerFit) -> (Matrix3<f64>, SMatrix<f64, 3, 9>) {
     let f = fit.triad.correct(rest.specific_force.mean);
     let up = f.normalize();

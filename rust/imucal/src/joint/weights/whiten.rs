@@ -68,7 +68,7 @@ struct Apply<'a>(&'a Whitening, &'a mut [f64]);
 impl WithSimd for Apply<'_> {
     type Output = ();
 
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // Compiled for the widest SIMD registers of the processor.
     fn with_simd<S: Simd>(self, _: S) {
         let Self(Whitening { rows }, numbers) = self;
         let width = numbers.len() / rows.len().max(1);

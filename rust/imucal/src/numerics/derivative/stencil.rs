@@ -1,5 +1,5 @@
-//! Stencils for the derivative of noisy data. A stencil consists of consecutive boxes, each with the same number of
-//! samples; the slope is that of the polynomial with the same means over the boxes.
+//! Stencils for the derivative of noisy data. A stencil consists of consecutive boxes with equal numbers of samples.
+//! The slope at a sample is that of the polynomial whose means over the boxes equal those of the data.
 
 use std::iter::StepBy;
 use std::ops::Range;
@@ -9,22 +9,23 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::numerics::stats::sample_interval_s;
 
-/// Number of boxes of a stencil, which determines a polynomial of fourth degree.
+/// Number of boxes of a stencil. Five means determine a polynomial of fourth degree.
 pub(super) const BOXES: usize = 5;
-/// Maximum ratio of the mean squared difference of two derivatives to its expected value from noise, up to which they
-/// are consistent.
+/// Two derivatives are consistent if the mean square of their difference is at most this multiple of the value expected
+/// from noise.
 const AGREE: f64 = 2.0;
-/// Length of the segments in which derivatives are compared, s. They must be consistent in each segment.
+/// Length of the segments in which two derivatives are compared, s. The derivatives must be consistent in every
+/// segment.
 const STRETCH_S: f64 = 1.0;
-/// Minimum length of such a segment, in boxes.
+/// Minimum length of a segment in which derivatives are compared, in boxes.
 const STRETCH_BOXES: usize = 20;
 /// Maximum number of samples per segment at which derivatives are compared.
 const MOST_LOOKS: usize = 100;
 /// Maximum relative deviation of time steps that count as equal; it allows for rounding.
 const EVEN: f64 = 1e-9;
 
-/// Cumulative sums of the values minus the first value, with the number of missing values as fourth component.
-/// Subtracting the first value avoids rounding errors with a large bias. Four components allow SIMD addition.
+/// Cumulative sums of the values. The first value is subtracted from all values, which avoids rounding errors if the
+/// bias is large. The fourth component counts missing values and makes the vector long enough for SIMD addition.
 pub(super) struct Sums(Vec<Vector4<f64>>);
 
 impl Sums {
@@ -66,7 +67,7 @@ pub(super) struct Stencil {
     pub(super) steps: Steps,
     /// Number of samples in a box.
     pub(super) stride: usize,
-    /// Number of boxes; smaller than [`BOXES`] for few samples.
+    /// Number of boxes. It is smaller than [`BOXES`] if there are too few samples.
     boxes: usize,
     /// Weights that apply to every sample, if the steps are equal.
     even: Option<Even>,
@@ -79,12 +80,12 @@ struct Even {
     polynomial: Polynomial,
     /// Weight of the mean over each box in the slope at the middle sample.
     weights: [f64; BOXES],
-    /// Weight of the cumulative sum at each edge of a box in this slope.
+    /// Weight of the cumulative sum at each edge of a box in the slope at the middle sample.
     edges: Edges,
 }
 
 /// Weights of the mean over each box (rows) in the coefficient of each power (columns) of the polynomial. Time is
-/// measured from the middle, in widths of a box.
+/// measured from the middle of the stencil, in box widths.
 type Polynomial = SMatrix<f64, BOXES, BOXES>;
 /// Weights of the cumulative sums at the edges of consecutive boxes in a slope.
 type Edges = [f64; BOXES + 1];
@@ -121,7 +122,8 @@ impl Stencil {
         self.stride / 2 + self.boxes / 2 * self.stride
     }
 
-    /// Index of the first sample of the stencil for sample `k`. Near the ends the stencil is shifted to fit.
+    /// Index of the first sample of the stencil for sample `k`. Near the ends of the data, the stencil is shifted so
+    /// that it lies within the data.
     fn first(&self, samples: usize, k: usize) -> usize {
         k.saturating_sub(self.before()).min(samples - self.boxes * self.stride)
     }
@@ -155,14 +157,14 @@ impl Stencil {
         }
         let mut slopes = Vec::with_capacity(n);
         slopes.extend(one_by_one(0..inside.start));
-        // In the inner range the same centred stencil applies to all samples.
+        // In the inner range, one centred stencil applies to all samples.
         let boxes = self.at(time_s, inside.start);
         Arch::new().dispatch(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
         slopes.extend(one_by_one(inside.end..n));
         slopes
     }
 
-    /// The centred stencil, if the steps are equal.
+    /// The centred stencil; `None` if the time steps are not equal.
     fn run(&self) -> Option<Run> {
         self.even.as_ref().map(|even| Run { before: self.before(), stride: self.stride, edges: even.edges })
     }
@@ -172,8 +174,8 @@ impl Stencil {
         self.stride as f64 * self.steps.interval_s
     }
 
-    /// Means over each box of the powers of time since sample `k`, in widths of a box. The boxes begin with sample
-    /// `first`. With fewer than five boxes the polynomial has a lower degree.
+    /// Means over each box of the powers of the time since sample `k`, in box widths. The boxes begin at sample
+    /// `first`. With fewer than five boxes, the polynomial has a lower degree.
     fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
         let mut powers = Polynomial::identity();
         for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
@@ -190,7 +192,7 @@ impl Stencil {
         powers
     }
 
-    /// Weight of the mean over each box in the slope of the polynomial at time `at`, in widths of a box.
+    /// Weight of the mean over each box in the slope of the polynomial at time `at`, which is in box widths.
     fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
         std::array::from_fn(|j| {
             let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);
@@ -205,11 +207,11 @@ impl Stencil {
         let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
         let inside = self.inside(n);
         let count = inside.len().div_ceil(length).max(1);
-        // Slopes at neighbouring samples are highly correlated, so samples half a box apart are sufficient.
+        // Slopes at neighbouring samples are highly correlated, so comparing them every half box width is sufficient.
         let apart = (self.stride / 2).max(length / MOST_LOOKS).max(1);
         let both = |k: usize| (self.at(time_s, k), narrower.at(time_s, k));
         let noise_of = |(wide, narrow): (Boxes, Boxes)| wide.noise_of_difference(&narrow);
-        // With equal steps the noise of the difference is the same at all samples.
+        // With equal time steps, the noise of the difference has equal variance at all samples.
         let runs = self.run().zip(narrower.run());
         let of_even = runs.map(|(wide, narrow)| ([wide, narrow], noise_of(both(self.before()))));
         (0..count).all(|part| {
@@ -255,7 +257,7 @@ struct Squares<'a> {
 impl WithSimd for Squares<'_> {
     type Output = ([f64; 3], usize);
 
-    #[inline(always)] // to use the widest SIMD registers
+    #[inline(always)] // compiled for the widest SIMD registers of the processor
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let Self { sums: Sums(sums), runs: [wide, narrow], places } = self;
         let (mut squares, mut looks) = ([0.0; 4], 0);
@@ -285,7 +287,7 @@ struct Slopes<'a> {
 impl WithSimd for Slopes<'_> {
     type Output = ();
 
-    #[inline(always)] // to use the widest SIMD registers
+    #[inline(always)] // compiled for the widest SIMD registers of the processor
     fn with_simd<S: Simd>(self, _: S) {
         let Self { sums, mut boxes, places, slopes } = self;
         for _ in 0..places {
@@ -295,8 +297,8 @@ impl WithSimd for Slopes<'_> {
     }
 }
 
-/// Adds `times` the slope of a stencil to `to`.
-#[inline(always)] // to use the widest SIMD registers of the caller
+/// Adds the slope of a stencil, multiplied by `times`, to `to`.
+#[inline(always)] // compiled for the SIMD registers of the caller
 fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     for (edge, share) in run.edges.iter().enumerate() {
         let (sum, share) = (&sums[edge * run.stride], times * share);
@@ -316,21 +318,20 @@ pub(super) struct Boxes {
 
 impl Boxes {
     /// The slope, per second; NaN if a value is missing.
-    #[inline(always)] // to use the widest SIMD registers of the caller
+    #[inline(always)] // compiled for the SIMD registers of the caller
     pub(super) fn slope(&self, sums: &Sums) -> Vector3<f64> {
         let edge = |j: usize| &sums.0[self.first + j * self.stride];
         if edge(0).w != edge(self.count).w {
             return Vector3::repeat(f64::NAN);
         }
         let sum = |j: usize| edge(j + 1) - edge(j);
-        // Relative to the middle box, so that a common offset causes no rounding errors.
+        // Means are taken relative to the middle box, so that a common offset causes no rounding errors.
         let middle = sum(self.count / 2);
         let slope: Vector4<f64> = (0..self.count).map(|j| (sum(j) - middle) * self.weights[j]).sum();
         slope.xyz() / self.stride as f64
     }
 
-    /// Variance of the difference between the slopes of this and a narrower stencil, for values with noise of variance
-    /// one.
+    /// Variance of the difference between the slopes of this stencil and of a narrower one, for noise of unit variance.
     fn noise_of_difference(&self, narrower: &Self) -> f64 {
         let of = |boxes: &Self, k: usize| {
             let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);

@@ -33,7 +33,7 @@ fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
 
 #[test]
 fn noise_goes_as_far_as_the_motion_allows() {
-    // Slow motion allows stronger smoothing than fast motion. The remaining error of the motion is below 0.2 %.
+    // Slow motion permits stronger smoothing than fast motion. The truncation error is below 0.2 %.
     for (frequency_hz, times_less) in [(0.3, 80.0), (1.0, 25.0), (5.0, 4.0)] {
         let (time_s, rates, truth) = sine(frequency_hz, 1);
         let neighbours = errors(&Derivative::narrow(&time_s).of(&rates), &truth);
@@ -62,7 +62,8 @@ fn how_smooth_a_motion_is_is_asked_once() {
 
 #[test]
 fn that_of_neighbours_is_wrong_by_the_fourth_power_of_the_step() {
-    // The error is the fifth derivative times h^4 / 30 in the middle, h^4 / 20 and h^4 / 5 at the ends.
+    // The error is the fifth derivative times h^4 / 30 in the middle, and times h^4 / 20 or h^4 / 5 near and at the
+    // ends.
     let (h, frequency) = (2e-3, 20.0);
     let time_s: Vec<f64> = (0..1000).map(|i| f64::from(i) * h).collect();
     let rates: Vec<Vector3<f64>> = time_s.iter().map(|t| Vector3::repeat((frequency * t + 0.4).sin())).collect();

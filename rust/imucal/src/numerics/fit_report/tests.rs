@@ -62,7 +62,7 @@ fn a_fit_in_a_flat_valley_has_not_converged() {
     assert!(report.reason("the fit").unwrap().contains("further decrease of chi2 by"));
 }
 
-/// At the kink no step decreases chi2, although the gradient is not zero on either side.
+/// At the kink no step decreases chi2, although the gradient is nonzero on both sides.
 #[test]
 fn a_fit_at_a_kink_stalls() {
     let report = fitted(&Valley { steep: 10.0, kink: 20.0 }, None);

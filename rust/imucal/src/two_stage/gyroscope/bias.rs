@@ -1,4 +1,4 @@
-//! The gyroscope bias as the random-effects mean over all rests (model.md (7)).
+//! Estimate of the gyroscope bias as the random-effects mean over all rests (model.md (7)).
 
 use nalgebra::Vector3;
 
@@ -6,7 +6,7 @@ use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
 /// Maximum deviation of the mean rate of a rest from the median, in robust standard deviations. An interval with a
-/// larger deviation is a slow rotation and not a rest.
+/// larger deviation contains a slow rotation and is not a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
@@ -21,7 +21,7 @@ pub(crate) struct GyroscopeBias {
 }
 
 impl GyroscopeBias {
-    /// The bias of a gyroscope that is not there. It excludes no rest.
+    /// Result for a recording without a gyroscope. The bias is NaN, and no rest is excluded.
     pub(crate) fn absent(rests: usize) -> Self {
         let none = Vector3::repeat(f64::NAN);
         Self { bias: none, weights: vec![Vector3::repeat(1.0 / rests as f64); rests], between: none }
@@ -29,8 +29,9 @@ impl GyroscopeBias {
 }
 
 /// Estimates the bias with weights from the noise of each rest and the scatter between rests. At least one rest is
-/// required. `wander` is the variance of the mean rates over the epochs of each rest, raw units squared, or zero: the
-/// bias may differ from that at the other rests by as much as it changes within the rest.
+/// required. `wander` is the variance of the mean rates over the epochs of each rest, raw units squared; zero for a
+/// rest without epochs. It is added to the variance from noise, because the bias at a rest may differ from that at
+/// other rests by as much as it changes within the rest.
 pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
