@@ -9,10 +9,10 @@
 //! * [`optimal()`]: the program with the most information in a given time, or the shortest program that reaches given
 //!   standard deviations.
 //!
-//! The information is that of the joint fit. It contains the mean force and the mean rate at each rest, and the
-//! propagation of gravity from rest to rest; the direction of gravity at each rest is unknown. It is accumulated along
-//! the run by an information filter, so the cost is proportional to the length of the run and no large matrix is
-//! needed.
+//! The information matrix is that of the joint fit. It contains the mean force and the mean rate at each rest, and the
+//! propagation of gravity from rest to rest, with the direction of gravity at each rest as an unknown. An information
+//! filter accumulates it along the run. The computing time is therefore proportional to the length of the run, and no
+//! large matrix is needed.
 //!
 //! ```
 //! use imucal::plan::{Goal, Limits, Search, Sensors, optimal};
@@ -41,5 +41,6 @@ pub use predict::{Prediction, predict};
 pub use search::{Found, Search, optimal};
 pub use sensors::Sensors;
 
-/// Number of angles that describe the direction of gravity. In every row of derivatives they precede the parameters.
+/// Number of angles that describe the direction of gravity. They are the first entries of every row of derivatives; the
+/// parameters follow.
 pub(crate) const DIRECTION: usize = 2;

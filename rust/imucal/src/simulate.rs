@@ -1,19 +1,19 @@
 //! Simulation of calibration runs: the samples that a unit with all its errors measures during a motion, and the true
 //! values.
 //!
-//! * [`program`]: the commands to the motors of a stand; the two programs of the paper (`docs/model.md`), or any list
-//!   of steps.
+//! * [`program`]: the commands to the motors of a stand, either one of the two programs of the paper (`docs/model.md`)
+//!   or any list of steps.
 //! * [`profile`]: the motion of the motors in closed form, with limited jerk.
 //! * [`gimbal`]: the attitude as a function of the three motor angles.
-//! * [`stand`]: errors of the stand. [`tremor`] and [`slip`]: motions of the unit on the stand. [`tumble`]: a hand-held
-//!   run. [`motion`]: any of these as a function of time.
+//! * [`stand`]: errors of the stand. [`tremor`] and [`slip`]: motions of the unit relative to the stand. [`tumble`]: a
+//!   hand-held run. [`motion`]: the resulting motion as a function of time.
 //! * [`earth`]: gravity and the rate of the Earth at a location.
-//! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of the paper. Its
-//!   effects are those of the catalogue ([`imucal_core::effects`]), evaluated at the true state.
+//! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of the paper. The
+//!   effects of a unit are those of the catalogue ([`imucal_core::effects`]), evaluated at the true state.
 //! * [`temperature`]: the temperature of the unit over the run. [`faults`]: clock errors and lost or repeated samples.
 //!
 //! Motion and true values are exact functions of time. Nothing is integrated, so the true values do not depend on the
-//! sampling rate. The same setup gives the same bytes, on any number of threads.
+//! sampling rate. A setup always yields the same bytes, on any number of threads.
 //!
 //! ```
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
@@ -71,7 +71,8 @@ use sensor::Sampler;
 use stream::Triad;
 use truth::Truth;
 
-/// Maximum number of samples in a run. At 192 bytes per sample, more would not fit into the memory of an ordinary PC.
+/// Maximum number of samples in a run. At 192 bytes per sample, a longer run would not fit into the memory of an
+/// ordinary PC.
 const MAX_SAMPLES: f64 = 1e8;
 
 /// All inputs of a simulated run.
@@ -93,12 +94,12 @@ pub struct Setup<'a> {
     pub added: Option<Added<'a>>,
     /// Seed of all random numbers except those of the motion.
     pub seed: u64,
-    /// Number of threads; `None` uses all processors. The result does not depend on it.
+    /// Number of threads; `None` uses all processors. The result does not depend on the number of threads.
     pub threads: Option<NonZeroUsize>,
 }
 
-/// Errors that are added to the true force and rate at the input of the sensors: one row per sample of a run without
-/// losses.
+/// Errors that are added to the true force and rate at the input of the sensors. There is one row per sample of the run
+/// before samples are lost.
 #[derive(Clone, Copy, Debug)]
 pub struct Added<'a> {
     /// Specific force, m/s^2.
@@ -108,7 +109,7 @@ pub struct Added<'a> {
 }
 
 /// A simulated run: the columns of a recording, and the true values. All columns have one row per sample. True values
-/// are those at the true instant of the sample. This instant equals the time stamp unless the clock has a fault.
+/// apply to the true instant of the sample, which equals the time stamp unless the clock has a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
     /// Time stamps, s: sample number / rate, from 0 to the end of the motion (excluded).
@@ -201,10 +202,10 @@ impl Simulation {
     }
 }
 
-/// Simulates a run. The same setup gives the same bytes.
+/// Simulates a run. A setup always yields the same bytes.
 ///
 /// # Errors
-/// [`Error::Input`] if a value of the setup cannot be used, or if the run has no or too many samples.
+/// [`Error::Input`] if a value of the setup is invalid, or if the run has no samples or too many.
 pub fn run(setup: &Setup) -> Result<Simulation, Error> {
     let Setup { motion, unit, rate_hz, gravity_mps2, temperature, seed, .. } = *setup;
     motion.check()?;

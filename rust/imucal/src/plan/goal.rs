@@ -4,13 +4,13 @@ use faer::Mat;
 
 use super::predict::{covariance, log_determinant};
 
-/// Order p of the p-norm that approximates the maximum. It is smooth, unlike the maximum.
+/// Order p of the p-norm that approximates the maximum. The p-norm is used because, unlike the maximum, it is smooth.
 const NORM_ORDER: f64 = 8.0;
 
 /// Goal of an optimal program.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Goal {
-    /// The most information on all parameters together (D-optimality) in a given time.
+    /// The most information on all parameters (D-optimality) in a given time.
     MostIn {
         /// Maximum duration of the program, s.
         duration_s: f64,
@@ -30,18 +30,20 @@ impl Goal {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),
             Self::ShortestTo { .. } => {
-                // A smooth approximation of the largest ratio, so that reducing any other ratio also reduces the cost.
+                // The p-norm approximates the largest ratio of a variance to its target. It also decreases if any other
+                // ratio decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
-                // A variance is inversely proportional to the time. Missing the target therefore costs more than the
-                // time to reach it; a variance below the target gains less than the time it costs.
+                // A variance is inversely proportional to the duration of the program. With weight 2, missing a target
+                // costs more than the time needed to reach it. With weight 1/2, a variance below the target reduces the
+                // cost by less than the additional time increases it.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
             }
         }
     }
 
-    /// Largest ratio of a variance to its target; above 1 the goal is missed.
+    /// Largest ratio of a variance to its target. A ratio above 1 means that the goal is not reached.
     pub(super) fn worst(&self, information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
         Some(self.shares(information, prior)?.into_iter().fold(0.0, f64::max))
     }

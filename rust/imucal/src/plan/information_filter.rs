@@ -1,13 +1,13 @@
-//! Information filter along a run. Its state is the direction of gravity (two angles) at the current time, and all
-//! parameters.
+//! Information filter along a run. The state consists of the direction of gravity (two angles) at the current time and
+//! of all parameters.
 //!
 //! ```text
 //! measurement   y = A d + B theta + noise
 //! propagation   d' = d - C theta + noise of covariance Q;   d is then eliminated
 //! ```
 //!
-//! The direction at a rest is connected only with the previous and the next direction. Directions are therefore
-//! eliminated one after the other, and the cost is proportional to the number of rests.
+//! The direction at a rest is correlated only through the previous and the next direction. Directions are therefore
+//! eliminated one after the other, and the computing time is proportional to the number of rests.
 
 use faer::Mat;
 use nalgebra::Matrix2;
@@ -38,8 +38,9 @@ impl InformationFilter {
         Self { width, matrix: vec![0.0; width * width] }
     }
 
-    /// Adds a measurement with the given weight. The row is divided by its standard deviation; its first two entries
-    /// belong to the direction of gravity, the others to the parameters.
+    /// Adds a measurement with the given weight. `row` contains the derivatives divided by the standard deviation of
+    /// the measurement, first with respect to the two angles of the direction of gravity, then with respect to the
+    /// parameters.
     pub(super) fn add_row(&mut self, row: &[f64], weight: f64) {
         for (i, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
             let factor = weight * value;
@@ -50,13 +51,13 @@ impl InformationFilter {
         }
     }
 
-    /// Propagates the direction and eliminates the previous one.
+    /// Propagates the direction of gravity over an interval and eliminates the direction at the start of the interval.
     pub(super) fn propagate(&mut self, step: &Propagation) {
         let width = self.width;
         let weight = inverse(&step.covariance);
         let here = Matrix2::new(self.matrix[0], self.matrix[1], self.matrix[1], self.matrix[width + 1]);
         let left = inverse(&(here + weight));
-        // Entries between the eliminated direction and the parameters.
+        // Off-diagonal entries between the eliminated direction and the parameters.
         let mut shared = [vec![0.0; width - DIRECTION], vec![0.0; width - DIRECTION]];
         let mut propagated = shared.clone();
         for p in 0..width - DIRECTION {
@@ -100,7 +101,8 @@ impl InformationFilter {
     }
 }
 
-/// Inverse of a symmetric 2x2 matrix. A singular matrix has no information yet; its inverse is set to zero.
+/// Inverse of a symmetric 2x2 matrix. The inverse of a singular matrix, which contains no information yet, is set to
+/// zero.
 fn inverse(matrix: &Matrix2<f64>) -> Matrix2<f64> {
     let determinant = matrix.determinant();
     if determinant == 0.0 {
@@ -115,8 +117,8 @@ mod tests {
 
     use super::*;
 
-    /// Three directions and two parameters: compares with the full matrix, from which all directions are eliminated at
-    /// once.
+    /// Compares the filter, for three directions and two parameters, with the full matrix, from which all directions
+    /// are eliminated at once.
     #[test]
     fn what_is_eliminated_step_by_step_is_what_is_eliminated_at_once() {
         let value = |i: usize| ((i * 37 + 11) as f64).sin();

@@ -7,9 +7,9 @@ use nalgebra::Vector3;
 use crate::error::Error;
 use crate::simulate::profile::PEAK_ACCELERATION;
 
-/// Minimum number of poses in a program: ten rests for the nine parameters of the accelerometer.
+/// Minimum number of poses in a program. The nine parameters of the accelerometer need ten rests.
 pub(super) const FEWEST_POSES: usize = 10;
-/// Shortest move that can be distinguished from the rests around it, s.
+/// Shortest duration of a move that rest detection can distinguish from the adjacent rests, s.
 const SHORTEST_MOVE_S: f64 = 0.3;
 /// Resolution of the times in a program, s.
 pub(super) const TICK_S: f64 = 0.01;
@@ -17,12 +17,12 @@ pub(super) const TICK_S: f64 = 0.01;
 /// Limits of one motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// Maximum mean rate during a turn, rad/s. The peak rate is 4/3 of it.
+    /// Maximum mean rate during a turn, rad/s. The peak rate is 4/3 of the mean rate.
     pub max_rate_radps: f64,
     /// Maximum acceleration, rad/s^2.
     pub max_acceleration_radps2: f64,
-    /// Minimum and maximum angle relative to the start, rad, over several revolutions: the range between end stops or
-    /// the range of the cable. `None` for no limit.
+    /// Minimum and maximum angle relative to the start, rad, not reduced to one revolution. They are given by end stops
+    /// or by the length of the cable. `None` if there is no limit.
     pub range_rad: Option<[f64; 2]>,
 }
 
@@ -41,7 +41,7 @@ pub struct Limits {
     pub axes: [Option<Axis>; 3],
     /// Time after a turn during which the stand vibrates and samples are not used, s.
     pub settle_s: f64,
-    /// Minimum duration of a rest that rest detection finds, s.
+    /// Minimum duration of a rest for rest detection, s.
     pub min_rest_s: f64,
     /// Minimum duration of a turn, s.
     pub min_move_s: f64,
@@ -49,7 +49,7 @@ pub struct Limits {
     pub forbidden: Vec<Zone>,
     /// Resolution of the poses, rad.
     pub pose_step_rad: f64,
-    /// Maximum number of turns. It limits the effort of a person who moves the unit by hand.
+    /// Maximum number of turns, which limits the effort of a person who moves the unit by hand.
     pub most_moves: usize,
     /// Whether a person holds the unit, which then trembles at rest.
     pub in_hand: bool,
@@ -57,7 +57,7 @@ pub struct Limits {
 
 impl Limits {
     /// Limits of the paper's stand: three motors without end stops at 120 deg/s. The paper does not state the
-    /// acceleration; it is set to the one that its random program needs, for 240 deg in 2 s.
+    /// acceleration. It is set to the value that the random program of the paper needs for a turn of 240 deg in 2 s.
     pub fn paper() -> Self {
         let axis = Axis {
             max_rate_radps: 120_f64.to_radians(),
@@ -172,8 +172,8 @@ pub(super) fn whole_ticks(time_s: f64) -> f64 {
 impl Zone {
     /// Whether the straight path between two sets of motor angles touches the zone.
     fn is_crossed(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-        // Intervals of the path, as shares, in which each motor is inside the zone. A motor that makes several
-        // revolutions is inside several times.
+        // Intervals of the path, as shares of its length, in which all motors so far are inside the zone. A motor that
+        // makes several revolutions is inside several times.
         let mut inside = vec![[0.0, 1.0]];
         for motor in 0..3 {
             let Some([low, high]) = self.angle_rad[motor] else { continue };

@@ -20,14 +20,15 @@ pub struct Prediction {
     pub rests: usize,
 }
 
-/// Standard deviations that the joint fit will have after these motions of one unit, each in a separate recording.
+/// Predicts the standard deviations of the joint fit after these motions of one unit, each in a separate recording.
 ///
-/// * `min_rest_s`: minimum duration of a rest that is found, s.
-/// * `settle_s`: time after each move that is not used, s.
-/// * `in_hand`: a person holds the unit, so that it trembles and the mean rate of a rest is not zero.
+/// * `min_rest_s`: minimum duration of a rest for rest detection, s.
+/// * `settle_s`: time after each move in which samples are not used, s.
+/// * `in_hand`: whether a person holds the unit, so that the unit trembles and its mean rate at a rest is not zero.
 ///
 /// # Errors
-/// [`Error::NotEnoughMotion`] if a motion has no rest that is found; [`Error::Fit`] if the information is singular.
+/// [`Error::NotEnoughMotion`] if a motion has no rest of `min_rest_s` or more; [`Error::Fit`] if the information is
+/// singular.
 pub fn predict(
     sensors: &Sensors,
     motions: &[Motion],
@@ -73,7 +74,8 @@ struct RestSpan {
     used_s: f64,
 }
 
-/// The rests that are long enough for rest detection. Edges are removed only at ends that have a move.
+/// The rests that are long enough for rest detection. Edges are removed only at ends of a rest that are adjacent to a
+/// move.
 fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     let duration_s = motion.duration_s();
     let span = |(start_s, end_s): (f64, f64)| {

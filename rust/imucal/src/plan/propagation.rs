@@ -1,4 +1,5 @@
-//! A run as a sequence of rests and moves: the information from each rest and the propagation through each move.
+//! Representation of a run as a sequence of rests and moves, with the information from each rest and the propagation
+//! through each move.
 
 use nalgebra::Matrix2;
 
@@ -6,26 +7,27 @@ use super::information_filter::{InformationFilter, Propagation};
 use super::sensors::Sensors;
 use crate::simulate::Moment;
 
-/// Time that rest detection removes from each end of a rest, s. The neighbouring move becomes longer by this time.
+/// Time that rest detection removes from each end of a rest, s. The adjacent move becomes longer by this time.
 pub(super) const EDGE_S: f64 = 0.01;
-/// Length of a block of forces inside a move, s: the block length of the joint fit.
+/// Length of a block over which forces inside a move are averaged, s. It equals the block length of the joint fit.
 const BLOCK_S: f64 = 0.04;
-/// Length of the intervals into which a hand-held rest is divided, s. The direction of gravity changes between
-/// intervals.
+/// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the direction of gravity is
+/// treated as constant.
 const HELD_S: f64 = 0.2;
-/// Number of integration steps in a move. The midpoint rule then has an error of 1e-3 of the information.
+/// Number of integration steps in a move. With this number, the midpoint rule has a relative error of 1e-3 in the
+/// information.
 const STEPS: usize = 32;
 
-/// A rest: rows of the mean force and the mean rate over one second, divided by their standard deviations.
+/// Information from a rest: the rows of the mean force and of the mean rate over one second, divided by their standard
+/// deviations.
 #[derive(Clone)]
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
     rate: [Vec<f64>; 3],
-    /// Variances of the errors of rounding in the mean force and rate, divided by the variances of the means over one
-    /// second.
+    /// Variances of the rounding errors of the mean force and of the mean rate, divided by the variances of the means
+    /// over one second.
     rounding: [f64; 2],
-    /// For a hand-held rest: the propagation of the direction of gravity over half an interval of the rest; `None` on a
-    /// stand.
+    /// Propagation of the direction of gravity over half an interval of a hand-held rest; `None` on a stand.
     half_interval: Option<Propagation>,
 }
 
@@ -38,13 +40,14 @@ pub(super) struct MoveInformation {
 #[derive(Clone)]
 struct Section {
     propagation: Propagation,
-    /// Rows of the forces inside the move, which are added after the propagation, divided by their standard deviations;
+    /// Rows of the forces inside the move, divided by their standard deviations. They are added after the propagation.
     /// `None` if forces inside moves are not used.
     force: Option<[Vec<f64>; 3]>,
 }
 
 impl RestInformation {
-    /// Rest at a time, s. `in_hand`: the unit trembles, so that the mean rate contains no information about the bias.
+    /// Information from a rest at `time_s`. If `in_hand` is set, the unit trembles, so its mean rate contains no
+    /// information about the bias.
     pub(super) fn new(sensors: &Sensors, moment: &Moment, time_s: f64, in_hand: bool) -> Self {
         let scaled = |rows: [Vec<f64>; 3], variance: f64| {
             rows.map(|row| row.into_iter().map(|value| value / variance.sqrt()).collect::<Vec<f64>>())
@@ -58,8 +61,8 @@ impl RestInformation {
         }
     }
 
-    /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The gyroscope reads the
-    /// same at all of them, so they share one error of rounding.
+    /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The gyroscope has the
+    /// same reading at all rests, so they share one rounding error.
     pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
             let [force, rate] = self.rounding;
@@ -77,8 +80,8 @@ impl RestInformation {
 }
 
 impl MoveInformation {
-    /// Move that starts at `start_s` and takes `duration_s`. `at` is the motion as a function of time, at rest before
-    /// and after the move. The first `settle_s` of the next rest are not used.
+    /// Move that starts at `start_s` and takes `duration_s`. `at` returns the motion as a function of time; the unit is
+    /// at rest before and after the move. The first `settle_s` of the next rest are not used.
     pub(super) fn new(
         sensors: &Sensors,
         start_s: f64,
@@ -106,8 +109,8 @@ impl MoveInformation {
                 parts.push((at(end_s), end_s, EDGE_S + settle_s));
             }
             let propagation = propagation_over(sensors, parts, sensors.moving_variance);
-            // The force is evaluated at the middle of its block; the difference from the mean is negligible for the
-            // information.
+            // The force is evaluated at the middle of its block. The difference from the mean over the block has a
+            // negligible influence on the information.
             let force = inside.then(|| {
                 let middle_s = first_s + block_s / 2.0;
                 let sigma = (sensors.force_variance / block_s).sqrt();
@@ -129,7 +132,8 @@ impl MoveInformation {
     }
 }
 
-/// Propagation by the gyroscope over intervals, each given by the motion at its middle, its time and its duration, s.
+/// Propagation by the gyroscope over several intervals. Each interval is given by the motion at its middle, the time of
+/// its middle, s, and its duration, s.
 fn propagation_over(
     sensors: &Sensors,
     parts: impl IntoIterator<Item = (Moment, f64, f64)>,

@@ -1,7 +1,7 @@
 //! Search for the best program by simulated annealing. Each proposal changes one pose, hold or turn.
 //!
-//! Better programs are accepted. Slightly worse programs are accepted with a probability that decreases during the
-//! search. This allows the search to reach programs that differ in several poses.
+//! A better program is always accepted. A slightly worse program is accepted with a probability that decreases during
+//! the search. Accepting worse programs allows the search to reach better programs that differ in several poses.
 
 use std::f64::consts::{PI, TAU};
 
@@ -21,23 +21,23 @@ use crate::simulate::Program;
 
 /// Initial numbers of poses, one for each start of the search. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// Divisor of the number of proposals: each start of the search gets this fraction of all proposals, and the start with
-/// the best result gets the remaining proposals.
+/// Divisor of the number of proposals. Each start of the search gets the number of proposals divided by this value, and
+/// the start with the best result gets all remaining proposals.
 const SHARE_OF_START: usize = 16;
-/// Annealing temperature at the start of the search. The cost of a program is a logarithm; an increase of the cost by
-/// about this temperature is accepted about half of the time.
+/// Annealing temperature at the start of the search. The cost of a program is a logarithm. An increase of the cost by
+/// this temperature is accepted with a probability of about one third.
 const WARM: f64 = 0.006;
 /// Annealing temperature at the end of the search, at which practically no program with a higher cost is accepted.
 const COLD: f64 = 0.00006;
 /// Maximum number of random poses that are tried to find one that the stand can reach.
 const ATTEMPTS: usize = 200;
-/// Number of bisection steps to find the shortest holds with which the goal is reached.
+/// Number of bisection steps to find the shortest holds that reach the goal.
 const HALVINGS: usize = 30;
 
 /// Goal and length of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Search {
-    /// What the program is optimised for.
+    /// Goal for which the program is optimised.
     pub goal: Goal,
     /// Seed of the random numbers. The same seed gives the same program.
     pub seed: u64,
@@ -57,8 +57,8 @@ pub struct Found {
 /// Finds the best program for these sensors on this stand.
 ///
 /// # Errors
-/// [`Error::Input`] for limits or a goal that cannot be used; [`Error::NotEnoughMotion`] if the stand can run no
-/// program in the given time.
+/// [`Error::Input`] for invalid limits or an invalid goal; [`Error::NotEnoughMotion`] if no program was found that the
+/// stand can run in the given time.
 pub fn optimal(sensors: &Sensors, limits: &Limits, search: &Search) -> Result<Found, Error> {
     limits.check()?;
     check(&search.goal, sensors)?;
@@ -115,7 +115,7 @@ struct Annealing<'a> {
 }
 
 impl Annealing<'_> {
-    /// A program with random poses; it has fewer poses than requested if the time is too short.
+    /// A program with random poses. It has fewer poses than requested if the time is too short.
     fn start(&mut self, poses: usize) -> Option<Trial> {
         let mut count = poses.max(FEWEST_POSES);
         loop {
@@ -184,7 +184,8 @@ impl Annealing<'_> {
                 self.scene.with_pose(trial, k, pose)
             }
             47..55 => {
-                // Turn in the opposite direction: all following poses are moved by a full revolution of one motor.
+                // The turn before pose k is changed to the opposite direction: one motor angle of this pose and of all
+                // following poses is changed by a full revolution.
                 let (motor, turn) =
                     (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
                 let mut poses = trial.poses.clone();
@@ -225,7 +226,7 @@ impl Annealing<'_> {
         }
     }
 
-    /// Scales the holds until the goal is just reached. Returns the program and whether the goal is reached.
+    /// Scales the holds to the shortest ones that reach the goal. Returns the program and whether the goal is reached.
     fn just_enough(&self, trial: Trial) -> (Trial, bool) {
         let scene = self.scene;
         let shortest = scene.shortest_hold_s();
@@ -235,8 +236,8 @@ impl Annealing<'_> {
             let worst = scene.goal.worst(&scaled.information(scene), &scene.prior)?;
             Some((scaled, worst))
         };
-        // Holds are extended by a factor of ten at most. If the goal needs more, additional poses are the better way to
-        // reach it.
+        // Holds are extended by at most a factor of ten. If the goal needs longer holds, additional poses are more
+        // efficient.
         let (mut low, mut high) = (0.1_f64, 10.0_f64);
         match with(high) {
             Some((_, worst)) if worst <= 1.0 => {}
@@ -255,7 +256,7 @@ impl Annealing<'_> {
     }
 
     fn normal(&mut self) -> f64 {
-        // Makes large random numbers rare, so that a change of the program remains small.
+        // The random number is limited, so that changes of the program remain small.
         self.random.sample::<f64, _>(StandardNormal).clamp(-PI, PI)
     }
 }

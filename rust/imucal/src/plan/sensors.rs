@@ -15,9 +15,10 @@ use crate::rounding::Rounding;
 use crate::simulate::{Converter, Moment, Sensor, Unit};
 use crate::two_stage::observability::FARTHEST;
 
-/// Maximum share of the gyroscope's range that a plan uses, with a margin for noise and for overshoot of the motors.
+/// Maximum share of the gyroscope's range that a plan uses. The rest is a margin for noise and for overshoot of the
+/// motors.
 const NEAR_RAILS: f64 = 0.95;
-/// Assumed time constant of an effect with a time constant, as a share of the run.
+/// Assumed value of an effect's time constant, as a share of the duration of the run.
 const SHAPE_SHARE: f64 = 0.3;
 
 /// Model of a unit for planning: sensitivities, white noise, and the effects to be estimated.
@@ -33,9 +34,9 @@ pub struct Sensors {
     pub(super) rate_variance: f64,
     /// Variance of the mean of the gyroscope over one second during a move, (rad/s)^2.
     pub(super) moving_variance: f64,
-    /// Variance of the error that rounding leaves in the mean force of a rest, (m/s^2)^2.
+    /// Variance of the rounding error of the mean force of a rest, (m/s^2)^2.
     pub(super) force_rounding: f64,
-    /// Variance of the error that rounding leaves in the mean rate of all rests, (rad/s)^2.
+    /// Variance of the rounding error of the mean rate, (rad/s)^2. All rests share this error.
     pub(super) rate_rounding: f64,
     gyroscope_range: f64,
     gravity_mps2: f64,
@@ -45,9 +46,9 @@ pub struct Sensors {
     pub(super) run_s: f64,
 }
 
-/// Variance of the error that rounding leaves in the mean of a rest, SI unit squared (model.md (37)).
+/// Variance of the rounding error of the mean of a rest, SI unit squared (model.md (37)).
 fn rounding_error(sensor: &Sensor, rate_hz: f64) -> f64 {
-    // A filter of second order passes noise up to 1.11 times its bandwidth, on both sides of zero.
+    // The noise bandwidth of a second-order filter is 1.11 times its bandwidth, on both sides of zero frequency.
     let passed_hz = sensor.low_pass.map_or(rate_hz, |low_pass| rate_hz.min(2.0 * 1.11 * low_pass.bandwidth_hz));
     let noise = sensor.noise_density * passed_hz.sqrt();
     let rounding = sensor.converter.and_then(|converter| Rounding::of_noise(converter.lsb, noise));
@@ -81,11 +82,11 @@ impl Sensors {
         }
     }
 
-    /// Adds effects that are estimated as well; `run_s` is the approximate duration of the run, s.
+    /// Adds effects to the estimated parameters. `run_s` is the approximate duration of the run, s.
     ///
     /// # Errors
-    /// [`Error::Input`] for an effect on the encoders, and for an effect of temperature, which no motion makes
-    /// observable.
+    /// [`Error::Input`] for unknown effects, for effects on the encoders, and for effects of temperature, which no
+    /// motion makes observable.
     pub fn with_effects(mut self, names: &[String], run_s: f64) -> Result<Self, Error> {
         for name in names {
             let Some(effect) = Effect::<f64>::find(name) else {
@@ -108,7 +109,7 @@ impl Sensors {
         Ok(self)
     }
 
-    /// Holds parameters by priors, as the joint fit does.
+    /// Adds priors of parameters, as in the joint fit.
     ///
     /// # Errors
     /// [`Error::Input`] for unknown names and invalid priors.
@@ -131,8 +132,9 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Prior precision (inverse variance) of each parameter: that of its prior if it is held. The prior standard
-    /// deviation of the others is a tenth of the parameter's size, or ten typical sizes for an effect.
+    /// Prior precision (inverse variance) of each parameter. A parameter with a user-defined prior has the precision of
+    /// that prior. The prior standard deviation of all other parameters is a tenth of their size, or ten typical sizes
+    /// for an effect.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));
@@ -144,23 +146,25 @@ impl Sensors {
         let effects =
             self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
         let widest = base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2));
-        // Those of a perfect sensor; the derivatives of the held parameters hardly depend on the parameters.
+        // The priors are linearised at the parameters of a perfect sensor. This is accurate enough, because their
+        // derivatives barely depend on the parameters.
         let perfect: [f64; BASE] = std::array::from_fn(|p| if [3, 4, 5, 12, 16, 20].contains(&p) { 1.0 } else { 0.0 });
         let held = precisions(&self.held, &perfect).map(|(precision, _)| precision);
         widest.zip(held.into_iter().chain(std::iter::repeat(0.0))).map(|(widest, held)| widest.max(held)).collect()
     }
 
-    /// Whether forces inside moves are used, as the joint fit does for effects of angular acceleration.
+    /// Whether forces inside moves are used. As in the joint fit, effects of angular acceleration need them.
     pub(super) fn uses_forces_in_moves(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::AngularAcceleration))
     }
 
-    /// Whether a row depends on the time.
+    /// Whether any row of derivatives depends on time.
     pub(super) fn depend_on_time(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
     }
 
-    /// Ratio of the reading at this body rate to the usable range of the gyroscope; above 1 the rate is too fast.
+    /// Ratio of the reading at this body rate to the usable range of the gyroscope. A ratio above 1 means that the rate
+    /// is too fast.
     pub(super) fn too_fast(&self, rate: &Vector3<f64>) -> f64 {
         let reading = self.gyroscope * rate;
         let share = |axis: usize| {

@@ -1,4 +1,5 @@
-//! A trial program, stored in parts, so that a change only needs a new calculation of the parts it affects.
+//! A trial program. Its rests and moves are stored separately, so that after a change only the affected ones are
+//! computed again.
 
 use std::rc::Rc;
 
@@ -13,11 +14,13 @@ use crate::error::Error;
 use crate::simulate::profile::MotorState;
 use crate::simulate::{Moment, Program, Step};
 
-/// Minimum turn between two poses, rad, for the largest motor angle. Closer poses give nearly the same measurements.
+/// Minimum of the largest motor angle between two consecutive poses, rad. Poses closer together yield nearly equal
+/// measurements.
 const LEAST_TURN_RAD: f64 = 0.17;
-/// Margin of a planned rest above the minimum duration, s, because rest detection works in blocks.
+/// Margin of a planned rest above the minimum duration, s. It is needed because rest detection has a time resolution of
+/// one block.
 const SPARE_S: f64 = 0.2;
-/// Number of instants at which the rate of a move is compared with the range of the gyroscope.
+/// Number of instants at which the rate during a move is compared with the range of the gyroscope.
 const RATE_INSTANTS: usize = 24;
 
 /// Data that all trial programs of a search share.
@@ -72,7 +75,7 @@ impl Scene<'_> {
         self.with_cost(changed)
     }
 
-    /// The program with different durations of its holds; `None` if the program then takes too long.
+    /// The program with other durations of its holds; `None` if it then takes too long.
     pub(super) fn with_holds(&self, trial: &Trial, holds_s: Vec<f64>) -> Option<Trial> {
         self.with_cost(Trial { holds_s, ..trial.clone() })
     }
@@ -82,7 +85,7 @@ impl Scene<'_> {
         Rc::new(RestInformation::new(self.sensors, &moment, time_s, self.limits.in_hand))
     }
 
-    /// The fastest move between two poses and its duration, s; `None` if it is not allowed.
+    /// The fastest move between two poses and its duration, s; `None` if the limits forbid the move.
     fn leg(&self, from: &Vector3<f64>, to: &Vector3<f64>, start_s: f64) -> Option<(f64, Rc<MoveInformation>)> {
         let turn = to - from;
         if turn.amax() < LEAST_TURN_RAD || !self.limits.allow(from, to) {
@@ -93,7 +96,8 @@ impl Scene<'_> {
             let share = (k as f64 + 0.5) / RATE_INSTANTS as f64;
             self.sensors.too_fast(&moment(from, &turn, move_s, share * move_s).angular_rate)
         };
-        // All rates are inversely proportional to the duration of the move.
+        // The move is extended by the largest ratio of rate to range, because all rates are inversely proportional to
+        // its duration.
         move_s = whole_ticks(move_s * (0..RATE_INSTANTS).map(look).fold(1.0, f64::max));
         let at = |time_s: f64| moment(from, &turn, move_s, time_s - start_s);
         Some((move_s, Rc::new(MoveInformation::new(self.sensors, start_s, move_s, self.limits.settle_s, at))))
@@ -112,7 +116,7 @@ impl Scene<'_> {
         trial.cost.is_finite().then_some(trial)
     }
 
-    /// Calculates all rests and moves again, at their times in the program.
+    /// Computes all rests and moves again, for the times at which they occur in the program.
     fn in_time(&self, trial: &mut Trial) -> Option<()> {
         let mut time_s = 0.0;
         for k in 0..trial.poses.len() {
@@ -136,7 +140,7 @@ impl Trial {
         self.holds_s.iter().chain(&self.moves_s).sum()
     }
 
-    /// Distributes the available time minus the time of the moves among the holds; `None` if it is too short.
+    /// Distributes the available time, minus the duration of the moves, among the holds; `None` if it is too short.
     fn fill(&mut self, duration_s: f64, shortest_s: f64) -> Option<()> {
         let count = self.holds_s.len() as f64;
         let spare_s = duration_s - self.moves_s.iter().sum::<f64>() - shortest_s * count;

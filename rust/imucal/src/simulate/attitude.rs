@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! R_ac = R_ab R_bc
-//! w_ac = R_bc^T w_ab + w_bc                                  each rate is in the frame of its second letter
+//! w_ac = R_bc^T w_ab + w_bc                                  each rate is expressed in the frame of its second index
 //! w_ac' = R_bc^T w_ab' + w_bc' + (R_bc^T w_ab) x w_bc        because d/dt R_bc^T v = R_bc^T v' - w_bc x R_bc^T v
 //! ```
 //!
@@ -41,7 +41,7 @@ impl Attitude {
         }
     }
 
-    /// A rotation along a fixed rotation vector, rad: by `share` of `turn_rad`.
+    /// A rotation about a fixed axis by the time-varying share `share` of the rotation vector `turn_rad`, rad.
     #[inline]
     pub(super) fn along(turn_rad: &Vector3<f64>, share: Course) -> Self {
         Self {
@@ -57,7 +57,7 @@ impl Attitude {
     /// p = vector / 2 = axis tan(angle / 2),   R = (1, p) / |(1, p)|,   w = 2 (p' - p x p') / (1 + p^2)
     /// ```
     ///
-    /// This is the Rodrigues vector. It equals the rotation vector except for one twelfth of its cube, and its
+    /// `vector` is a Rodrigues vector. It differs from the rotation vector by about one twelfth of its cube, and its
     /// derivatives are simpler.
     #[inline]
     pub(super) fn small(vector: &[Course; 3]) -> Self {
@@ -73,7 +73,7 @@ impl Attitude {
         }
     }
 
-    /// Product of this rotation and the next one: the next rotation is relative to this moving frame.
+    /// Product of this rotation and `next`, which is relative to the moving frame of this rotation.
     #[inline]
     pub(super) fn then(&self, next: &Self) -> Self {
         let carried = next.rotation.inverse_transform_vector(&self.rate);

@@ -1,9 +1,9 @@
 //! Simulation in blocks that fit into the processor's cache. For each block, the true state is calculated first, then
 //! the measurements.
 //!
-//! The true state is a function of time, so pieces of a block can be calculated on any thread. The measurements have
-//! memory (noise, filter), so each triad is one sequential job. The result has the same bytes for any number of
-//! threads.
+//! The true state is a function of time only, so pieces of a block can be computed on any thread. The measurements
+//! depend on earlier ones (noise, filter), so each triad is one sequential job. The result has the same bytes for any
+//! number of threads.
 
 use imucal_core::so3;
 use nalgebra::Vector3;
@@ -19,8 +19,8 @@ use crate::numerics::workers::share_out;
 
 /// Number of internal time steps in a block. The buffers of such a block fit into the processor's cache.
 const BLOCK_STEPS: usize = 32_768;
-/// Number of internal time steps in a piece. One thread calculates a piece; a block has 32 pieces, which the threads
-/// share.
+/// Number of internal time steps in a piece. Each piece is computed by one thread, and the 32 pieces of a block are
+/// distributed among the threads.
 const PIECE_STEPS: usize = 1024;
 
 /// Data that all pieces of a run share.
@@ -34,7 +34,7 @@ pub(super) struct Plan<'a> {
     pub(super) threads: usize,
 }
 
-/// Fills all columns of a run; its time stamps are already set.
+/// Fills all columns of a run whose time stamps are already set.
 pub(super) fn fill(plan: &Plan, run: &mut Simulation, triads: [&mut Sampler; 2], clock: &mut Clock) {
     let samples = run.time_s.len();
     let block_samples = (BLOCK_STEPS / plan.steps).max(1);
@@ -176,7 +176,7 @@ impl Piece<'_> {
     }
 }
 
-/// Additional rate and force of the setup, linearly interpolated between two samples.
+/// Additional rate and force from the setup, linearly interpolated between two samples.
 #[inline]
 fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = |rows: Option<&[[f64; 3]]>| match rows {

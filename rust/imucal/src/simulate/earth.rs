@@ -36,11 +36,11 @@ pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
 /// Standard deviation of actual gravity about normal gravity, m/s^2: 50 mGal. The rms of the gravity anomalies of the
 /// model EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012); mountains have more.
 const ANOMALY_MPS2: f64 = 5e-4;
-/// Standard deviation of an unknown height of a place on land, m.
+/// Standard deviation of the height above the ellipsoid, for a place on land whose height is unknown, m.
 const UNKNOWN_HEIGHT_M: f64 = 500.0;
 
-/// Standard deviation of actual gravity about normal gravity, m/s^2, at a known height, or at the height 0 instead of
-/// an unknown one.
+/// Standard deviation of actual gravity about normal gravity, m/s^2. Normal gravity is computed for the known height,
+/// or for the height 0 if the height is unknown.
 pub fn normal_gravity_sigma_mps2(height_is_known: bool) -> f64 {
     let by_height = gravity_mps2(0.0, 0.0) - gravity_mps2(0.0, UNKNOWN_HEIGHT_M);
     if height_is_known { ANOMALY_MPS2 } else { ANOMALY_MPS2.hypot(by_height) }
@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn gravity_is_that_of_the_published_tables() {
-        // TR8350.2, table 3.4: gravity at the poles. The value at 45 deg is from GRS 80, whose gravity is larger by
+        // TR8350.2, table 3.4: gravity at the poles. The value at 45 deg is from GRS 80, in which gravity is larger by
         // 1.4e-6 m/s^2 everywhere (Moritz, 2000).
         assert!((gravity_mps2(FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(-FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
@@ -68,7 +68,7 @@ mod tests {
         assert!((gravity_mps2(FRAC_PI_4, 0.0) + 1.4e-6 - 9.806_199_2).abs() < 1e-7);
     }
 
-    /// On the polar axis gravity has a closed form: `GM / (z^2 + E^2)` and the quadrupole term of the ellipsoid.
+    /// On the polar axis, gravity has a closed form: `GM / (z^2 + E^2)` plus the quadrupole term of the ellipsoid.
     #[test]
     fn gravity_falls_with_height_as_on_the_axis_of_the_ellipsoid() {
         // TR8350.2, chapter 4: the exact component along u for u = z and beta = 90 deg. There is no centrifugal

@@ -5,7 +5,7 @@
 //! t_i     = stamp_i / (1 + clock_rate_error) + clock_jitter n_i      the true time of sample i
 //! ```
 //!
-//! The time stamps remain nominal, so a clock error is not visible in the recording. The clock of the unit gains
+//! The time stamps remain nominal, so a clock error is not visible in the time column. The clock of the unit gains
 //! `clock_rate_error` seconds per second relative to true time.
 
 use rand::RngExt;
@@ -21,8 +21,8 @@ pub struct Faults {
     /// Share of the samples that are lost, independently of each other; their rows are missing. The first sample is
     /// never lost.
     pub missing_share: f64,
-    /// Share of the samples that repeat the measured values of the previous sample with a new time stamp, as when a
-    /// sensor is read before it has a new sample.
+    /// Share of the samples that repeat the measured values of the previous sample with a new time stamp. This happens
+    /// when a sensor is read before it has a new sample.
     pub duplicated_share: f64,
     /// Relative rate error of the unit's clock; positive if the clock is fast.
     pub clock_rate_error: f64,
@@ -43,7 +43,7 @@ impl Faults {
                 return input(format!("{name} is {share}: give a share from 0 to below 1"));
             }
         }
-        // A clock that runs at less than half or more than double the true rate is not plausible.
+        // A clock that runs slower than half or faster than double the true rate is not plausible.
         if !(-0.5..=1.0).contains(&self.clock_rate_error) {
             return input(format!("clock_rate_error is {}: give -0.5 to 1", self.clock_rate_error));
         }
@@ -79,7 +79,7 @@ pub(super) fn lose<T>(rows: &mut Vec<T>, missing: &[bool]) {
     rows.retain(|_| missing.next() != Some(&true));
 }
 
-/// Overwrites rows by the previous row, in ascending order, so that consecutive repeats have the same values.
+/// Overwrites the flagged rows by the previous row, in ascending order, so that consecutive repeats have equal values.
 pub(super) fn duplicate<T: Copy>(rows: &mut [T], duplicated: &[bool]) {
     for i in 1..rows.len() {
         if duplicated[i] {

@@ -1,20 +1,20 @@
-//! Kinematics of the stand: three nested axes; the unit is at their common point.
+//! Kinematics of the stand, which has three nested axes. The unit is at the point where the axes intersect.
 //!
 //! ```text
 //! R_wb = R_x(q1) R_y(q2) R_z(q3)                          motor 1 outermost (horizontal), motor 3 innermost
 //! w    = R_z^T R_y^T e_x q1' + R_z^T e_y q2' + e_z q3'    body rate, in the body frame
 //! ```
 //!
-//! With all motors at zero the body frame equals the world frame, z up. Motors 2 and 3 can give the body any direction
-//! relative to gravity, so the accelerometer program does not use motor 1.
+//! With all motors at zero the body frame equals the world frame, z up. Motors 2 and 3 can produce any direction of
+//! gravity in the body frame, so the accelerometer program does not use motor 1.
 //!
-//! On a stand with non-orthogonal axes, with all motors at zero,
+//! On a stand with non-orthogonal axes, the directions of the axes with all motors at zero are
 //!
 //! ```text
 //! axis 1 = e_x,   axis 2 = R_z(n1) e_y,   axis 3 = R_z(n1) R_x(n2) e_z
 //! ```
 //!
-//! so that axes 1 and 2 form the angle 90 deg + n1, and axes 2 and 3 the angle 90 deg + n2.
+//! The angle between axes 1 and 2 is therefore 90 deg + n1, and the angle between axes 2 and 3 is 90 deg + n2.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -39,7 +39,7 @@ impl Moment {
         }
     }
 
-    /// This motion followed by a further rotation of the unit in the body frame.
+    /// This motion with an additional rotation of the unit, relative to the body frame.
     pub(super) fn turned(self, turn: &Attitude) -> Self {
         let before = Attitude {
             rotation: self.rotation_world_from_body,

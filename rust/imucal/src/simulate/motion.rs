@@ -4,8 +4,8 @@
 //! R_wb(t),   w = vee(R_wb^T dR_wb/dt),   dw/dt,   x''(t)
 //! ```
 //!
-//! Attitude and derivatives have closed forms. The rate is therefore the derivative of the attitude except for
-//! rounding, and nothing depends on a sampling rate.
+//! Attitude and derivatives have closed forms. The rate is therefore the derivative of the attitude, except for
+//! rounding errors, and the motion does not depend on the sampling rate.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -55,7 +55,8 @@ impl Motion {
         }
     }
 
-    /// Motion at a time, s. Before the start it is that at the start; after the end it is that at the end.
+    /// Motion at a time, s. Times before the start return the motion at the start, and times after the end return the
+    /// motion at the end.
     pub fn at(&self, time_s: f64) -> Moment {
         match self {
             Self::Stand { program, stand } => {
@@ -127,7 +128,7 @@ mod tests {
         Motion::Tumble(Tumble::random(&HandMoves { poses: 5, ..moves }, 3).unwrap())
     }
 
-    /// A stand with all errors that bend the unit's mount or vibrate the unit.
+    /// A stand with all errors of the mechanics: mount, tilt, non-orthogonality, flexure and vibration.
     fn bad() -> Stand {
         Stand {
             mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05),
@@ -141,7 +142,7 @@ mod tests {
         }
     }
 
-    /// Motions with each stand error alone, with all together, and hand-held runs.
+    /// Motions with each single stand error, a motion with all stand errors, and hand-held runs.
     fn motions() -> Vec<Motion> {
         let perfect = Stand::perfect();
         vec![
@@ -162,7 +163,7 @@ mod tests {
         let h = 1e-6;
         for (number, motion) in motions().iter().enumerate() {
             for i in 1..4000 {
-                // An odd number of steps avoids the corners of the acceleration.
+                // With an odd number of steps, no instant coincides with a corner of the acceleration.
                 let t = motion.duration_s() * f64::from(i) / 4001.0;
                 let (before, now, after) = (motion.at(t - h), motion.at(t), motion.at(t + h));
                 let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
@@ -198,7 +199,8 @@ mod tests {
     }
 
     /// The integrator assumes a linear rate between samples, so its error is of second order. Corners in the
-    /// acceleration of the motors do not change this, because each affects a single step, with an error of third order.
+    /// acceleration of the motors do not change the order, because each corner affects a single step, with an error of
+    /// third order.
     #[test]
     fn integrating_the_rate_converges_to_the_attitude_with_the_integrators_order() {
         for (number, motion) in motions().iter().enumerate() {
@@ -257,7 +259,7 @@ mod tests {
 
     #[test]
     fn outside_its_time_a_motion_stands_at_its_ends() {
-        // A tremor continues before the start and after the end, so those motions are excluded.
+        // A tremor continues before the start and after the end, so motions with tremor are excluded.
         for motion in motions().iter().filter(|motion| motion.still_until(0.0).is_some()) {
             assert_eq!(motion.at(-1.0), motion.at(0.0));
             assert_eq!(motion.at(motion.duration_s() + 9.0), motion.at(motion.duration_s()));

@@ -12,9 +12,9 @@
 //!
 //! # Flicker noise
 //!
-//! h_n are the coefficients of `(1 - z^-1)^(-1/2)`, half an integration. Its power is `1 / (2 sin(pi f / r))`, which is
-//! `r / (2 pi f)` for frequencies f far below the rate r. The h_n are moments of a distribution over poles p, so the
-//! filter is a sum of first-order filters:
+//! h_n are the coefficients of `(1 - z^-1)^(-1/2)`, an integrator of order one half. The power gain of this filter is
+//! `1 / (2 sin(pi f / r))`, which approaches `r / (2 pi f)` for frequencies f far below the rate r. The h_n are moments
+//! of a distribution over poles p, so the filter is a sum of first-order filters:
 //!
 //! ```text
 //! h_n = 1/pi  integral from 0 to 1 of  p^n / sqrt(p (1 - p)) dp
@@ -22,8 +22,8 @@
 //! ```
 //!
 //! The sum is the trapezoidal rule in ln d, whose error decreases as exp(-pi^2 / spacing). With a ratio of 2.5 between
-//! adjacent poles the error of the power is 0.05 %. The slowest pole also represents all slower poles; its time
-//! constant is longer than the record.
+//! adjacent poles the error of the power is 0.05 %. The slowest pole, whose time constant is longer than the record,
+//! also represents all slower poles.
 
 use std::f64::consts::{PI, TAU};
 
@@ -34,7 +34,7 @@ use rand_distr::StandardNormal;
 
 use super::unit::Sensor;
 
-/// Values of three axes and an unused fourth, which matches the width of vector registers.
+/// Values of three axes and an unused fourth value, so that the array has the width of a vector register.
 type Lanes = [f64; 4];
 
 /// One random number generator per axis.
@@ -48,8 +48,8 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    /// Random errors for `steps` steps at `rate_hz`. `generators` are those of white noise, flicker noise and random
-    /// walk.
+    /// Random errors for `steps` steps at `rate_hz`. `generators` are the random number generators for white noise,
+    /// flicker noise and random walk.
     pub(super) fn new(sensor: &Sensor, rate_hz: f64, steps: usize, generators: [Generators; 3]) -> Self {
         let [white, flicker, walk] = generators;
         Self {
@@ -90,7 +90,7 @@ struct White {
     generators: Generators,
 }
 
-/// Random walk. Its first value is zero, because the bias of the unit is defined as the bias at the start.
+/// Random walk. The first value is zero, because the bias of the unit is defined as the bias at the start of the run.
 struct Walk {
     step_std: Vector3<f64>,
     value: Vector3<f64>,
@@ -118,12 +118,13 @@ struct Flicker {
     input_std: f64,
     poles: Vec<Pole>,
     states: Vec<Lanes>,
-    /// Sum of the coefficients c of poles that are too fast to have memory from one step to the next.
+    /// Sum of the coefficients c of poles that decay within one step and are therefore treated as filters without
+    /// memory.
     through: f64,
     generators: Generators,
 }
 
-/// Ratio of the decays d of adjacent poles; the error of the power is then 0.05 %.
+/// Ratio of the decays d of adjacent poles. With this ratio, the error of the power is 0.05 %.
 const RATIO: f64 = 2.5;
 /// Largest decay of a pole. Poles with a larger decay have a coefficient c below 1e-12 and are omitted.
 const FASTEST: f64 = 64.0;
@@ -134,7 +135,7 @@ impl Flicker {
     /// A filter in its steady state from the first step on, because a sensor has usually been on long before its record
     /// starts.
     fn new(instability: f64, steps: usize, mut generators: Generators) -> Self {
-        // Decay of a pole whose corner is a tenth of the lowest frequency that the record contains.
+        // Decay of a pole whose corner frequency is a tenth of the lowest frequency in the record.
         let slowest = TAU / (10.0 * steps.max(1) as f64);
         let mut poles = Vec::new();
         let mut through = 0.0;
@@ -151,8 +152,8 @@ impl Flicker {
             }
             decay /= RATIO;
         }
-        // Poles with smaller decays are omitted. Their c form a geometric series whose ratio is the square root of
-        // RATIO; the sum of the series is added to the last c.
+        // Poles with smaller decays are omitted. Their coefficients c form a geometric series, in which each c is
+        // smaller than the previous one by the square root of RATIO. The sum of this series is added to the last c.
         if let Some(last) = poles.last_mut() {
             last.c /= 1.0 - RATIO.sqrt().recip();
         }
@@ -175,12 +176,12 @@ impl Flicker {
     }
 }
 
-/// Random states with the covariance `1 / (1 - p_j p_k)` of filters that have run for a long time.
+/// Random filter states with the steady-state covariance `1 / (1 - p_j p_k)`.
 fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
     let n = poles.len();
     let covariance = DMatrix::from_fn(n, n, |j, k| -(-(poles[j].decay + poles[k].decay)).exp_m1().recip());
     let mut states = vec![[0.0; 4]; n];
-    // The matrix is positive definite by construction, because its poles differ.
+    // The matrix is positive definite, because all poles differ.
     if let Some(factor) = covariance.cholesky() {
         for (axis, generator) in generators.iter_mut().enumerate() {
             let axis_states = factor.l() * DVector::from_fn(n, |_, _| generator.sample::<f64, _>(StandardNormal));
@@ -221,8 +222,8 @@ mod tests {
     }
 
     /// Compares the Allan variance with a variance as a function of tau, within four standard deviations. With K pairs
-    /// of consecutive means the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise and
-    /// less for flicker noise and random walk; for a random walk, adjacent differences have a correlation of 1/4.
+    /// of consecutive means, the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise. It
+    /// is smaller for flicker noise and for a random walk, whose adjacent differences have a correlation of 1/4.
     fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
         let (rate_hz, n) = (50.0, 1_000_000);
         let mut noise = noise(sensor, rate_hz, n, 3);

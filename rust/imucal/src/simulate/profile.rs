@@ -1,4 +1,4 @@
-//! Motion of a motor from rest to rest: a seven-segment profile with piecewise constant jerk.
+//! Motion of a motor from rest to rest, with a seven-segment profile of piecewise constant jerk.
 //!
 //! ```text
 //! angle(t) = angle_0 + turn s(t / T),    s(0) = 0,  s(1) = 1,  s' and s'' zero at both ends
@@ -6,12 +6,12 @@
 //!
 //! A motor accelerates during the first quarter of the duration `T`, turns at a constant rate during half of it, and
 //! decelerates during the last quarter. Each ramp has three parts of equal length: positive jerk, constant
-//! acceleration, negative jerk. All derivatives are therefore bounded, and the turn and its duration determine them:
-//! peak rate 4/3 turn/T, peak acceleration 8 turn/T^2, jerk 96 turn/T^3. All motors have the same `T`, so they start
-//! and stop together.
+//! acceleration, negative jerk. The first three derivatives are therefore bounded. They follow from the angle of the
+//! turn and its duration: peak rate 4/3 turn/T, peak acceleration 8 turn/T^2, jerk 96 turn/T^3. All motors have the
+//! same `T`, so they start and stop together.
 //!
-//! The jerk has steps, so the acceleration has corners. They do not reduce the order of a second-order integrator such
-//! as that of `imucal_core`: a corner affects a single step, with an error of third order.
+//! The jerk has steps, so the acceleration has corners. The corners do not reduce the order of a second-order
+//! integrator such as that of `imucal_core`, because a corner affects a single step, with an error of third order.
 
 use std::iter::Sum;
 use std::ops::Mul;
@@ -42,8 +42,8 @@ impl MotorState {
         Self { angle_rad, rate_radps: Vector3::zeros(), acceleration_radps2: Vector3::zeros() }
     }
 
-    /// State `time_s` seconds after the start of a turn by `turn_rad` that takes `duration_s`; at rest before and after
-    /// it.
+    /// State `time_s` seconds after the start of a turn by `turn_rad` that takes `duration_s`. The motors are at rest
+    /// before and after the turn.
     pub fn turning(start_rad: Vector3<f64>, turn_rad: Vector3<f64>, duration_s: f64, time_s: f64) -> Self {
         if time_s <= 0.0 {
             return Self::still(start_rad);
@@ -78,7 +78,8 @@ pub(super) struct Course {
     pub(super) acceleration: f64,
 }
 
-/// A segment of the first half of the profile: its start, the value and derivatives there, and its constant jerk.
+/// A segment of the first half of the profile: the start of the segment, the value and the derivatives at the start,
+/// and the constant jerk.
 struct Segment {
     start: f64,
     value: f64,
@@ -99,7 +100,7 @@ impl Course {
     /// The seven-segment profile: increases from 0 to 1 while `share` increases from 0 to 1.
     #[inline]
     pub(super) fn jerk_limited(share: f64) -> Self {
-        // The second half is the first half mirrored, so that both ends are exact.
+        // The second half is computed by mirroring the first half, so that both ends are exact.
         if share > 0.5 {
             let mirrored = Self::first_half(1.0 - share);
             return Self { value: 1.0 - mirrored.value, rate: mirrored.rate, acceleration: -mirrored.acceleration };
@@ -107,7 +108,7 @@ impl Course {
         Self::first_half(share)
     }
 
-    /// Smoother profile from 0 to 1, `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7` for u = `share`. The first three derivatives
+    /// A smoother profile from 0 to 1, `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7` for u = `share`. The first three derivatives
     /// are zero at both ends, and all derivatives are continuous.
     #[inline]
     pub(super) fn smooth_step(share: f64) -> Self {
@@ -237,7 +238,7 @@ mod tests {
             let rate = (after.angle_rad - before.angle_rad) / (2.0 * h);
             let acceleration = (after.rate_radps - before.rate_radps) / (2.0 * h);
             assert!((rate - now.rate_radps).norm() < 1e-8, "rate at {t} s");
-            // At a step of the jerk, the central difference has an error of jerk h / 4.
+            // At a step of the jerk, the central difference has an error of jerk h / 4. Twice this error is tolerated.
             let corner = JERK * turn().norm() / DURATION_S.powi(3) * h / 2.0;
             assert!((acceleration - now.acceleration_radps2).norm() < 1e-8 + corner, "acceleration at {t} s");
         }

@@ -1,8 +1,8 @@
 //! A program of the stand: a sequence of turns and holds.
 //!
-//! Every step turns each motor by an angle and then holds. All motors start and stop together, see
-//! [`profile`](super::profile). A program starts with all motors at zero. [`Program::grid`] and [`Program::random`] are
-//! the accelerometer and gyroscope programs of the paper (`docs/model.md`). Any other program is a list of steps.
+//! Every step turns each motor by an angle and then holds. All motors start and stop together (see
+//! [`profile`](super::profile)). A program starts with all motors at zero. [`Program::grid`] and [`Program::random`]
+//! are the accelerometer and gyroscope programs of the paper (`docs/model.md`). Any other program is a list of steps.
 
 use std::f64::consts::PI;
 
@@ -60,9 +60,9 @@ impl Step {
 /// step. This repeats until motor 2 has turned by half a revolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// Step of both motors, rad; half a revolution must be a whole number of steps. The paper uses 20 deg.
+    /// Step of both motors, rad. Half a revolution must be an integer multiple of the step. The paper uses 20 deg.
     pub step_rad: f64,
-    /// Duration of each turn, s. The paper does not state it; the default is 1 s.
+    /// Duration of each turn, s. The paper does not state a duration; the default is 1 s.
     pub move_s: f64,
     /// Duration of each hold, s. The paper uses 5 s.
     pub hold_s: f64,
@@ -79,8 +79,8 @@ impl Default for Grid {
 pub struct RandomMoves {
     /// Number of turns. The paper uses 45.
     pub moves: usize,
-    /// Bound of each motor's mean rate during a turn, rad/s: the turn is uniform within +- `max_rate_radps * move_s`.
-    /// The default is 120 deg/s. The peak rate is 4/3 of the mean rate.
+    /// Maximum magnitude of each motor's mean rate during a turn, rad/s. The angle of the turn is uniformly distributed
+    /// within +- `max_rate_radps * move_s`. The default is 120 deg/s. The peak rate is 4/3 of the mean rate.
     pub max_rate_radps: f64,
     /// Duration of each turn, s. The paper uses 2 s.
     pub move_s: f64,
@@ -147,10 +147,10 @@ impl Program {
         Ok(program)
     }
 
-    /// The accelerometer program of the paper; by default 19 x 10 = 190 positions in 1139 s.
+    /// The accelerometer program of the paper. The default has 19 x 10 = 190 positions in 1139 s.
     ///
     /// # Errors
-    /// [`Error::Input`] if half a revolution is not a whole number of steps, or if a time cannot be used.
+    /// [`Error::Input`] if half a revolution is not an integer multiple of the step, or if a time is invalid.
     pub fn grid(grid: &Grid) -> Result<Self, Error> {
         let half_turn = (PI / grid.step_rad).round();
         if !(1.0..=180.0).contains(&half_turn) || (half_turn * grid.step_rad - PI).abs() > 1e-6 {
@@ -172,11 +172,11 @@ impl Program {
         Self::try_new(steps)
     }
 
-    /// The gyroscope program of the paper; by default 46 rests and 45 moves in 320 s. The same seed gives the same
-    /// turns.
+    /// The gyroscope program of the paper. The default has 46 rests and 45 moves in 320 s. A seed always yields the
+    /// same turns.
     ///
     /// # Errors
-    /// [`Error::Input`] if the bound of the rate or a time cannot be used.
+    /// [`Error::Input`] if the maximum rate or a time is invalid.
     pub fn random(random: &RandomMoves, seed: u64) -> Result<Self, Error> {
         let bound_rad = random.max_rate_radps * random.move_s;
         if !(bound_rad.is_finite() && bound_rad > 0.0) {
@@ -205,7 +205,8 @@ impl Program {
         self.end.time_s
     }
 
-    /// Exact angles, rates and accelerations of the motors at a time, s; at rest before the start and after the end.
+    /// Exact angles, rates and accelerations of the motors at a time, s. The motors are at rest before the start and
+    /// after the end.
     pub fn motors(&self, time_s: f64) -> MotorState {
         self.phase(time_s).motors
     }
@@ -304,8 +305,8 @@ mod tests {
         assert_ne!(program, Program::random(&RandomMoves::default(), 4).unwrap());
     }
 
-    /// Mean rate 120 deg/s, peak 160 deg/s; with outermost and innermost axis parallel, at most sqrt(5) 160 = 358
-    /// deg/s.
+    /// The mean rate of a motor is at most 120 deg/s and its peak rate 160 deg/s. If the outermost and the innermost
+    /// axis are parallel, the body rate is at most sqrt(5) 160 = 358 deg/s.
     #[test]
     fn random_program_stays_within_the_gyroscopes_range() {
         let mut highest_dps = 0.0_f64;

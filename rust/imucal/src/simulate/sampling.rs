@@ -6,9 +6,9 @@
 //! low pass   |H(f)|^2 = 1 / (1 + (f / bandwidth)^4),         a Butterworth filter of second order
 //! ```
 //!
-//! Averaging and filter run at a faster internal rate, as does the noise before them. The integral uses the trapezoidal
-//! rule. The filter uses the bilinear transform that is exact at its bandwidth. A point sample without filter needs no
-//! faster rate.
+//! Averaging and filtering, and the noise before them, are simulated at an internal rate above the sampling rate. The
+//! integral is computed by the trapezoidal rule. The filter is discretised by the bilinear transform, with prewarping
+//! that makes the gain exact at the bandwidth. Point samples without a filter are simulated at the sampling rate.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -25,7 +25,8 @@ pub struct LowPass {
 pub(super) const MIN_STEPS: usize = 8;
 /// Maximum number of internal steps per sample.
 pub(super) const MAX_STEPS: usize = 64;
-/// Internal steps per period of the bandwidth. The bilinear transform distorts frequencies near the internal rate.
+/// Number of internal steps per period of the bandwidth frequency. It is large enough to make the frequency distortion
+/// of the bilinear transform small.
 const STEPS_PER_PERIOD: f64 = 16.0;
 
 impl LowPass {
@@ -71,7 +72,7 @@ mod tests {
 
     #[test]
     fn gain_is_the_butterworth_filters() {
-        // A bandwidth far below the internal rate; at the bandwidth the gain is exact.
+        // The bandwidth is far below the internal rate. At the bandwidth, the gain is exact.
         let (rate_hz, bandwidth_hz) = (1000.0, 10.0);
         for frequency_hz in [1.0, 5.0, 10.0, 20.0, 40.0] {
             let mut filter = Filter::new(&LowPass { bandwidth_hz }, rate_hz, &Vector3::zeros());

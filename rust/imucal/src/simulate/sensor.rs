@@ -5,9 +5,9 @@
 //! measured = convert(sample(low_pass(seen + noise)))         model.md (22)
 //! ```
 //!
-//! White noise of density N has the standard deviation N sqrt(rate) at the rate at which it is drawn; a mean over T has
-//! N / sqrt(T) at any rate. This is the two-sided convention of Allan deviation and angle random walk. The one-sided
-//! convention would give N sqrt(rate / 2).
+//! White noise of density N is drawn with the standard deviation N sqrt(rate) at a given rate. A mean over the time T
+//! then has the standard deviation N / sqrt(T) at any rate. These are the two-sided densities of Allan deviation and
+//! angle random walk. With one-sided densities, the standard deviation would be N sqrt(rate / 2).
 
 use nalgebra::Vector3;
 
@@ -24,7 +24,7 @@ pub(super) struct Seen {
     pub(super) moving: bool,
 }
 
-/// Simulation of one triad, sample by sample, with the state that it keeps between samples.
+/// Simulation of one triad, sample by sample, with the state that is kept between samples.
 pub(super) struct Sampler<'a> {
     sensor: &'a Sensor,
     noise: Noise,
@@ -57,7 +57,8 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// The next sample. `seen` has its internal steps; the last step is at the instant of the sample.
+    /// The next sample. `seen` contains the internal steps of this sample; the last step is at the instant of the
+    /// sample.
     #[inline]
     pub(super) fn measure(&mut self, seen: &[Seen]) -> [f64; 3] {
         let measured = match (&mut self.analogue, seen) {
@@ -84,8 +85,8 @@ impl Analogue {
         let (mut last, mut sum) = (Vector3::zeros(), Vector3::zeros());
         for step in steps {
             let now = Vector3::from(step.value);
-            // Mean over one internal time step, as the average of the values at its two ends. The mean over all steps
-            // of a sample is then the trapezoidal rule over the sampling interval.
+            // The mean over one internal time step is computed as the average of the values at its two ends. The mean
+            // over all steps of a sample is therefore the trapezoidal rule over the sampling interval.
             let mut value = if sensor.averaging { (memory.seen + now) * 0.5 } else { now };
             memory.seen = now;
             noise.add_to(&mut value, step.moving);
@@ -100,12 +101,12 @@ impl Analogue {
 }
 
 impl Memory {
-    /// Steady state of the filter for the first input value. A filter that started from a state without noise would
-    /// give too little noise in the first samples.
+    /// Steady state of the filter for the first input value. The state includes noise. Otherwise the first samples
+    /// would contain too little noise.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);
-            // After three periods of the bandwidth the influence of the start is exp(-13).
+            // After three periods of the bandwidth frequency, the influence of the start has decreased to exp(-13).
             for _ in 0..(3.0 * rate_hz / low_pass.bandwidth_hz).min(1e6) as usize {
                 let mut value = *first;
                 noise.add_to(&mut value, false);
@@ -136,8 +137,8 @@ mod tests {
         (power, values.windows(2).map(|w| w[0].dot(&w[1])).sum::<f64>() / (3 * n) as f64)
     }
 
-    /// Power of the noise after the filter in closed form. With u = tan(pi f / r) / k the bilinear filter has |H|^2 = 1
-    /// / (1 + u^4). Then r N^2 times the integral over f is N^2 r 2k / pi times
+    /// Power of the noise after the filter in closed form. With u = tan(pi f / r) / k, the bilinear filter has |H|^2 =
+    /// 1 / (1 + u^4). The power is then N^2 r 2k / pi times
     ///
     /// ```text
     /// integral from 0 of du / ((1 + u^4)(1 + k^2 u^2)) = ((1 - k^2) pi / (2 sqrt 2) + k^3 pi / 2) / (1 + k^4)
@@ -155,8 +156,8 @@ mod tests {
             let low_pass = LowPass { bandwidth_hz };
             let sensor = Sensor { noise_density: 0.1, low_pass: Some(low_pass), ..Sensor::ideal() };
             let expected = filtered_power(0.1, bandwidth_hz, RATE_HZ * low_pass.steps(RATE_HZ) as f64);
-            // Noise bandwidth of the analogue filter, pi / (2 sqrt 2) times its bandwidth, on both sides. The transform
-            // changes it a little.
+            // The noise bandwidth of the analogue filter is pi / (2 sqrt 2) times its bandwidth, on both sides of zero.
+            // The bilinear transform changes it slightly.
             let analogue = 0.01 * 2.0 * PI / (2.0 * SQRT_2) * bandwidth_hz;
             assert!((expected / analogue - 1.0).abs() < 0.04, "{bandwidth_hz} Hz");
             // Samples are correlated over about one period of the bandwidth.
@@ -177,8 +178,8 @@ mod tests {
         assert!((neighbours / (0.01 * RATE_HZ)).abs() < band, "{neighbours}");
     }
 
-    /// For a parabola: the mean is the integral over the interval before each sample, except for the error h^2 / 12 per
-    /// step of the trapezoidal rule.
+    /// For a parabola, each mean equals the integral over the interval before the sample, except for the error of the
+    /// trapezoidal rule.
     #[test]
     fn means_are_integrals_over_the_interval_before_the_sample() {
         let sensor = Sensor { averaging: true, ..Sensor::ideal() };

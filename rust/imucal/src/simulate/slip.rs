@@ -1,4 +1,5 @@
-//! Slip of the unit on its mount: its attitude on the stand changes once. The encoders of the stand do not measure it.
+//! Slip of the unit on its mount: the attitude of the unit relative to the stand changes once. The encoders of the
+//! stand do not measure the slip.
 //!
 //! ```text
 //! R_wb(t) = R_wb without the slip * exp(turn s((t - time) / 50 ms))
@@ -36,8 +37,8 @@ impl Slip {
         moment.turned(&Attitude::along(&self.turn_rad, course))
     }
 
-    /// End of the interval without motion, s, where `until_s` is the end that this interval would have without the
-    /// slip; `None` during the slip.
+    /// End of the present interval without motion, s; `None` during the slip. `until_s` is the end that this interval
+    /// would have without the slip.
     pub(super) fn still_until(&self, time_s: f64, until_s: f64) -> Option<f64> {
         if time_s <= self.time_s {
             return Some(until_s.min(self.time_s));
@@ -67,7 +68,7 @@ mod tests {
 
     #[test]
     fn rate_and_acceleration_are_the_derivatives_through_the_slip() {
-        // Slip during a rest and slip during a turn: rests take 5 s and turns 2 s.
+        // The first slip is during a rest and the second during a turn, because rests take 5 s and turns 2 s.
         for slip_s in [2.0, 6.0] {
             let motion = motion(slip_s);
             let h = 1e-5;

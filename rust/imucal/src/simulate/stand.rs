@@ -6,14 +6,16 @@
 //!
 //! * The base is tilted by `base_tilt_rad` from level. The unit is rotated by `mount_rotation_rad` relative to the
 //!   innermost ring.
-//! * The axes are not orthogonal: see [`gimbal`].
-//! * The innermost ring is an arm along axis 3 that bends under its weight, by `flexure_rad` where axis 3 is
-//!   horizontal: `vector = flexure_rad (up x axis 3)`, in the frame of the ring. The bending is quasi-static.
-//! * While the motors turn, the unit vibrates about and along three axes, with phases a third of a period apart and an
-//!   amplitude that rises from zero and falls to zero. The translation is in the world frame.
+//! * The axes are not orthogonal (see [`gimbal`]).
+//! * The innermost ring is an arm along axis 3 that bends under its weight. The bending angle is `flexure_rad` if axis
+//!   3 is horizontal. In general, the rotation vector in the frame of the ring is `flexure_rad (up x axis 3)`. The
+//!   bending is quasi-static.
+//! * While the motors turn, the unit vibrates about three axes and along three axes. The phases of the axes are a third
+//!   of a period apart, and the amplitude rises from zero and falls back to zero. The translation is in the world
+//!   frame.
 //! * Encoders read the motor angles, not the attitude, so the errors above do not appear in their readings.
 //!
-//! All errors have closed forms: rate and acceleration are exact derivatives.
+//! All errors have closed forms, so rate and acceleration are exact derivatives.
 
 use std::f64::consts::TAU;
 
@@ -39,7 +41,7 @@ pub struct Stand {
     pub base_tilt_rad: [f64; 2],
     /// Deviations from 90 deg of the angles between axes 1 and 2 and between axes 2 and 3, rad; positive if larger.
     pub non_orthogonality_rad: [f64; 2],
-    /// Bending angle of the innermost ring where axis 3 is horizontal, rad.
+    /// Bending angle of the innermost ring with axis 3 horizontal, rad.
     pub flexure_rad: f64,
     /// Amplitude of the vibration about each axis, rad.
     pub vibration_rad: f64,
@@ -51,9 +53,9 @@ pub struct Stand {
     pub encoder_noise_rad: f64,
     /// Encoder counts per revolution; `None` for no rounding.
     pub encoder_counts: Option<u32>,
-    /// Tremor of the stand at all times; `None` for none.
+    /// Tremor of the stand, which acts at all times; `None` for a stand without tremor.
     pub tremor: Option<Tremor>,
-    /// Slip of the unit on its mount; `None` for none.
+    /// Slip of the unit on its mount; `None` for no slip.
     pub slip: Option<Slip>,
 }
 
@@ -102,7 +104,7 @@ impl Stand {
         self.moment(&Phase { motors, direction: Vector3::zeros(), turn: None }).rotation_world_from_body
     }
 
-    /// Motion of the unit in this phase of a program.
+    /// Motion of the unit for a given state of the program.
     pub(super) fn moment(&self, phase: &Phase) -> Moment {
         let [tilt_x, tilt_y] = self.base_tilt_rad;
         let tilt = so3::exp(&Vector3::new(tilt_x, tilt_y, 0.0));
@@ -133,9 +135,10 @@ impl Stand {
         }
     }
 
-    /// Bending of the innermost ring, from the up-vector in the ring's frame and its first two derivatives.
+    /// Bending of the innermost ring, from the up vector in the ring's frame and the first two derivatives of this
+    /// vector.
     fn flexure(&self, [up, rate, acceleration]: &[Vector3<f64>; 3]) -> Attitude {
-        // up x e_z = (up_y, -up_x, 0); the same holds for the derivatives.
+        // up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
         let course = |axis: usize| Course { value: up[axis], rate: rate[axis], acceleration: acceleration[axis] };
         let level = Course { value: 0.0, rate: 0.0, acceleration: 0.0 };
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])

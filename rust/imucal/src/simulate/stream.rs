@@ -1,4 +1,4 @@
-//! Random numbers: each purpose has a ChaCha stream of its own, all with the seed of the run.
+//! Random numbers. Each purpose has a separate ChaCha stream, and all streams use the seed of the run.
 //!
 //! A random value therefore depends only on the seed and on its purpose, not on other draws, their order or the thread.
 

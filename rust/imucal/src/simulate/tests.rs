@@ -39,13 +39,13 @@ fn an_ideal_unit_says_the_truth() {
     assert_eq!(run.recording("run").len(), 32_000);
 }
 
-/// Integration by the midpoint rule has an error of second order: the error must be small, and at twice the sampling
-/// rate it must be a quarter.
+/// Integration by the midpoint rule has an error of second order. The error must therefore be small, and at twice the
+/// sampling rate it must be a quarter as large.
 #[test]
 fn integrating_the_true_rate_gives_the_attitude() {
     let error_rad = |rate_hz: f64| {
         let program = Program::random(&RandomMoves { moves: 5, ..RandomMoves::default() }, 2).unwrap();
-        // Twice the rate, so that every second sample is the midpoint of a step.
+        // The sampling rate is doubled, so that every second sample is the midpoint of an integration step.
         let run = simulate(&program, &Unit::ideal(), 2.0 * rate_hz, GRAVITY_MPS2, 0).unwrap();
         let stand_rad = run.stand_rad.as_ref().unwrap();
         let mut attitude = UnitQuaternion::identity();

@@ -1,4 +1,4 @@
-//! Tremor: small rotations at all times, from a hand that trembles or from a table that vibrates.
+//! Tremor: small rotations at all times, caused by a trembling hand or a vibrating table.
 //!
 //! ```text
 //! R_wb(t) = R_wb without the tremor * R(sum of sines about each axis)
@@ -14,8 +14,8 @@ use super::moment::Moment;
 use super::profile::Course;
 use super::stream::Stream;
 
-/// Spectrum of hand tremor: slow sway and a tremor at about 9 Hz. Each band has its lowest and highest frequency, Hz,
-/// and its share of the variance.
+/// Frequency bands of hand tremor, from slow sway to physiological tremor at about 9 Hz. Each entry contains the lowest
+/// and the highest frequency of the band, Hz, and the share of the band in the variance.
 const BANDS: [(f64, f64, f64); 3] = [(0.3, 0.8, 0.6), (1.5, 4.0, 0.3), (8.0, 11.0, 0.1)];
 
 /// A tremor: about each axis, one sine for each frequency band.
@@ -30,7 +30,7 @@ struct Sine {
 }
 
 impl Tremor {
-    /// A random tremor with this standard deviation about each axis, rad. The same seed gives the same tremor.
+    /// A random tremor with this standard deviation about each axis, rad. A seed always yields the same tremor.
     pub fn random(tremor_rad: f64, seed: u64) -> Self {
         Self::drawn(tremor_rad, &mut Stream::Tremor.generator(seed))
     }

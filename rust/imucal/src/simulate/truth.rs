@@ -1,11 +1,11 @@
-//! The true state of the unit and the resulting input of its triads, at any instant.
+//! Computes the true state of the unit and the resulting input of its triads at any instant.
 //!
 //! ```text
 //! f    = R_wb^T (x'' + g e_z)                                                  specific force
 //! seen = sensitivity * (true + sum_c Phi_c(state) theta_c + added) + bias      model.md (15), (22)
 //! ```
 //!
-//! The state is the true state at the true instant, also if the time stamps are wrong.
+//! The state applies to the true instant of a sample, even if the time stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use nalgebra::Vector3;
@@ -47,7 +47,7 @@ impl<'a> Truth<'a> {
         Self { motion, unit, gravity_mps2, temperature, constant_degc, rests: motion.rests(), steady, changing }
     }
 
-    /// A cursor that gives the state at any instant; it is fastest if the instants increase.
+    /// A cursor that computes the state at any instant. It is fastest for increasing instants.
     pub(super) fn cursor(&self) -> Cursor<'_> {
         Cursor {
             truth: self,
@@ -113,7 +113,7 @@ impl Cursor<'_> {
         (self.from_s, self.until_s) = (time_s, truth.motion.still_until(time_s).unwrap_or(time_s));
     }
 
-    /// Input of gyroscope and accelerometer; `added` is the additional rate and force of the setup.
+    /// Input of gyroscope and accelerometer. `added` is the additional rate and force from the setup.
     #[inline]
     pub(super) fn seen(&self, added: (Vector3<f64>, Vector3<f64>)) -> (Vector3<f64>, Vector3<f64>) {
         let (mut on_rate, mut on_force) = self.steady;

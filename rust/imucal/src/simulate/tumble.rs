@@ -22,7 +22,8 @@ use super::stream::Stream;
 use super::tremor::Tremor;
 use crate::error::Error;
 
-/// Standard deviation of the sway's rotation vector per axis, rad. It makes the axis of rotation vary visibly.
+/// Standard deviation, per axis, of the rotation vector of the sway, rad. The value is large enough to vary the axis of
+/// rotation noticeably during a move.
 const SWAY_RAD: f64 = 0.3;
 
 /// Parameters of a hand-held run.
@@ -36,7 +37,7 @@ pub struct HandMoves {
     pub move_s: f64,
     /// Standard deviation of the tremor about each axis, rad; 0 for none.
     pub tremor_rad: f64,
-    /// Edge of the cube in which the positions are uniformly distributed, m; 0 for pure rotation.
+    /// Edge length of the cube in which the positions are uniformly distributed, m; 0 for pure rotation.
     pub translation_m: f64,
 }
 
@@ -64,7 +65,7 @@ struct Pose {
 }
 
 impl Tumble {
-    /// A run with random poses, uniform over all attitudes. The same seed gives the same run.
+    /// A run with random poses, uniformly distributed over all attitudes. A seed always yields the same run.
     ///
     /// # Errors
     /// [`Error::Input`] if there is no pose, a time is not positive, or the tremor or the translation is negative.
@@ -75,7 +76,7 @@ impl Tumble {
             (0..moves.poses).map(|_| (attitude(&mut generator), place(&mut generator) * moves.translation_m)).collect();
         let poses = (0..moves.poses).map(|k| {
             let (rotation, place_m) = places[k];
-            // The last pose has no move after it; its move is to itself.
+            // No move follows the last pose, so its stored move leads to the same pose.
             let (next_rotation, next_place_m) = places[(k + 1).min(moves.poses - 1)];
             Pose {
                 rotation,
@@ -153,8 +154,8 @@ impl Tumble {
     }
 }
 
-/// A random attitude, uniform over all attitudes: a normalised vector of four normal numbers is uniform on the unit
-/// sphere.
+/// A random attitude, uniformly distributed over all attitudes, because a normalised vector of four normal numbers is
+/// uniformly distributed on the unit sphere.
 fn attitude(generator: &mut ChaCha8Rng) -> UnitQuaternion<f64> {
     let [w, x, y, z] = [(); 4].map(|()| generator.sample::<f64, _>(StandardNormal));
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
@@ -251,7 +252,7 @@ mod tests {
         assert_eq!(on_the_spot.moment(5.0).acceleration, Vector3::zeros());
     }
 
-    /// A move about a fixed axis would have a rate of constant direction.
+    /// Tests that the direction of the rate varies during a move. For a fixed axis of rotation it would be constant.
     #[test]
     fn the_axis_wanders_during_a_move() {
         let run = tumble(&HandMoves { poses: 10, ..HandMoves::default() });

@@ -29,15 +29,15 @@ pub struct Sensor {
     /// Bias at the start of the run, SI unit.
     pub bias: Vector3<f64>,
     /// Density of the continuous white noise, SI unit/sqrt(Hz): the square root of the power density, as in datasheets
-    /// and Allan plots. A point sample has the standard deviation `noise_density * sqrt(rate_hz)`; a mean over T has
-    /// `noise_density / sqrt(T)`.
+    /// and Allan plots. A point sample has the standard deviation `noise_density * sqrt(rate_hz)`, and a mean over the
+    /// time T has `noise_density / sqrt(T)`.
     pub noise_density: f64,
     /// Factor on the standard deviation of the white noise while the unit moves; 1 for the same noise as at rest.
     pub noise_in_motion: f64,
     /// Bias instability B, SI unit: flicker noise with an Allan deviation of `sqrt(2 ln 2 / pi) B = 0.664 B`.
     pub bias_instability: f64,
-    /// Random walk K of the bias of each axis, SI unit/s/sqrt(Hz). After a time t its standard deviation is
-    /// `K sqrt(t)`.
+    /// Random walk K of the bias of each axis, SI unit/s/sqrt(Hz). After a time t, the bias has changed with a standard
+    /// deviation of `K sqrt(t)`.
     pub random_walk: Vector3<f64>,
     /// Low-pass filter before sampling, which also filters the noise; `None` for no filter.
     pub low_pass: Option<LowPass>,
@@ -61,9 +61,9 @@ impl Converter {
     /// Output for an input `value`, SI unit: rounded and clipped. [`Sensor::check`] has verified `bits`.
     #[inline]
     pub(super) fn convert(&self, value: f64) -> f64 {
-        // At this magnitude the spacing of f64 is one, so adding and subtracting it rounds to the nearest integer, ties
-        // to even. This needs no rounding instruction, which older processors lack. Clipped counts are far smaller, so
-        // the sum is exact.
+        // At this magnitude, the spacing of f64 is one. Adding and subtracting this number therefore rounds to the
+        // nearest integer, ties to even, without the rounding instruction that older processors lack. Clipped counts
+        // are far smaller than this number, so the sum is in the range in which the spacing is one.
         const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
         let half = (1_u64 << (self.bits - 1)) as f64;
         let counts = (value / self.lsb).clamp(-half, half - 1.0);
@@ -121,7 +121,7 @@ impl Sensor {
             }
         }
         if let Some(low_pass @ LowPass { bandwidth_hz }) = self.low_pass {
-            // This form of the condition is false for NaN, so NaN is refused.
+            // The condition is negated as a whole, so that NaN is refused.
             if !(bandwidth_hz > 0.0 && low_pass.steps(rate_hz) <= MAX_STEPS) {
                 return input(format!(
                     "the low-pass filter has a bandwidth of {bandwidth_hz} Hz: give a positive value up to four times the \
@@ -157,7 +157,7 @@ impl Unit {
     ///   The paper does not state the range. With +-250 deg/s the random program would clip, because it reaches up to
     ///   358 deg/s.
     pub fn paper() -> Self {
-        // Table 2 of the paper exchanges the names of the gyroscope's misalignment and scale.
+        // In Table 2 of the paper, the names of the gyroscope's misalignment and scale are exchanged.
         let misalignment = Matrix3::new(1.0, 0.0094, -0.0060, -0.0086, 1.0, -0.0031, 0.0089, 0.0035, 1.0);
         let scale = Matrix3::from_diagonal(&Vector3::new(0.9771, 1.0309, 1.0030));
         Self {

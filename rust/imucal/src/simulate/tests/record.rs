@@ -15,7 +15,7 @@ fn a_wrong_clock_samples_at_other_instants_and_does_not_say_so() {
     }
     assert!((fast.rests[1].0 - 1.01 * motion.rests()[1].0).abs() < 1e-12);
 
-    // A sample that is late by n times the jitter differs by n times the jitter times the angular acceleration.
+    // A delay of n times the jitter changes the rate of a sample by n times the jitter times the angular acceleration.
     let jitter_s = 1e-5;
     let shaken = run(&Setup { faults: Faults { clock_jitter_s: jitter_s, ..Faults::none() }, ..setup }).unwrap();
     let steady = run(&setup).unwrap();
