@@ -1,11 +1,11 @@
 //! Checks of recordings before any fit. Each fault has a stable reason code, a location, a value and a recommended
 //! action.
 //!
-//! The checks run in stages, as more about a recording is known. [`check_columns`] uses each recording by itself,
+//! The checks run in stages, each as soon as its inputs are available. [`check_columns`] uses a single recording,
 //! [`check_shared`] all recordings together, [`check_rests`] the detected rests, [`check_kinematics`] a first linear
-//! fit of the gyroscope, and [`check_gains`] the resulting calibration. Several faults of one kind give one finding
-//! with their count and the location of the first. Samples that are not finite are reported once and ignored by all
-//! other checks.
+//! fit of the gyroscope, and [`check_gains`] the resulting calibration. Several faults of one kind are combined into
+//! one finding with their number and the location of the first fault. Samples that are not finite are reported once and
+//! ignored by all other checks.
 
 mod axes;
 mod bursts;
@@ -54,7 +54,7 @@ use crate::recording::{RawUnit, Recording};
 /// Runs all checks that do not need rests, for functions that need both sensors. An empty result means that no fault
 /// was found.
 ///
-/// The findings are `sensor_missing` if the recording has one sensor only, and those of [`check_one_or_both`].
+/// The findings are `sensor_missing` if the recording has only one sensor, and those of [`check_one_or_both`].
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     sensor_missing(recording).into_iter().chain(check_one_or_both(recording)).collect()
 }
@@ -76,7 +76,7 @@ pub fn sensor_missing(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Runs all checks that do not need rests on the sensors that are there. An empty result means that no fault was found.
+/// Runs all checks that do not need rests, on one sensor or on both. An empty result means that no fault was found.
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `value_impossible`, `time_not_increasing`,
 /// `samples_duplicated`, `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`,
@@ -106,7 +106,7 @@ pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
     findings.extend(clock::check(recording, &survey.steps));
     let impossible = values::check_possible(recording, &survey.extremes);
     if !impossible.is_empty() {
-        // The other checks compare values with statistics that the impossible ones distort.
+        // The other checks are skipped, because impossible values distort their statistics.
         findings.extend(impossible);
         return findings;
     }
@@ -117,7 +117,8 @@ pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
     findings.extend(discontinuous);
     let unsigned = unsigned::check(recording, &survey);
     let is_unsigned = |column: &String| unsigned.iter().any(|wrong| wrong.columns.contains(column));
-    // A channel whose counts wrap around at zero reaches both ends of the number range without being saturated.
+    // Saturation is not reported for a channel whose counts wrap around at zero, because such a channel reaches both
+    // ends of the number range without being saturated.
     findings
         .extend(rails::check(recording, &survey).into_iter().filter(|rails| !rails.columns.iter().any(is_unsigned)));
     findings.extend(unsigned);

@@ -2,17 +2,17 @@
 //! accelerometer.
 //!
 //! Let G and A be the signed permutations by which the reported gyroscope and accelerometer axes differ from the axes
-//! of one right-handed body. The motion of gravity shows P = det(A) A G^T and nothing else (see
-//! [`super::kinematics`]). For each of the 48 P there are 48 pairs (A, G), in two classes. Pairs of one class differ by
-//! a rotation of the body axes, that is, by the names of the axes. The classes differ by det A:
+//! of one right-handed body. The motion of gravity determines only P = det(A) A G^T (see [`super::kinematics`]). For
+//! each of the 48 possible P there are 48 pairs (A, G), which form two classes. Pairs within a class differ only by a
+//! rotation of the body axes, that is, by the names of the axes. The two classes differ in det A:
 //!
 //! ```text
 //! det A = +1   A = I,   G = P^T     the accelerometer is right, the gyroscope columns need P
 //! det A = -1   A = -I,  G = P^T     the accelerometer is mirrored: an odd number of its axes is reversed or exchanged
 //! ```
 //!
-//! Gravity cannot distinguish these classes, but a turn about the vertical does, because the sign of the rate about the
-//! axis that points up differs. Therefore both are named, with this test.
+//! Gravity cannot distinguish the two classes. A turn about the vertical can, because the rate about the axis that
+//! points up has opposite signs in the two classes. The recommendation therefore names both classes and this test.
 
 use nalgebra::Matrix3;
 
@@ -25,7 +25,7 @@ pub(super) struct SignedPermutation {
     pub(super) sign_of: [f64; 3],
 }
 
-/// The axes in their order with these signs.
+/// The permutation that keeps the order of the axes and has these signs.
 const fn signs(sign_of: [f64; 3]) -> SignedPermutation {
     SignedPermutation { column_of: [0, 1, 2], sign_of }
 }
@@ -46,7 +46,8 @@ impl SignedPermutation {
     }
 
     /// The signed permutation with the largest correlation with P, among those with the handedness of P, and this
-    /// correlation: the sum of the three selected entries of P over their norm; 1 if P is this permutation.
+    /// correlation. The correlation is the normalised sum of the three entries of P that the permutation selects. It is
+    /// 1 if P equals the permutation up to a scale.
     pub(super) fn closest(p: &Matrix3<f64>) -> (Self, f64) {
         let handedness = p.determinant().signum();
         let norm = 3.0f64.sqrt() * p.norm();
@@ -74,17 +75,18 @@ impl SignedPermutation {
         Self { sign_of: self.sign_of.map(|sign| -sign), ..*self }
     }
 
-    /// The single axis with a positive sign and the others reversed: a half turn about this axis.
+    /// The axis of a half turn about a coordinate axis: this axis has a positive sign and the other two are reversed.
+    /// `None` for any other permutation.
     pub(super) fn half_turn(&self) -> Option<usize> {
         (0..3).find(|&axis| self.in_order() && (0..3).all(|k| (self.sign_of[k] > 0.0) == (k == axis)))
     }
 
-    /// The single axis with a reversed sign, in order.
+    /// The axis whose sign is reversed, if the permutation reverses exactly one axis and keeps their order.
     pub(super) fn reversed_axis(&self) -> Option<usize> {
         self.negated().half_turn()
     }
 
-    /// The two axes that are exchanged, if all three signs are `sign`.
+    /// The two exchanged axes, if exactly two are exchanged and all three signs equal `sign`.
     fn exchanged_with(&self, sign: f64) -> Option<[usize; 2]> {
         let mut moved = (0..3).filter(|&k| self.column_of[k] != k);
         let pair = [moved.next()?, moved.next()?];
@@ -96,12 +98,12 @@ impl SignedPermutation {
         self.exchanged_with(-1.0)
     }
 
-    /// The two exchanged axes of a permutation without other changes.
+    /// The two exchanged axes, if the permutation makes no other change.
     pub(super) fn exchanged(&self) -> Option<[usize; 2]> {
         self.exchanged_with(1.0)
     }
 
-    /// Text "gyro x follows accelerometer -y" for each axis that does not correspond to itself.
+    /// Text such as "gyro x follows accelerometer -y" for each axis that is not mapped to itself.
     pub(super) fn mapping(&self) -> String {
         let parts: Vec<String> = (0..3)
             .filter(|&k| self.column_of[k] != k || self.sign_of[k] < 0.0)
@@ -114,13 +116,13 @@ impl SignedPermutation {
         if self.sign_of[axis] < 0.0 { "-" } else { "" }
     }
 
-    /// The value of the option `axes`: the columns that give x, y and z, "-y,x,z".
+    /// The value of the option `axes`: the columns for x, y and z, for example "-y,x,z".
     fn option(&self) -> String {
         [0, 1, 2].map(|k| format!("{}{}", self.minus(k), NAMES[self.column_of[k]])).join(",")
     }
 }
 
-/// One cause that fits, with the option that corrects it.
+/// A possible cause, with the option that corrects it.
 pub(super) struct Cause {
     words: String,
     option: Option<String>,
@@ -135,8 +137,8 @@ impl Cause {
     }
 }
 
-/// Recommendation for a gyroscope that follows the accelerometer by `p`: both classes of causes, and how to tell them
-/// apart.
+/// Recommendation for a gyroscope whose axes differ from those of the accelerometer by `p`. It contains both classes of
+/// causes and the test that distinguishes them.
 pub(super) fn recommendation(p: &SignedPermutation) -> String {
     let sign = |is_right: bool| if (p.sign_of[2] > 0.0) == is_right { "positive" } else { "negative" };
     let rate = format!("gyro_{}", NAMES[p.column_of[2]]);
@@ -188,7 +190,7 @@ fn mirrored_accelerometer(p: &SignedPermutation) -> Cause {
             option: None,
         };
     }
-    // One change of the accelerometer alone explains P = -A, because det(A) = -1 and G = I.
+    // If only the accelerometer is wrong, then G = I and det(A) = -1, so P = -A.
     let alone = p.negated();
     if let Some(axis) = p.half_turn() {
         return Cause {
@@ -258,7 +260,7 @@ mod tests {
                 let text = cause.text();
                 for option in text.split("axes='").skip(1).map(|rest| rest.split('\'').next().unwrap()) {
                     let [accel, gyro] = applied(option);
-                    // P of the corrected columns: P' = det(a) a P g^T.
+                    // P of the corrected columns is P' = det(a) a P g^T.
                     let corrected = accel.determinant() * accel * matrix(&p) * gyro.transpose();
                     assert_eq!(corrected, Matrix3::identity(), "{p:?}: {option}");
                     assert_eq!(accel.determinant().round(), handedness, "{p:?}: {option}");

@@ -1,23 +1,25 @@
-//! Check for packet time stamps: all samples of a packet get nearly the same stamp when the packet arrives or is read.
+//! Check for packet time stamps. They occur if all samples of a packet get nearly equal stamps when the packet arrives
+//! or is read.
 
 use super::{names, stamps};
 use crate::finding::{Finding, Place};
 use crate::numerics::stats::median;
 use crate::recording::Recording;
 
-/// Minimum number of samples in a packet. Two samples with one stamp may be a row that was written twice.
+/// Minimum number of samples in a packet. Two samples with one stamp are not a packet, because they may be a row that
+/// was written twice.
 const LEAST_SAMPLES: f64 = 3.0;
 /// Minimum number of packets for a finding.
 const FEWEST_PACKETS: usize = 10;
 /// Maximum time step between packets, s. Longer time steps are pauses of a logger that sleeps.
 const LONGEST_S: f64 = 2.0;
-/// Minimum share of the recording's duration that lies in the time steps between packets.
+/// Minimum share of the recording's duration that the time steps between packets must cover.
 const SHARE_OF_TIME: f64 = 0.5;
-/// Minimum share of packets with nearly the typical number of samples. Random loss of samples gives packets of varying
-/// size.
+/// Minimum share of packets with nearly the typical number of samples. It excludes random loss of samples, which leaves
+/// groups of varying size.
 const ALIKE: f64 = 0.9;
 /// Maximum relative difference between a packet's number of samples and the typical number for the two to count as
-/// nearly equal; a difference of one sample is always allowed.
+/// nearly equal; a difference of one sample is always permitted.
 const WITHIN: f64 = 0.25;
 
 /// Finding `clock_irregular` for time stamps that come in bursts. The time stamps must not decrease.
@@ -25,8 +27,8 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let time_s = recording.time_s;
     let (first_s, last_s) = (*time_s.first()?, *time_s.last()?);
     let mean_s = (last_s - first_s) / (time_s.len() - 1) as f64;
-    // A packet starts after a time step longer than 1.5 times the mean time step. A step that is NaN starts no
-    // packet.
+    // A packet starts after a time step longer than 1.5 times the mean time step. No packet starts after a step that is
+    // NaN.
     let starts: Vec<usize> = (1..time_s.len()).filter(|&i| time_s[i] - time_s[i - 1] > 1.5 * mean_s).collect();
     let (&first, &last) = (starts.first()?, starts.last()?);
     if starts.len() <= FEWEST_PACKETS {

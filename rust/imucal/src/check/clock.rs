@@ -6,22 +6,23 @@ use crate::finding::{Finding, Place};
 use crate::numerics::stats::{quantile_of, steps_s};
 use crate::recording::Recording;
 
-/// Minimum number of samples in a recording, for rests, moves and a noise level.
+/// Minimum number of samples in a recording. Fewer samples cannot contain rests, moves and a measurable noise level.
 const MIN_SAMPLES: usize = 200;
-/// Minimum duration of a recording with two rests and a move, s.
+/// Minimum duration of a recording, s. It is the time needed for two rests and a move.
 const MIN_DURATION_S: f64 = 5.0;
-/// Plausible sampling rates of inertial sensors, Hz. Beyond them the unit of time is wrong, or moves cannot be
-/// integrated.
+/// Plausible sampling rates of inertial sensors, Hz. Outside this range, the unit of time is wrong, or the rate is too
+/// low to integrate moves.
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
-/// Relative tolerance of [`RATES_HZ`], because time stamps and therefore time steps are rounded.
+/// Relative tolerance of [`RATES_HZ`]. It is needed because rounded time stamps lead to inexact time steps.
 const ROUNDING: f64 = 1e-6;
-/// Relative spread of the time steps (standard deviation divided by median) above which an irregular clock is reported,
-/// as a warning above the first value and as an error above the second.
+/// Limits of the relative spread of the time steps (standard deviation divided by median). An irregular clock is
+/// reported as a warning above the first limit and as an error above the second.
 const SPREAD: [f64; 2] = [0.2, 0.5];
-/// Maximum relative deviation of a time step from the median at which the clock counts as regular; the slower checks of
-/// spread and gaps are then skipped.
+/// Maximum relative deviation of any time step from the median for a clock to count as regular. For a regular clock,
+/// the slower checks of spread and gaps are skipped.
 const REGULAR: f64 = 0.2;
-/// Share of samples with the time stamp of the previous sample above which the time column is an error, not a warning.
+/// Limit of the share of samples with the time stamp of the previous sample. Above this share the finding is an error,
+/// otherwise a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
 /// Time steps between consecutive finite time stamps.
@@ -34,7 +35,7 @@ pub(super) struct Steps {
     longest_s: f64,
     backward: Tally,
     worst_backward_s: f64,
-    /// Samples with the time stamp of the previous sample and other values.
+    /// Samples with the time stamp of the previous sample but different values.
     equal: Tally,
     /// Samples with the time stamp and all six values of the previous sample.
     copied: Tally,
@@ -45,8 +46,8 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
     if let Some(bursts) = steps.backward.first.is_none().then(|| steps.bursts(recording)).flatten() {
-        // With packet time stamps, the time steps contain no information about repeated time stamps, lost samples or
-        // the sampling rate.
+        // With packet time stamps, the checks for repeated time stamps, lost samples and the sampling rate are skipped,
+        // because the time steps contain no information about them.
         findings.push(bursts);
         return findings;
     }
@@ -69,13 +70,14 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     let (low_s, high_s) = (of_steps(0.1), of_steps(0.9));
     findings.extend(rate(recording, median_s));
 
-    // 80 % of a normal distribution lie within +-1.2816 standard deviations. These quantiles are wider than those of a
-    // median absolute deviation, because with stamps in bursts most steps are equal.
+    // 80 % of a normal distribution lie within +-1.2816 standard deviations. These quantiles are used instead of the
+    // median absolute deviation, which is zero if most steps are equal, as with stamps in bursts.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
-    // If the spread is larger, the clock is so irregular that long time steps are no evidence of lost samples.
+    // Gaps are searched only below this spread. A clock with a larger spread is so irregular that long time steps are
+    // no evidence of lost samples.
     let gaps = if spread <= SPREAD[1] {
-        // Stamps of coarse resolution (2 ms and 3 ms alternating) are not gaps. A gap exceeds the 90 % quantile by half
-        // a step.
+        // Alternating steps of stamps with coarse resolution (2 ms and 3 ms) are not gaps. Therefore a gap must exceed
+        // the 90 % quantile of the steps by half a median step.
         let longest_usual_s = (1.5 * median_s).max(high_s + 0.5 * median_s);
         gaps::find(recording, median_s, longest_usual_s * (1.0 + 1e-6))
     } else {
@@ -109,7 +111,7 @@ impl Steps {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let first = part.samples.start.max(1);
         let time_s = &part.recording.time_s[first - 1..part.samples.end];
-        // The usual case: all time steps are positive.
+        // Fast path for the usual case, in which all time steps are positive.
         let [shortest_s, longest_s] = shortest_and_longest_s(time_s);
         if shortest_s > 0.0 && longest_s.is_finite() {
             self.positive += time_s.len() - 1;
@@ -162,13 +164,12 @@ impl Steps {
         })
     }
 
-    /// Finding for packet time stamps. If all time steps are nearly equal there are no packets, and the search for
-    /// packets is skipped.
+    /// Finding for packet time stamps. The search for packets is skipped if all time steps are nearly equal.
     fn bursts(&self, recording: &Recording) -> Option<Finding> {
         (self.equal.samples > 0 || self.longest_s > 2.0 * self.shortest_s).then(|| bursts::check(recording)).flatten()
     }
 
-    /// Finding for rows that were written twice, with their time stamp.
+    /// Finding for rows that were written twice, including the time stamp.
     fn copies(&self, recording: &Recording) -> Option<Finding> {
         Some(Finding {
             message: format!(
@@ -182,7 +183,7 @@ impl Steps {
         })
     }
 
-    /// Finding for different samples with one time stamp.
+    /// Finding for different samples with equal time stamps.
     fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {
         Some(Finding {
             message: format!(
@@ -248,7 +249,7 @@ fn too_short(recording: &Recording) -> Option<Finding> {
         (Some(first), Some(last)) => last - first,
         _ => return None,
     };
-    // If the duration is not usable, other findings report it, and only the number of samples counts here.
+    // An invalid duration is reported by other findings. In this case, only the number of samples is checked here.
     if recording.len() >= MIN_SAMPLES && (duration_s >= MIN_DURATION_S || duration_s.is_nan() || duration_s <= 0.0) {
         return None;
     }

@@ -1,13 +1,14 @@
-//! Check whether time stamps that were made from the sample number agree with the motion.
+//! Check whether time stamps that were computed from the sample number agree with the motion.
 //!
 //! ```text
 //! d_i = w_i - w_(i-1)      m = (d_(i-1) + d_(i+1)) / 2      k = d_i . m / |m|^2
 //! ```
 //!
-//! In a smooth motion the change `d_i` of the rate `w` over a time step is the mean `m` of its neighbours: `k` is 1. If
-//! a sample between two rows was lost, the time between them is twice as long and `k` is 2. Noise and rough motion make
-//! `k` scatter about 1 without a second peak. Stamps that were recorded with the samples show the loss as a gap; evenly
-//! numbered stamps hide it, and the gyroscope's sensitivity is then wrong by the share of lost samples.
+//! In a smooth motion, the change `d_i` of the rate `w` over a time step equals the mean `m` of the adjacent changes,
+//! so `k` is 1. If a sample between two rows was lost, the time between these rows is twice as long, and `k` is 2. Due
+//! to noise and rough motion, `k` scatters about 1, without a second peak at 2. If time stamps were recorded with the
+//! samples, a lost sample appears as a gap. If they were computed from the sample number, there is no gap, and the
+//! estimated sensitivity of the gyroscope has a relative error equal to the share of lost samples.
 
 use nalgebra::Vector3;
 
@@ -17,30 +18,32 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile_of;
 use crate::recording::{Recording, Samples};
 
-/// Maximum distance of a time stamp from sample number / rate, in time steps, for stamps that were made from the sample
-/// number. It allows for stamps rounded to a ninth of the time step.
+/// Maximum deviation of a time stamp from sample number / rate, in time steps, for stamps to count as computed from the
+/// sample number. It allows for rounding of the stamps to a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// Minimum size of `m` in standard deviations of the noise of `d_i - m`; there noise changes `k` by 1/8 (1 sigma).
+/// Minimum norm of `m` for a value of `k` to be used, in standard deviations of the noise of `d_i - m`. At this norm,
+/// the noise of `k` has a standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
-/// Maximum relative difference of the neighbours `d_(i-1)` and `d_(i+1)` in a smooth motion.
+/// Maximum difference between `d_(i-1)` and `d_(i+1)`, relative to `m`, for a motion to count as smooth.
 const SMOOTH: f64 = 0.5;
-/// Maximum relative size of the part of `d_i` across `m`.
+/// Maximum norm of the component of `d_i` perpendicular to `m`, relative to `m`, for a value of `k` to be used.
 const ACROSS: f64 = 0.35;
-/// Values of `k` at which one sample was lost: 2, within the noise that [`CLEAR`] allows.
+/// Range of `k` that counts as one lost sample: 2, within the noise that [`CLEAR`] permits.
 const LOST: [f64; 2] = [1.75, 2.25];
-/// Values of `k` between the peaks at 1 and at 2, which rough motion reaches as well.
+/// Range of `k` between the peaks at 1 and at 2. Rough motion leads to values in this range, too, so their number is
+/// the reference for the peak at 2.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
-/// Rows that are examined together, a number that fits into the cache.
+/// Number of rows that are examined together. Their data fit into the cache.
 const BLOCK: usize = 4096;
 /// Minimum number of lost samples for a finding.
 const FEWEST: usize = 5;
-/// Minimum ratio of the number of values at 2 to the number of values between 1 and 2.
+/// Minimum ratio of the number of `k` in [`LOST`] to the number of `k` in [`BETWEEN`] for a finding.
 const PEAK: usize = 3;
-/// Mean of `k` at repeated rows below which the rows are additional rows, for which it is 1; for samples that the
-/// sensor held it is 2.
+/// Limit of the mean of `k` across repeated rows. Additional rows have a mean of 1, and samples that the sensor held
+/// have a mean of 2. Below this limit, the rows are reported as additional rows.
 const ADDITIONAL: f64 = 1.5;
 
-/// Reports lost samples and additional rows in a recording whose time stamps were made from the sample number.
+/// Reports lost samples and additional rows in a recording whose time stamps were computed from the sample number.
 pub(super) fn check(recording: &Recording<'_>, repeats: &Repeats) -> Option<Finding> {
     if recording.angular_rate.is_absent() || !is_even(recording.time_s) {
         return None;
@@ -49,7 +52,7 @@ pub(super) fn check(recording: &Recording<'_>, repeats: &Repeats) -> Option<Find
     additional(recording, repeats, noise).or_else(|| lost(recording, noise))
 }
 
-/// Whether all time stamps are sample number / rate.
+/// Whether all time stamps equal sample number / rate.
 fn is_even(time_s: &[f64]) -> bool {
     let ([first_s, .., last_s], count) = (time_s, time_s.len()) else { return false };
     let step_s = (last_s - first_s) / (count - 1) as f64;
@@ -92,12 +95,13 @@ fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
     })
 }
 
-/// Reports repeated rows across which the rate changes by one time step: the row before was written twice.
+/// Reports repeated rows across which the rate changes by only the amount of one time step, which means that the row
+/// before was written twice.
 fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Option<Finding> {
     let count = repeats.reported()?;
     let rate = recording.angular_rate;
     let is_repeat = |i: usize| rate.at(i) == rate.at(i - 1);
-    // Across a repeated row: the repeat is row i - 1, so the rows around it are i - 2 and i.
+    // The change across a repeated row: the repeat is row i - 1, so the rows before and after it are i - 2 and i.
     let across = (3..rate.len() - 1).filter(|&i| is_repeat(i - 1) && !is_repeat(i) && !is_repeat(i - 2));
     let (sum, number) = across
         .filter_map(|i| change_over_neighbours([i - 3, i - 2, i, i + 1].map(|row| rate.at(row).into()), noise))
@@ -128,13 +132,14 @@ fn fours(rows: &[[f64; 3]]) -> impl Iterator<Item = [Vector3<f64>; 4]> + '_ {
     rows.windows(4).map(|rows| std::array::from_fn(|k| rows[k].into()))
 }
 
-/// `k` for the change between the two middle rows of four; None where the motion is too slow, too rough, or not finite.
+/// `k` for the change between the two middle rows of four; `None` if the motion is too slow or too rough, or if a value
+/// is not finite.
 #[inline]
 fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option<f64> {
     let (before, change, after) = (b - a, c - b, d - c);
     let mean = (before + after) / 2.0;
     let length2 = mean.norm_squared();
-    // Most rows are at rest, so the first test ends most calls.
+    // This test comes first because most rows are at rest and fail it.
     let is_clear = length2 > (CLEAR * noise).powi(2) && (after - before).norm_squared() < SMOOTH.powi(2) * length2;
     if !is_clear {
         return None;
@@ -143,7 +148,8 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
     ((change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
 }
 
-/// Standard deviation of one axis of `d_i - m`, raw units, from its median size: most changes are smooth.
+/// Standard deviation of each axis of `d_i - m`, raw units. It is computed from the median norm, because most changes
+/// are smooth.
 fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
     /// Median length of a vector with three independent standard normal components.
     const MEDIAN_LENGTH: f64 = 1.538_172;
@@ -168,7 +174,8 @@ mod tests {
         check(&columns.recording(), &Survey::of(&columns.recording()).repeats)
     }
 
-    /// The rows with these indices; the time stamps are kept, or made from the sample number.
+    /// The rows with these indices. Their time stamps are kept, or are computed from the sample number if `made_anew`
+    /// is set.
     fn rows(kept: impl Iterator<Item = usize>, made_anew: bool) -> Columns {
         let all = Columns::tumbling();
         let mut columns = Columns { time_s: Vec::new(), force: Vec::new(), rate: Vec::new() };

@@ -1,8 +1,8 @@
-//! Check of the calibration for an axis whose unit is not the one in its column name.
+//! Check of the calibration for an axis whose unit differs from the unit in its column name.
 //!
-//! The fit accepts any scale. With accel_x in g and the other axes in m/s^2, the fit has small residuals and a gain of
-//! 0.1 on x. The gain of an axis is the norm of its row of T. In SI units it is near 1 for every sensor on the market.
-//! In counts it can have any value, but axes of one chip have equal gains.
+//! The fit accepts any scale. If accel_x is in g and the other axes are in m/s^2, for example, the residuals are small
+//! and the gain of x is 0.1. The gain of an axis is the norm of its row of T. In SI units it is near 1 for every sensor
+//! on the market. In counts the gain can have any value, but the axes of one chip have nearly equal gains.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -14,20 +14,22 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of a plausible gain of an axis in SI units (ideal: 1); datasheets specify 0.9 to 1.1 or better.
 const GAIN: [f64; 2] = [0.75, 1.25];
 
-/// Maximum ratio of the largest to the smallest gain of axes in counts, from the limits of [`GAIN`]: axes of one chip.
+/// Maximum ratio of the largest to the smallest gain of axes in counts, for axes of one chip. It follows from the
+/// limits of [`GAIN`].
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
-/// Smallest deviation from 1 of a gain that all axes of a gyroscope share, which is reported. Clocks of quartz stay far
-/// below it; the internal oscillators of sensors, and rates that were guessed, do not.
+/// Smallest reported deviation from 1 of a gain that all axes of a gyroscope share. The error of a quartz clock is far
+/// below this limit. The internal oscillators of sensors, and guessed sampling rates, can exceed it.
 const COMMON_GAIN: f64 = 0.01;
 
-/// Largest deviation of one axis from the common gain, relative to the deviation of the common gain from 1. Scale
-/// errors of the axes of a sensor are independent, so they rarely agree this well by themselves.
+/// Maximum deviation of one axis from the common gain, relative to the deviation of the common gain from 1, for the
+/// gain to count as common. The scale errors of the axes of a sensor are independent and rarely agree so well by
+/// coincidence.
 const COMMON_SHARE: f64 = 1.0 / 3.0;
 
-/// Findings `accel_units` and `gyro_units` (errors) for an axis in SI units with an implausible gain, and
-/// `gains_differ` (a warning) for axes in counts with different gains, and `gyro_common_gain` (a warning) for axes of a
-/// gyroscope in SI units that share a gain. `recording` is the first recording of the unit.
+/// Reports `accel_units` and `gyro_units` (errors) for an axis in SI units with an implausible gain, `gains_differ` (a
+/// warning) for axes in counts with different gains, and `gyro_common_gain` (a warning) for gyroscope axes in SI units
+/// that share a gain different from 1. `recording` is the first recording of the unit.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
     let mut findings: Vec<Finding> = check_accelerometer_gains(recording, &calibration.accelerometer)
         .into_iter()

@@ -1,14 +1,14 @@
-//! Long time steps: lost samples, or samples that were stamped late.
+//! Long time steps, caused by lost samples or by samples that were stamped late.
 //!
-//! After a lost sample, the time stamps go on at the usual rate. A sample that is stamped late, for example because the
-//! computer was busy, is followed by shorter steps, until the stamps have caught up. The number of samples then fits
-//! the duration, and none is missing.
+//! After a lost sample, the time stamps continue at the usual rate. A sample that is stamped late, for example because
+//! the computer was busy, is followed by shorter steps until the stamps have caught up. In that case, the number of
+//! samples agrees with the duration, and no sample is missing.
 
 use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
-/// Maximum ratio of a time step to the usual one for a step with which late stamps catch up.
+/// Maximum ratio of a time step to the usual time step for the step to count as shorter, so that late stamps catch up.
 const CATCHES_UP: f64 = 0.95;
 
 /// Long time steps of a recording.
@@ -28,7 +28,7 @@ pub(super) struct Gaps {
 /// Examines the time steps that are longer than `longest_usual_s`; `median_s` is the median time step.
 pub(super) fn find(recording: &Recording, median_s: f64, longest_usual_s: f64) -> Gaps {
     let steps_s = || recording.time_s.windows(2).map(|pair| pair[1] - pair[0]);
-    // The mean of the steps around the median, which is not the median if the clock is coarse.
+    // The usual step is the mean of the steps near the median. With a coarse clock, this mean differs from the median.
     let usual = |step_s: &f64| *step_s >= 0.5 * median_s && *step_s <= longest_usual_s;
     let (count, sum_s) = steps_s().filter(usual).fold((0.0, 0.0), |(n, sum), step_s| (n + 1.0, sum + step_s));
     let usual_s = sum_s / count;

@@ -1,10 +1,10 @@
-//! Check of the sign of gravity: a sensor at rest reads +g on the axis that points up.
+//! Check of the sign of gravity. A sensor at rest must read +g on the axis that points up.
 //!
-//! Motion does not show this sign, because |u| = g and u' = u x w remain true for -u. Two kinds of recordings read -g
-//! where +g is expected. Axes with z down (FRD and NED) are right-handed axes like any others, and both sensors need
-//! the same rotation. An accelerometer that reports gravity instead of specific force needs another sign, and the
-//! gyroscope does not. Therefore no change of sign is recommended before these two are told apart: by the motor angles
-//! of a stand, or by a turn about the vertical.
+//! Motion does not determine this sign, because |u| = g and u' = u x w also hold for -u. A reading of -g instead of +g
+//! has two possible causes. First, the axes may have z down (FRD or NED); these axes are right-handed, and both sensors
+//! need the same rotation. Second, the accelerometer may report gravity instead of specific force; its sign must be
+//! reversed, but not that of the gyroscope. Therefore no correction is recommended until the motor angles of a stand,
+//! or a turn about the vertical, have distinguished the two causes.
 
 use std::ops::Range;
 
@@ -15,23 +15,24 @@ use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 use crate::simulate::gimbal::rotation_world_from_body;
 
-/// Maximum magnitude of the motor angles at the stand's zero position, rad.
+/// Maximum magnitude of the motor angles for the stand to count as being in its zero position, rad.
 const STAND_ZERO_RAD: f64 = 0.02;
-/// Minimum component of the unit up-vector along an axis that points nearly up: the cosine of 20 deg.
+/// Minimum component of the unit up vector along an axis for this axis to count as pointing up. It is the cosine of 20
+/// deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
-/// Minimum mean cosine between the measured directions up and those by the motor angles for a hypothesis about the
-/// axes: the cosine of 20 deg.
+/// Minimum mean cosine between the measured up directions and those predicted from the motor angles for a hypothesis
+/// about the axes to be accepted. It is the cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
-/// Minimum difference between the mean cosines of the two hypotheses for a decision. Without rests with x or y up, both
-/// hypotheses predict the same directions.
+/// Minimum difference between the mean cosines of the two hypotheses for a decision between them. Without rests with x
+/// or y up, both hypotheses predict the same directions.
 const TOLD_APART: f64 = 0.1;
 
 /// Finding `gravity_sign` for a unit that reads -g on z where z is expected to point up.
 ///
-/// With stand columns, z points up when all motors are at zero; the rests at other motor angles then show whether the
-/// axes have z down, which is a warning, or the sign of gravity is reversed, which is an error. Without stand columns,
-/// most recordings start upright; the finding is then a warning, because the unit may be upside down. Unsigned counts
-/// have no known zero and are not checked.
+/// With stand columns, z points up when all motors are at zero, and the rests at other motor angles show the cause.
+/// Axes with z down are a warning, and a reversed sign of gravity is an error. Without stand columns, the first rest is
+/// checked, because most recordings start upright. The finding is then a warning, because the unit may be upside down.
+/// Unsigned counts have no known zero and are not checked.
 pub(super) fn check(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     let at_zero = |rest: &&Range<usize>| {
         recording
@@ -89,7 +90,7 @@ const Z_DOWN: &str = "pass axes='frd', which rotates accelerometer and gyroscope
 const Z_DOWN_ALONE: &str = "pass axes='frd', which rotates the accelerometer to x forward, y left, z up";
 const REVERSED: &str = "pass axes='accel=-x,-y,-z', which leaves the gyroscope as it is";
 
-/// Recommendation if the data do not show the cause.
+/// Recommendation if the data do not determine the cause.
 fn ask() -> String {
     format!(
         "if the axes are FRD or NED (z down), {Z_DOWN}. If neither is known, turn the unit counter-clockwise as seen from \
@@ -98,19 +99,19 @@ fn ask() -> String {
     )
 }
 
-/// Cause of a reading of -g on z, by the motor angles.
+/// Cause of a reading of -g on z, as determined from the motor angles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Axes {
     /// Both sensors have z down: x forward, y right.
     ZDown,
     /// The accelerometer reads -g on the axis that points up.
     Reversed,
-    /// The rests do not tell these two apart, or neither fits.
+    /// The rests do not distinguish the two causes, or neither agrees with them.
     Unclear,
 }
 
 impl Axes {
-    /// Compares the directions up at all rests with those by the motor angles.
+    /// Compares the up directions at all rests with those predicted from the motor angles.
     fn by_motors(recording: &Recording, rests: &[Range<usize>], stand: &[[f64; 3]]) -> Self {
         let (mut z_down, mut reversed, mut count) = (0.0, 0.0, 0.0);
         for rest in rests {
@@ -154,7 +155,7 @@ mod tests {
         check(&Recording { stand_rad: stand, ..columns.recording() }, &Columns::rests())
     }
 
-    /// Motor angles that give the example's directions up at its rests: the tilt by motor 2, the heading by motor 3.
+    /// Motor angles for the up directions of the example's rests. Motor 2 sets the tilt and motor 3 the heading.
     fn motors() -> Vec<[f64; 3]> {
         let columns = Columns::tumbling();
         let up = |i: usize| Vector3::from(columns.force[i]).normalize();

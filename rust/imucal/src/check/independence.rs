@@ -1,8 +1,9 @@
-//! Check that recordings are independent: that none is a copy or a part of another one, also if it was altered.
+//! Check that recordings are independent, that is, that no recording is a copy or a part of another one, even if the
+//! copy was altered.
 //!
 //! A control recording that is an altered copy of a calibration recording contains the noise to which the model was
-//! fitted, so its figures are too good. The noise at rest identifies a recording: for independent recordings the
-//! largest correlation over all lags is below 10 standard deviations, for altered copies it is above 20
+//! fitted, so its control figures are too optimistic. The noise at rest identifies a recording. For independent
+//! recordings, the largest correlation over all lags is below 10 standard deviations; for altered copies it is above 20
 //! (docs/results/copies.md).
 
 use std::ops::Range;
@@ -13,13 +14,14 @@ pub use super::noise_tape::{AtRest, at_rest};
 use super::noise_tape::{Tape, is_same_rate};
 use crate::finding::Finding;
 
-/// Correlation from which two recordings have their noise in common, in standard deviations for independent noise.
+/// Correlation from which two recordings count as having the same noise, in standard deviations of the correlation of
+/// independent noise.
 const COPY_SIGMAS: f32 = 14.0;
-/// Minimum ratio of this correlation to the largest one at other lags. Periodic vibration that two recordings share
-/// correlates at many lags.
+/// Minimum ratio of the largest correlation to the largest one at distant lags for a copy. It excludes periodic
+/// vibration that two recordings share, which correlates at many lags.
 const UNIQUE: f32 = 2.0;
-/// Number of templates of a recording, one in each third. A recording of which at least half is in another one has a
-/// template there.
+/// Number of templates of a recording, one in each third. If at least half of a recording is contained in another one,
+/// at least one template is contained in it.
 const TEMPLATES: usize = 3;
 
 /// Finding `recordings_overlap` for every recording that has its noise in common with another one of the same list.
@@ -59,7 +61,7 @@ pub fn check_control(calibration: &[AtRest<'_>], control: &[AtRest<'_>]) -> Vec<
 struct Copy {
     recording: usize,
     of: usize,
-    /// First sample in each of them, and the number of samples in the first.
+    /// First sample of the common part in each of the two recordings, and the number of samples in the first recording.
     first: usize,
     first_of: usize,
     samples: [usize; 2],
@@ -91,8 +93,8 @@ impl Copy {
     }
 }
 
-/// Copies among the recordings, at most one for each pair for which `is_compared`: their correlation is at least
-/// `copy_sigmas`. Each recording is searched in those with at least as many samples.
+/// Copies among the recordings, at most one for each pair for which `is_compared` is true. The correlation of a copy is
+/// at least `copy_sigmas`. Each recording is searched for in all recordings with at least as many samples.
 fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool, copy_sigmas: f32) -> Vec<Copy> {
     let mut order: Vec<usize> = (0..recordings.len()).collect();
     order.sort_by_key(|&index| std::cmp::Reverse(recordings[index].recording.len()));
@@ -107,7 +109,8 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
                 continue;
             }
             let ratio = tape.rate_hz / own.rate_hz;
-            // A copy whose time stamps were changed has the same samples at another rate.
+            // If the sampling rates differ, the samples are also compared one to one, because a copy whose time stamps
+            // were changed has the same samples at a different rate.
             let ratios = if is_same_rate(tape.rate_hz, own.rate_hz) { vec![1.0] } else { vec![ratio, 1.0] };
             for ratio in ratios.into_iter().filter(|ratio| *ratio > 0.0 && ratio.is_finite()) {
                 for first in starts(&recordings[index], samples_of(ratio)) {
@@ -133,7 +136,8 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
     found
 }
 
-/// End of the part of a tape in which a recording is searched: of the recordings before it in `order`.
+/// End of the part of a tape in which a recording is searched for. This part contains the recordings before it in
+/// `order`.
 fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl Fn(usize, usize) -> bool) -> usize {
     let before: Vec<usize> = order.iter().copied().take_while(|&other| other != index).collect();
     let is_searched = |part: &&(usize, Range<usize>)| before.contains(&part.0) && is_compared(part.0, index);
@@ -154,7 +158,7 @@ fn starts(at_rest: &AtRest<'_>, samples: usize) -> Vec<usize> {
     starts
 }
 
-/// The recording on the tape that has the noise of the template, and its sample.
+/// The recording on the tape that contains the noise of the template, and the sample at which this noise begins.
 fn copy_at(template: &Template, peak: &Peak, tape: &Tape) -> Option<Copy> {
     let middle = (peak.at + (TEMPLATE / 2) as isize).clamp(0, template.until as isize - 1) as usize;
     let (of, range) = tape.parts.iter().find(|(_, range)| range.contains(&middle))?;
@@ -197,8 +201,8 @@ mod tests {
         found.iter().map(|copy| copy.sigmas).max_by(f32::total_cmp)
     }
 
-    /// The same program on the same stand: only the noise differs. No seed of these has another outcome than the
-    /// hundreds of seeds of benches/copies.py.
+    /// Two runs of one program on one stand differ only in their noise. The outcome for these seeds is the same as for
+    /// the hundreds of seeds in benches/copies.py.
     #[test]
     fn runs_of_one_program_are_independent() {
         let program = program(3);

@@ -1,12 +1,13 @@
 //! Checks of the gyroscope's unit, handedness and order of axes, by the motion of gravity during moves.
 //!
-//! In every move the direction u of gravity rotates in the body frame: u' = u x w. A linear fit of this equation gives
+//! In every move the direction u of gravity rotates in the body frame: u' = u x w. A linear fit of this equation yields
 //! P in w = P (raw - bias). Let G and A be the signed permutations by which the reported gyroscope and accelerometer
-//! axes differ from the true ones. Then P = det(A) A G^-1, so det P has the sign of det G and shows the handedness of
-//! the gyroscope. A left-handed accelerometer gives P = -A, which is a proper rotation. One reversed accelerometer axis
-//! therefore looks like a half turn of the gyroscope about this axis. Two exchanged accelerometer axes look like a half
-//! turn of the gyroscope about a diagonal, which exchanges these axes and reverses all three. Columns of both sensors
-//! that are mirrored alike give P = -I, like a gyroscope of reversed sign.
+//! axes differ from the true ones. Then P = det(A) A G^-1, so det P has the sign of det G, which is the handedness of
+//! the gyroscope. For a left-handed accelerometer and a correct gyroscope, P = -A, which is a proper rotation. One
+//! reversed accelerometer axis therefore has the same P as a half turn of the gyroscope about this axis. Two exchanged
+//! accelerometer axes have the same P as a half turn of the gyroscope about a diagonal, which exchanges these axes and
+//! reverses all three. If the columns of both sensors are mirrored in the same way, P = -I, as for a gyroscope of
+//! reversed sign.
 
 use nalgebra::Matrix3;
 
@@ -15,22 +16,24 @@ use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
-/// Limits of the scale of P for a gyroscope in the right unit (ideal: 1). Scale errors of sensors are far smaller than
-/// these limits allow.
+/// Limits of the scale of P for a gyroscope in the correct unit (ideal: 1). They are far wider than the scale errors of
+/// sensors.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// Relative tolerance within which the scale of P counts as a known conversion factor, for example from deg/s to rad/s.
+/// Maximum relative deviation of the scale of P from a known conversion factor, for example from deg/s to rad/s, for
+/// the recommendation to name this unit.
 const KNOWN: f64 = 0.25;
-/// Minimum ratio of the smallest to the largest singular value of P for any conclusion; below it the motion was too
-/// poor.
+/// Minimum ratio of the smallest to the largest singular value of P for any finding. With a smaller ratio, the motion
+/// does not determine P.
 const WELL_DETERMINED: f64 = 0.1;
-/// Minimum correlation of P with a signed permutation for a conclusion (1: identical; 0.97: rotated by 18 deg).
+/// Minimum correlation of P with a signed permutation for a finding that names the permutation (1: identical; 0.97:
+/// rotated by 18 deg).
 const CLEAR: f64 = 0.85;
 
 /// Checks `rate_from_raw`, which is P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in
 /// all moves.
 ///
 /// Codes: `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. A P that is not finite or nearly singular
-/// (too little motion) gives no finding. For counts only the handedness and the order of axes are checked.
+/// (too little motion) gives no finding. For counts, only the handedness and the order of the axes are checked.
 ///
 /// # Example
 /// If the raw x axis is reversed, P is near diag(-1, 1, 1) and det P < 0: the finding `left_handed_axes` names
@@ -59,8 +62,8 @@ fn is_well_determined(p: &Matrix3<f64>) -> bool {
     squares.min() > WELL_DETERMINED.powi(2) * squares.max()
 }
 
-/// Recommendation if the scale of P is no conversion factor between known units. The unit of the rate or of the time
-/// may be wrong, because only the product of rate and time is observable.
+/// Recommendation if the scale of P is not a known conversion factor between units. It mentions both rate and time,
+/// because only their product is observable, so either unit may be wrong.
 const OTHERWISE: &str = "give the columns in the unit of their names, or as raw counts: gyro_x_lsb; or the time or the \
                          sample rate is wrong by this factor: correct it";
 
@@ -91,7 +94,7 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
     })
 }
 
-/// Finding for a gyroscope that follows the accelerometer by a signed permutation.
+/// Finding for a gyroscope whose axes differ from those of the accelerometer by a signed permutation.
 fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64) -> Finding {
     let of = |triad: [&str; 3], which: &[usize]| names(which.iter().map(|&k| triad[k]));
     let error = || Finding::error("left_handed_axes", recording.name);
@@ -117,7 +120,7 @@ fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64)
     }
 }
 
-/// Finding for left-handed rates that no signed permutation explains.
+/// Finding for left-handed rates that do not correspond to any signed permutation.
 fn unlike_any(recording: &Recording, correlation: f64) -> Finding {
     Finding {
         columns: names(GYRO),
@@ -248,8 +251,7 @@ mod tests {
             assert_eq!((findings[0].code, findings[0].severity), ("left_handed_axes", Severity::Error));
             assert_eq!(findings[0].columns, columns.map(|k| ACCEL[k]));
         }
-        // North-east-down relative to east-north-up is a half turn about a diagonal as well, but it is a common
-        // mounting.
+        // North-east-down relative to east-north-up is also a half turn about a diagonal, but it is a common mounting.
         let ned = Matrix3::from_columns(&[y, x, -z]);
         assert_eq!(judge(near(ned))[0].severity, Severity::Warning);
     }

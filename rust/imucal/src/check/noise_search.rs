@@ -1,9 +1,10 @@
-//! Search for a part of one recording's noise in other recordings, over all lags.
+//! Search for part of the noise of one recording in other recordings, over all lags.
 //!
 //! Both signals are divided by the magnitude of their spectrum (phase transform: Knapp and Carter, The generalized
-//! correlation method for estimation of time delay, 1976). Every frequency then has the same weight, so a strong
-//! periodic vibration that two independent recordings share contributes no more than the few frequencies that it
-//! occupies. For independent noise the sum over m frequencies and n signals has the variance m n at every lag.
+//! correlation method for estimation of time delay, 1976). All frequencies then have equal weight. A strong periodic
+//! vibration that two independent recordings share occupies only a few frequencies, so its contribution to the
+//! correlation is small. For independent noise, the sum over m frequencies and n signals has the variance m n at every
+//! lag.
 
 use std::sync::Arc;
 
@@ -15,34 +16,36 @@ use super::noise_tape::{SIGNALS, Tape};
 /// Whitened Fourier transform of a block of one signal; empty if the block has no signal.
 type Spectrum = Vec<Complex<f32>>;
 
-/// Samples in a block of the searched recording.
+/// Number of samples in a block of the searched recording.
 const BLOCK: usize = 4096;
-/// Samples in a template, at the rate of the searched recording. Templates are short, so that two clocks, or a clock
-/// that was written with other digits, stay within one sample over a template.
+/// Number of samples in a template, at the rate of the searched recording. Templates are so short that two clocks, or
+/// one clock written with different numbers of digits, diverge by less than one sample over a template.
 pub(super) const TEMPLATE: usize = 2048;
-/// Lags that one block gives.
+/// Number of lags for which one block provides correlations.
 const LAGS: usize = BLOCK - TEMPLATE;
 /// Share of a block or template at each end that is tapered, so that its edges do not spread periodic vibration over
 /// all frequencies.
 const TAPER: f64 = 0.05;
-/// Distance in samples from the largest correlation from which another large correlation contradicts a copy. Lost
-/// samples give a copy several lags within this distance; periodic signals correlate at every lag.
+/// Minimum distance between the largest correlation and another large one for the latter to contradict a copy, in
+/// samples. With lost samples, a copy has several lags within this distance. Periodic signals correlate at every lag.
 const NEAR: usize = 64;
 
-/// Correlations of the three signals that depend on the order of the axes, and of the one that does not.
+/// Index ranges of the two groups of signals that are correlated separately: three signals that depend on the order of
+/// the axes, and one that does not.
 const KINDS: [std::ops::Range<usize>; 2] = [0..3, 3..SIGNALS];
 
-/// A part of a recording's noise, to be searched for.
+/// Part of the noise of a recording that is searched for.
 pub(super) struct Template {
     /// Index of the recording.
     pub(super) recording: usize,
-    /// Index of its first sample in the recording.
+    /// Index of the first sample of the template in the recording.
     pub(super) first: usize,
-    /// Samples of the recording that it covers.
+    /// Number of samples of the recording that the template covers.
     pub(super) samples: usize,
     /// Index of the tape that is searched.
     pub(super) tape: usize,
-    /// End of the searched part of the tape. The template begins before it, so it does not meet itself.
+    /// End of the searched part of the tape. The search ends before the template's own recording, so the template is
+    /// not compared with itself.
     pub(super) until: usize,
     /// Conjugate whitened spectrum of each signal; empty for a signal that is zero.
     spectra: [Spectrum; SIGNALS],
@@ -87,8 +90,9 @@ impl Transform {
     /// The template that begins `first` samples after the start of `range`, which is a recording's range on the tape
     /// `from`. `ratio` is the rate of the searched tape divided by that of the recording.
     ///
-    /// A second difference is the change of slope of the samples' linear interpolation. Spreading it over the two
-    /// nearest samples of another rate gives the second difference of the interpolated samples.
+    /// A second difference is the change of slope of the linear interpolation between samples. At another sampling
+    /// rate, the second difference of the interpolated samples is obtained by distributing this change over the two
+    /// nearest samples.
     pub(super) fn template(
         &mut self,
         from: &Tape,
@@ -117,7 +121,7 @@ impl Transform {
         Template { recording, first, samples, tape, until, spectra }
     }
 
-    /// The peak of each template in the tape that it searches.
+    /// The peak of each template in the tape in which it is searched for, for both groups of signals.
     pub(super) fn search(&mut self, tapes: &[Tape], templates: &[Template]) -> Vec<[Peak; 2]> {
         let mut tops: Vec<[Vec<Peak>; 2]> = templates.iter().map(|_| Default::default()).collect();
         for (index, tape) in tapes.iter().enumerate() {
@@ -194,7 +198,8 @@ impl Transform {
         if signals == 0 {
             return None;
         }
-        // The sums at the frequencies 0 and rate/2 are real apart from rounding, as the transform requires.
+        // The inverse transform requires real values at the frequencies 0 and rate/2. The sums there are real except
+        // for rounding errors, which are removed.
         self.product[0].im = 0.0;
         self.product[BLOCK / 2].im = 0.0;
         let length = self.inverse.get_scratch_len();
@@ -209,7 +214,8 @@ impl Transform {
     }
 }
 
-/// Largest magnitude; the maxima of eight interleaved sequences are independent, so that the compiler uses vectors.
+/// Largest magnitude. Eight interleaved maxima are computed independently, so that the compiler can use vector
+/// instructions.
 fn largest(values: &[f32]) -> f32 {
     let larger = |most: f32, value: f32| if value.abs() > most { value.abs() } else { most };
     let (fulls, rest) = values.as_chunks::<8>();
@@ -220,12 +226,13 @@ fn largest(values: &[f32]) -> f32 {
     most.iter().chain(rest).copied().fold(0.0, larger)
 }
 
-/// Samples of a recording in a template, if the rate of the searched tape is `ratio` times that of the recording.
+/// Number of samples of a recording in a template, if the rate of the searched tape is `ratio` times that of the
+/// recording.
 pub(super) fn samples_of(ratio: f64) -> usize {
     ((TEMPLATE - 2) as f64 / ratio) as usize + 1
 }
 
-/// The highest peak of all blocks, and the highest correlation away from it.
+/// The highest peak of all blocks, with the largest correlation farther away than [`NEAR`].
 fn highest(tops: &[Peak]) -> Peak {
     let Some(&top) = tops.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)) else { return Peak::default() };
     let others = tops.iter().filter(|other| other.at.abs_diff(top.at) > NEAR).map(|other| other.sigmas);

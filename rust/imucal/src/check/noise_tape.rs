@@ -1,9 +1,9 @@
-//! Noise of recordings at rest, as signals that identify a recording.
+//! Extraction of the noise at rest as signals that identify a recording.
 //!
-//! The noise of a sensor never repeats, but motion does: one stand runs one program many times. Only samples at rest
-//! are therefore used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann window, so
-//! that periodic vibration (mains, motors) stays within few frequencies. Each axis is divided by its scale and clipped,
-//! which removes units and gains and limits shocks.
+//! The noise of a sensor never repeats, but motion does, because a stand may run one program many times. Therefore only
+//! samples at rest are used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann
+//! window, so that periodic vibration (mains, motors) stays within few frequencies. Each axis is divided by its scale,
+//! which removes units and gains, and is clipped, which limits the influence of shocks.
 
 use std::ops::Range;
 
@@ -15,17 +15,18 @@ pub(super) const SIGNALS: usize = 4;
 
 /// Maximum absolute value of a scaled second difference, in units of its scale.
 const CLIP: f32 = 3.0;
-/// Quantile of the absolute second differences that gives the scale. An axis of which at least a fifth of the second
-/// differences is not zero has noise; rounding to coarse counts leaves fewer.
+/// Quantile of the absolute second differences that defines the scale of an axis. An axis with fewer than a fifth of
+/// nonzero second differences, as after rounding to coarse counts, has the scale zero and counts as free of noise.
 const SCALE_QUANTILE: f64 = 0.8;
-/// Value of the normal distribution at this quantile of the absolute value, so that the scale is a standard deviation.
+/// The [`SCALE_QUANTILE`] of the absolute value of a standard normal variable. Dividing by it converts the quantile to
+/// a standard deviation.
 const SCALE_OF_NORMAL: f64 = 1.28;
 /// Minimum scale relative to the largest reading. Smaller differences are rounding errors of the arithmetic.
 const MIN_SCALE: f64 = 1e-9;
-/// Maximum number of samples from which a scale is estimated; its error is then below 3 %.
+/// Maximum number of samples from which a scale is estimated. With this number, its error is below 3 %.
 const SCALE_SAMPLES: usize = 4096;
-/// Relative difference of sampling rates up to which two recordings have the same rate. Clocks of one unit agree to
-/// about 1e-4, and the sampling rates that people choose differ by more.
+/// Relative difference of sampling rates up to which two recordings count as having the same rate. Clocks of one unit
+/// agree to about 1e-4, and the sampling rates that people choose differ by more.
 const SAME_RATE: f64 = 2e-3;
 
 /// A recording with the index ranges of its rests.
@@ -42,7 +43,7 @@ pub fn at_rest<'a>(recordings: &'a [Recording<'a>], rests: &'a [Vec<Range<usize>
     recordings.iter().zip(rests).map(|(recording, rests)| AtRest { recording, rests }).collect()
 }
 
-/// Signals of recordings of one sampling rate, one after another.
+/// Signals of all recordings with one sampling rate, concatenated.
 pub(super) struct Tape {
     pub(super) rate_hz: f64,
     pub(super) signals: [Vec<f32>; SIGNALS],
@@ -112,7 +113,8 @@ impl Tape {
     }
 }
 
-/// Hann window of `length` samples, by the recurrence of the cosine, which is much faster than the cosine itself.
+/// Hann window of `length` samples. The cosines are computed by a recurrence, which is much faster than evaluating each
+/// cosine.
 fn hann(length: usize) -> impl Iterator<Item = f32> {
     let step = std::f64::consts::TAU / length.max(1) as f64;
     let twice = 2.0 * step.cos();
@@ -128,7 +130,7 @@ pub(super) fn is_same_rate(first_hz: f64, second_hz: f64) -> bool {
     (first_hz / second_hz - 1.0).abs() < SAME_RATE
 }
 
-/// Mean sampling rate without gaps, Hz: steps of more than three times the median do not count.
+/// Mean sampling rate without gaps, Hz. Time steps of more than three times the median are ignored.
 fn mean_rate_hz(time_s: &[f64]) -> f64 {
     let stride = (time_s.len() / SCALE_SAMPLES).max(1);
     let mut steps: Vec<f64> = time_s.windows(2).step_by(stride).map(|pair| pair[1] - pair[0]).collect();
@@ -181,14 +183,15 @@ impl Axes {
     }
 }
 
-/// The samples of a rest that have a second difference, which the first and the last sample of a recording do not have.
+/// The samples of a rest for which a second difference exists. It does not exist for the first and the last sample of a
+/// recording.
 fn inner(rest: &Range<usize>, recording: &Recording<'_>) -> Range<usize> {
     let start = rest.start.max(1);
     start..rest.end.min(recording.len().saturating_sub(1)).max(start)
 }
 
 fn row(recording: &Recording<'_>, sample: usize) -> [f64; 6] {
-    // The channels of an absent sensor are constant, so that their scale is zero.
+    // The channels of an absent sensor are set to a constant, so that their scale is zero.
     let [[fx, fy, fz], [wx, wy, wz]] = [recording.specific_force, recording.angular_rate]
         .map(|rows| if rows.is_absent() { [0.0; 3] } else { rows.at(sample) });
     [fx, fy, fz, wx, wy, wz]

@@ -5,17 +5,18 @@ use std::ops::Range;
 
 use crate::recording::{Recording, Samples};
 
-/// Samples in a block; at 56 bytes each (time and six channels) a block has 14 kB and fits into the L1 cache.
+/// Number of samples in a block. At 56 bytes per sample (time and six channels), a block has 14 kB and fits into the L1
+/// cache.
 pub(super) const PART: usize = 256;
 
 /// Consecutive samples of a recording, and properties of these samples that several checks use.
 pub(super) struct Part<'a> {
     pub(super) recording: &'a Recording<'a>,
     pub(super) samples: Range<usize>,
-    /// Whether the time and all channels of the sensors that are there are finite in all samples.
+    /// Whether the time and all channels of the recorded sensors are finite in all samples.
     pub(super) is_finite: bool,
-    /// Bits of [`Part::equal`] for a row whose channels all have the values of the previous row. Those of an absent
-    /// sensor are never set.
+    /// Value of [`Part::equal`] for a row in which all channels have the values of the previous row. The bits of an
+    /// absent sensor are never set.
     pub(super) all_equal: u8,
     equal: [u8; PART],
     /// Rows of the accelerometer and rows of the gyroscope.
@@ -43,8 +44,8 @@ impl<'a> Part<'a> {
         Self { recording, samples, is_finite, all_equal, equal, triads }
     }
 
-    /// Index of each sample, except the first of the recording, with one bit per channel. The bit is set if the channel
-    /// has the value of the previous sample.
+    /// Index of each sample, except the first of the recording, with one bit per channel. The bit of a channel is set
+    /// if the channel has the value of the previous sample.
     pub(super) fn equal(&self) -> impl Iterator<Item = (usize, u8)> + '_ {
         let first = self.samples.start.max(1);
         (first..self.samples.end).zip(self.equal[first - self.samples.start..].iter().copied())
@@ -57,7 +58,7 @@ impl<'a> Part<'a> {
     }
 }
 
-/// For each number: 1 if it equals the number of the same axis in the previous row, otherwise 0. Unused entries are 0.
+/// For each number, 1 if it equals the number of the same axis in the previous row, otherwise 0. Unused entries are 0.
 #[inline(always)]
 fn same(numbers: &[f64]) -> [u8; 3 * PART] {
     let mut same = [0; 3 * PART];
@@ -66,7 +67,7 @@ fn same(numbers: &[f64]) -> [u8; 3 * PART] {
     same
 }
 
-/// Combines the results without branches, so that the compiler can vectorise the loop.
+/// Whether all values are finite. The loop has no branches, so that the compiler can vectorise it.
 #[inline(always)]
 pub(super) fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |all, value| all & value.is_finite())

@@ -1,5 +1,5 @@
-//! Plateaus: equal consecutive samples in one channel while the unit moves. A rounded peak, a rest without noise, and
-//! random repeats of a coarse converter do not count as plateaus.
+//! Detection of plateaus: equal consecutive samples in one channel while the unit moves. A rounded peak, a rest without
+//! noise, and coincidental repeats of a coarse converter do not count as plateaus.
 
 use super::values::range;
 use crate::recording::Samples;
@@ -9,23 +9,26 @@ pub(super) const PLATEAU: usize = 3;
 /// Minimum change of the channel directly before and after a plateau, in steps of the converter. A rounded peak changes
 /// by one or two steps.
 const EDGE_STEPS: f64 = 3.0;
-/// Minimum change of another axis of the triad during the plateau, in its converter steps. It excludes rests without
-/// noise.
+/// Minimum change of another axis of the triad during the plateau, in converter steps of that axis. It excludes rests
+/// without noise.
 const SIBLING_STEPS: f64 = 2.0;
-/// At a high sampling rate and coarse steps, even a rail is entered and left slowly. The change is then measured at a
-/// distance of the plateau's own length, and must be at least this many steps. A rounded peak that is flat to one step
-/// changes by nine.
+/// Minimum change of the channel at a distance of the plateau's length before and after the plateau, in steps of the
+/// converter. It is the criterion for high sampling rates and coarse steps, at which even a clipped channel changes
+/// slowly next to the plateau. A rounded peak whose top lies within one step changes by nine steps over this distance.
 const FAR_STEPS: f64 = 12.0;
-/// Minimum change of another axis during such a plateau, as a share of its range.
+/// Minimum change of another axis during a plateau that is detected by [`FAR_STEPS`], as a share of the range of that
+/// axis.
 const SIBLING_SHARE: f64 = 0.05;
 
-/// Maximum probability that noise makes the plateaus at an apex: one clean recording in 1e5 may be refused.
+/// Maximum probability that noise alone causes the plateaus at an extreme value. At this value, one clean recording in
+/// 1e5 is refused.
 const BY_CHANCE: f64 = 1e-5;
-/// Maximum share of equal consecutive samples that is assumed for the noise. If the noise is below one step, most
-/// neighbours at an apex are equal.
+/// Maximum assumed probability that noise makes two consecutive samples equal. The limit is needed because with noise
+/// below one step, most consecutive samples near an extreme value are equal.
 const MOST_EQUAL: f64 = 0.5;
 
-/// Statistics of plateaus: number of plateaus, number of samples in all of them, and in the longest plateau.
+/// Statistics of plateaus: the number of plateaus, the number of samples in all of them, and the number of samples in
+/// the longest one.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Kind {
     count: usize,
@@ -65,7 +68,7 @@ pub(super) fn equal_neighbours(rows: Samples<'_>, axis: usize, ends: &[f64; 2]) 
     f64::min(equal / pairs, MOST_EQUAL)
 }
 
-/// Plateaus of one axis: at its lowest and at its highest value, and at any other value.
+/// Plateaus of one axis: those at its lowest value, those at its highest value, and those at any other value.
 #[derive(Default)]
 pub(super) struct Plateaus {
     pub(super) at_end: [Kind; 2],
@@ -92,11 +95,11 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
             let drop = |row: Option<[f64; 3]>| row.map(|row| (row[axis] - value).abs() / steps[axis]);
             [drop(row(run.start.checked_sub(distance))), drop(row(Some(run.end - 1 + distance)))]
         };
-        // Change of another axis during the plateau, absolute and as a share of its whole range.
+        // Change of another axis during the plateau, as an absolute value and as a share of the range of that axis.
         let change = |k: usize| range(rows.slice(run.clone()), k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
-        // A missing value or an end of the recording next to the plateau does not exclude a steep edge.
+        // If the sample next to the plateau is missing, or the recording ends there, this edge counts as steep.
         let steep = drop_at(1).iter().all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
             && sibling(&|k| change(k) >= SIBLING_STEPS * steps[k] && share(k) > 1e-6);
         let far = || {
@@ -169,7 +172,7 @@ mod tests {
         let peak = |t: f64| 1000.0 * (std::f64::consts::PI * (t - 1.0)).cos();
         assert_eq!(samples_at_end(|t| peak(t).round().min(900.0)), 29);
         assert_eq!(samples_at_end(|t| peak(t).round()), 0);
-        // Coarse quantisation: the 7 samples at the top have the same value.
+        // With coarse quantisation, the 7 samples at the top have equal values.
         assert_eq!(samples_at_end(|t| (peak(t) / 10.0).round()), 0);
     }
 }

@@ -1,5 +1,5 @@
-//! Plausible noise densities and biases of inertial sensors at rest: the one table of limits, and the unit in which an
-//! implausible value would be plausible.
+//! Limits of plausible noise densities and biases of inertial sensors at rest, and determination of the unit in which
+//! an implausible value would be plausible.
 //!
 //! ```text
 //! quantity                   highest                 lowest                     sources
@@ -34,8 +34,8 @@ const ACCEL_DENSITY: [f64; 2] = [1e-8 * STANDARD_GRAVITY_MPS2, 1e-2 * STANDARD_G
 const GYRO_DENSITY: [f64; 2] = [1e-6 * DEGREE_RAD, 0.1 * DEGREE_RAD];
 /// Largest plausible bias of a gyroscope, rad/s; source (5) above.
 const GYRO_BIAS_RADPS: f64 = 50.0 * DEGREE_RAD;
-/// Noise densities of usual MEMS sensors, deg/s/sqrt(Hz) and mg/sqrt(Hz). A unit in which the density is usual is the
-/// likely one.
+/// Range of the noise densities of usual MEMS sensors, deg/s/sqrt(Hz) or mg/sqrt(Hz). A unit in which the density lies
+/// in this range is recommended.
 const USUAL: [f64; 2] = [1e-3, 0.1];
 /// Sizes of a count of usual gyroscopes, deg/s: a full scale of 125, 250, ... 2000 deg/s over 32768 counts, and the
 /// rounded sensitivities of the datasheets of TDK InvenSense (131, 65.5, 32.8 and 16.4 counts per deg/s),
@@ -61,8 +61,8 @@ const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (0.0625, "0.0625"),
     (1.0 / 14.375, "1/14.375"),
 ];
-/// Relative tolerance within which the step of a column is a known size of a count. Columns of text are rounded to
-/// three digits or more.
+/// Maximum relative difference between the step of a column and a known size of a count for the two to count as equal.
+/// It allows for text columns that are rounded to three digits.
 const SAME_COUNT: f64 = 3e-3;
 
 /// The noise of one column at rest, in the unit of the recording.
@@ -74,15 +74,15 @@ pub struct RestNoise {
     pub mean: Option<f64>,
 }
 
-/// Reports noise densities and biases at rest that no sensor has, and the unit in which they would be plausible. Counts
-/// have no plausible size, so only columns in SI units are checked.
+/// Reports noise densities and biases at rest that no sensor has, and the unit in which they would be plausible. Only
+/// columns in SI units are checked, because counts may have any size.
 ///
 /// `columns` is the noise of the accelerometer's axes x, y, z and of the gyroscope's axes x, y, z. Codes, all of them
 /// warnings: `noise_implausible`, `bias_implausible`.
 ///
 /// # Example
-/// A gyroscope in deg/s whose columns are read as rad/s has a density of 0.3 deg/s/sqrt(Hz): no gyroscope is that
-/// noisy, and the recommended action is to name the columns `gyro_x_dps`, `gyro_y_dps`, `gyro_z_dps`.
+/// A gyroscope in deg/s whose columns are read as rad/s appears to have a density of 0.3 deg/s/sqrt(Hz). No gyroscope
+/// is that noisy, so the recommended action is to name the columns `gyro_x_dps`, `gyro_y_dps`, `gyro_z_dps`.
 pub fn check_noise(recording: &Recording, columns: &[RestNoise; 6]) -> Vec<Finding> {
     let [ax, ay, az, gx, gy, gz] = *columns;
     let (accel, gyro) = ([ax, ay, az], [gx, gy, gz]);
@@ -100,7 +100,7 @@ pub fn check_noise(recording: &Recording, columns: &[RestNoise; 6]) -> Vec<Findi
     findings
 }
 
-/// How densities of a triad are shown: name of the sensor, unit, and SI units in one of this unit.
+/// How the densities of a triad are displayed: the name of the sensor, the unit, and the size of this unit in SI units.
 struct Shown {
     name: &'static str,
     unit: &'static str,
@@ -115,7 +115,7 @@ fn densities(
     shown: &Shown,
     way_out: impl Fn(f64) -> String,
 ) -> Option<Finding> {
-    // A density of zero is that of a constant column, which other findings report.
+    // A density of zero belongs to a constant column, which other findings report.
     let is_wrong = |density: f64| density > 0.0 && !(low..=high).contains(&density);
     let wrong: Vec<(usize, f64)> =
         triad.iter().enumerate().filter_map(|(k, axis)| Some((k, axis.density.filter(|d| is_wrong(*d))?))).collect();
@@ -139,7 +139,7 @@ fn densities(
     })
 }
 
-/// The unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be that of a usual sensor.
+/// Recommends the unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be that of a usual sensor.
 fn gyro_way_out(recording: &Recording, density: f64) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
     let count = (0..3).find_map(|axis| known_count(converter_step(recording.angular_rate, axis)));
@@ -169,7 +169,7 @@ fn gyro_way_out(recording: &Recording, density: f64) -> String {
         .into()
 }
 
-/// The unit in which this density of an accelerometer, m/s^2/sqrt(Hz), would be that of a usual sensor.
+/// Recommends the unit in which this density of an accelerometer, m/s^2/sqrt(Hz), would be that of a usual sensor.
 fn accel_way_out(density: f64) -> String {
     let usual = |density_mg: f64| (0.03..=3.0).contains(&density_mg);
     if usual(density) {
@@ -191,7 +191,7 @@ fn accel_way_out(density: f64) -> String {
 /// Text of the size of a count of a usual gyroscope in deg/s, if the step of a column has this value.
 fn known_count(step: f64) -> Option<&'static str> {
     let same = |(size, _): &&(f64, &str)| (step / size - 1.0).abs() < SAME_COUNT;
-    // The nearest, because 1/131 and 250/32768 differ by 0.05 % only.
+    // The nearest size is chosen, because 1/131 and 250/32768 differ by only 0.05 %.
     let nearest = |a: &&(f64, &str), b: &&(f64, &str)| (step / a.0 - 1.0).abs().total_cmp(&(step / b.0 - 1.0).abs());
     GYRO_COUNTS_DPS.iter().filter(same).min_by(nearest).map(|(_, text)| *text)
 }

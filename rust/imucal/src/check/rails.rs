@@ -1,4 +1,4 @@
-//! Check for saturation: a channel is clipped at the end of its range while the unit still moves.
+//! Check for saturation, in which a channel is clipped at the end of its range while the unit still moves.
 
 use std::ops::Range;
 
@@ -10,14 +10,14 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// Minimum ratio of a rail to the largest value of its triad. The axes of a triad share one range, so their rails
-/// differ only by their scales.
+/// Minimum ratio of a rail (the value at which an axis is clipped) to the largest value of its triad. The axes of a
+/// triad share one range, so their rails differ only by the scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
 /// Minimum ratio of an accelerometer rail to the median of |f|, which is 1 g. No accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
-/// Maximum relative difference between the distances of two rails from the zero reading, if both rails belong to the
-/// same measurement range.
+/// Maximum relative difference between the distances of two rails from the zero reading for both to belong to one
+/// measurement range.
 const ONE_RANGE: f64 = 1e-4;
 
 /// The values at which one axis is clipped, [lowest, highest]; `None` where it is not clipped.
@@ -43,7 +43,7 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
 
 /// The samples at which any axis is saturated, as disjoint index ranges in ascending order.
 ///
-/// Rests and moves that contain saturated samples must not be used. All other rests and moves can be used.
+/// Rests and moves that contain these samples must not be used. All other rests and moves can be used.
 pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
     if recording.check_lengths().is_err() {
         return Vec::new();
@@ -131,13 +131,15 @@ fn finding(
 ///
 /// There are two kinds of evidence for a rail:
 ///
-/// * A single count at an end of the 16-bit range.
-/// * Plateaus at the channel's extreme value. A plateau counts if the channel enters and leaves it by more than single
-///   steps while another axis moves. Plateaus at other values of the channel must be rare or short, and noise must be
-///   an unlikely cause. The rail must be at least `lowest_over_median` times the median norm of the rows.
+/// * A single count at one end of the 16-bit range.
+/// * Plateaus at the channel's extreme value. A plateau is evidence if the channel changes by several steps just before
+///   and after it, while another axis moves. In addition, plateaus at other values of the channel must be rare or
+///   short, and noise must be an unlikely cause. The rail must be at least `lowest_over_median` times the median norm
+///   of the rows.
 ///
-/// Other powers of two are not evidence, because 2048 or 16384 counts are 1 g of common accelerometers. `ends` are the
-/// extremes of each axis; `held` are the extremes of those values that the axis keeps for the length of a plateau.
+/// Other powers of two are not evidence, because common accelerometers read 2048 or 16384 counts at 1 g. `ends` are the
+/// extremes of each axis. `held` are the extremes among the values that the axis keeps for at least the length of a
+/// plateau.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,
@@ -147,7 +149,7 @@ fn triad_rails(
     let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
     let high = ends.iter().map(|e| e[1]).fold(f64::NEG_INFINITY, f64::max);
     let signed = low < 0.0;
-    // Unsigned counts have their zero near the middle of their range.
+    // The zero reading of unsigned counts is near the middle of their range.
     let zero = if signed || unit == RawUnit::Si { 0.0 } else { 0.5 * (low + high) };
     let is_16_bit_end = |v: f64| {
         unit == RawUnit::Lsb
@@ -186,8 +188,8 @@ fn triad_rails(
             (is_16_bit_end(end) || cut_off).then_some(end)
         })
     });
-    // If one rail of the triad is known, any channel that reaches this value is clipped, too. +32767 and -32768 count
-    // as the same rail.
+    // If one rail of the triad is known, every other channel that reaches this value is clipped, too. The counts +32767
+    // and -32768 are treated as one rail.
     if let Some(rail) = rails.iter().flatten().flatten().map(|v| (v - zero).abs()).reduce(f64::max) {
         for axis in 0..3 {
             for side in 0..2 {
@@ -234,7 +236,8 @@ mod tests {
 
     #[test]
     fn rest_and_constant_turn_without_noise_are_not_flagged() {
-        // A motor turns at constant speed about x, then the unit rests. Extreme values repeat, but nothing is clipped.
+        // A motor turns at constant speed about x, and then the unit rests. Extreme values repeat, but no value is
+        // clipped.
         let mut columns = Columns::tumbling();
         for i in 0..4000 {
             let moving = (i / 200) % 2 == 1;

@@ -12,12 +12,12 @@ const FEWEST: usize = 5;
 
 /// Reports rows whose values all equal those of the previous row although the time differs.
 ///
-/// At rest, coarsely quantised data repeat without any fault. If each channel repeats with probability q, five of six
-/// values repeat with probability 6 q^5 (1 - q), and all six with the smaller probability q^6. Two rules therefore
-/// exclude natural repeats. First, a repeat counts only between rows that change (at most one value repeats). Second,
-/// repeated rows must outnumber rows with five repeated values by more than 2 to 1. A rest without noise is a long
-/// sequence of equal rows and is excluded by [`LONGEST_REPEAT`]. For one sensor alone, three values take the place of
-/// six.
+/// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
+/// repeat counts only between rows that change, in which at most one value repeats. Second, repeated rows must
+/// outnumber rows with five repeated values by more than 2 to 1. In natural repeats they are rarer: if each channel
+/// repeats with probability q, five of six values repeat with probability 6 q^5 (1 - q), and all six with probability
+/// q^6. A rest without noise is a long sequence of equal rows and is excluded by [`LONGEST_REPEAT`]. If the recording
+/// has only one sensor, rows have three values instead of six.
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
     let count = repeats.reported()?;
     let share = 100.0 * count as f64 / recording.len() as f64;
@@ -37,23 +37,24 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
     })
 }
 
-/// Numbers of rows that repeat the previous row completely or in all values but one, between rows that change.
+/// Numbers of rows, between rows that change, that repeat the previous row completely or in all values but one.
 #[derive(Default)]
 pub(super) struct Repeats {
     /// Rows in which all values repeat.
     doubled: Tally,
     /// Number of rows in which all values but one repeat.
     near: usize,
-    /// Whether the last row with fewer repeated values changes (at most one value repeats).
+    /// Whether the last row that was neither repeated nor nearly repeated was one that changes, with at most one
+    /// repeated value.
     changes_before: bool,
-    /// Number of rows with only repeated values since the last row with two or more new values.
+    /// Number of fully repeated rows since the last row with two or more new values.
     equal_rows: usize,
-    /// Number of rows with one new value since the last row with two or more new values.
+    /// Number of rows with exactly one new value since the last row with two or more new values.
     near_rows: usize,
 }
 
 impl Repeats {
-    /// Number of repeated rows, if they are too many for coincidences.
+    /// Number of repeated rows, if there are too many for a coincidence; otherwise `None`.
     pub(super) fn reported(&self) -> Option<usize> {
         let count = self.doubled.samples;
         (count >= FEWEST && count > 2 * self.near).then_some(count)

@@ -1,4 +1,5 @@
-//! Runs of three or more equal consecutive samples in one channel. Two equal samples are common and do not count.
+//! Detection of runs of three or more equal consecutive samples in one channel. Two equal samples are common and do not
+//! count as a run.
 
 use super::part::Part;
 use super::plateau::PLATEAU;
@@ -6,9 +7,9 @@ use crate::recording::Recording;
 
 /// State of the runs of each channel, accelerometer first.
 pub(super) struct Runs {
-    /// One bit per channel: set if the last sample that was processed equals the sample before it.
+    /// One bit per channel. It is set if the last processed sample equals the sample before it.
     equal: u8,
-    /// One bit per channel: set while the channel is in a run of equal samples.
+    /// One bit per channel. It is set while the channel is in a run of equal samples.
     going_on: u8,
     /// First sample of the current run of each channel.
     start: [usize; 6],
@@ -61,12 +62,14 @@ impl Runs {
         }
     }
 
-    /// First and last sample of the longest run of a channel; of several equally long runs, the first.
+    /// First and last sample of the longest run of a channel. If several runs are equally long, the first one is
+    /// returned.
     pub(super) fn longest(&self, channel: usize) -> (usize, usize) {
         self.longest[channel]
     }
 
-    /// Lowest and highest value that each axis of a triad keeps for at least [`PLATEAU`] samples; [inf, -inf] if none.
+    /// Lowest and highest value that each axis of a triad keeps for at least [`PLATEAU`] samples; [inf, -inf] if there
+    /// is no such value.
     pub(super) fn held(&self, triad: usize) -> [[f64; 2]; 3] {
         [0, 1, 2].map(|axis| self.held[3 * triad + axis])
     }

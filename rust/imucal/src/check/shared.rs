@@ -6,8 +6,8 @@ use std::collections::HashMap;
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
-/// Minimum number of consecutive identical rows for two recordings to count as overlapping. Noise never repeats over as
-/// many rows by chance.
+/// Minimum number of consecutive identical rows for two recordings to count as overlapping. The noise of independent
+/// recordings never coincides over so many rows.
 const SHARED_ROWS: usize = 100;
 
 /// For each row: its recording, its index among the rows that differ from the previous row, and its index in the
@@ -17,7 +17,7 @@ type Seen = HashMap<[u64; 6], (usize, usize, usize)>;
 /// Finding `recordings_overlap` for every recording that contains an interval of an earlier one. Time stamps are
 /// ignored.
 pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
-    // A single recording needs no comparison; this avoids a large hash table.
+    // A single recording needs no comparison. Returning here avoids building a large hash table.
     if recordings.len() < 2 {
         return Vec::new();
     }
@@ -32,7 +32,7 @@ pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
     findings
 }
 
-/// Finding for the first interval whose rows are consecutive in an earlier recording as well.
+/// Finding for the first interval whose rows are also consecutive in an earlier recording.
 fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &Seen) -> Option<Finding> {
     let (mut count, mut start, mut before) = (0, [0, 0], None);
     for i in changes(recording) {
@@ -64,7 +64,7 @@ fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &S
     None
 }
 
-/// Number of rows; 0 if the columns have different lengths, which another finding reports.
+/// Number of rows. It is 0 if the columns have different lengths, because another finding reports this fault.
 fn rows(recording: &Recording) -> usize {
     if recording.check_lengths().is_ok() { recording.len() } else { 0 }
 }

@@ -1,12 +1,13 @@
-//! Recommendations for time stamps that are not those of the samples, with the mean sampling rate.
+//! Recommendations for time stamps that are not the sampling instants, such as arrival times. They include the mean
+//! sampling rate.
 
 use crate::finding::general;
 use crate::recording::Recording;
 
-/// Longest time step as a share of the duration up to which the mean rate is accurate.
+/// Maximum time step, as a share of the duration, up to which the mean rate is accurate enough to be recommended.
 const LONGEST_SHARE: f64 = 0.02;
 
-/// Recommendation for time stamps that are not those of the samples.
+/// Recommendation for time stamps that are not the sampling instants.
 pub(crate) fn from_sensor(recording: &Recording) -> String {
     format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
 }
@@ -21,8 +22,8 @@ pub(super) fn even(recording: &Recording) -> String {
     )
 }
 
-/// Mean sampling rate, Hz, by a straight line through the time stamps: the jitter of the first and the last stamp
-/// hardly affects it. `None` if single steps are so long that it would not be accurate.
+/// Mean sampling rate, Hz, from a straight line fitted to the time stamps, so that jitter of the first and the last
+/// stamp barely affects the rate. `None` if single time steps are so long that the rate would not be accurate.
 fn even_rate_hz(recording: &Recording) -> Option<f64> {
     let time_s = recording.time_s;
     let [start_s, end_s] = recording.span_s();

@@ -9,15 +9,15 @@ use crate::recording::{Recording, Samples};
 
 /// Minimum share of the recording over which a constant axis counts as stuck.
 const STUCK_SHARE: f64 = 0.5;
-/// Another axis counts as moving if its range is at least this many steps of the converter.
+/// Minimum range of another axis for that axis to count as moving, in steps of the converter.
 const MOVING_STEPS: f64 = 8.0;
 
 /// Reports axes that are constant for most of the recording while other axes of the same triad move.
 ///
-/// A rest without noise keeps all axes constant, and a coarse converter changes axes by single steps; neither is
-/// reported. An axis is certainly stuck (an error) if the other axes are noisy during this time, or if a whole triad is
-/// constant. If the other axes have no noise either (coarse converter, simulation without noise), the unit may simply
-/// not have rotated about this axis; this is a warning.
+/// Two cases are not reported: a rest without noise, in which all axes are constant, and a coarse converter, which
+/// changes axes by single steps. An axis is certainly stuck if the other axes are noisy while it is constant, or if a
+/// whole triad is constant. This is an error. If the other axes have no noise either (coarse converter, simulation
+/// without noise), the motion may simply not have changed this axis. This is a warning.
 pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [
@@ -34,7 +34,8 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
             let siblings = [(axis + 1) % 3, (axis + 2) % 3];
             let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
                 && (0..3).any(|k| moves_widely(other.slice(first..last + 1), k));
-            // If the axis does not change by noise at other times either, its noise is below a step of the converter.
+            // If the axis shows no noise before and after the constant interval either, its noise is below a step of
+            // the converter.
             let [before, after] = [rows.slice(0..first), rows.slice(last + 1..rows.len())];
             let steps = !(before.is_empty() && after.is_empty()) && [before, after].iter().all(|r| !is_noisy(*r, axis));
             let siblings_are_noisy = !steps && siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));
@@ -63,7 +64,7 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     certain.into_iter().chain(possible).collect()
 }
 
-/// Parameters that are not determined without these axes, and what to do.
+/// Text with the parameters that are not determined without these axes, and a recommended action.
 fn undetermined(axes: &[Stuck]) -> String {
     let is_stuck = |name: &str| axes.iter().any(|axis| axis.column == name);
     let stuck = |names: [&str; 3]| names.map(is_stuck);
@@ -134,7 +135,8 @@ fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
     2 * changes > rows.len()
 }
 
-/// Whether the range of the axis is comparable to the values themselves, so that it exceeds noise.
+/// Whether the axis clearly moves: its range must be comparable to its largest value, so that noise alone cannot
+/// explain it.
 fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
     let [low, high] = extremes(rows, axis);
     moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())
@@ -179,7 +181,7 @@ mod tests {
             still.rate[i] = still.rate[1000];
         }
         assert!(found(&still).is_empty());
-        // The converter's step is three times the noise, so at rest the values change only by single steps.
+        // The step of the converter is three times the noise, so at rest the values change only by single steps.
         let mut coarse = Columns::tumbling().quantised(0.06, 0.009);
         for i in 0..3000 {
             coarse.force[i] = coarse.force[i % 90];

@@ -1,7 +1,7 @@
-//! A single pass over the samples for all checks of columns.
+//! Single pass over the samples that collects the data of all column checks.
 //!
-//! Each check has a small accumulator. All accumulators receive the recording in the same short blocks, so that a block
-//! remains in the processor's cache while all of them process it.
+//! Each check has a small accumulator. The recording is divided into short blocks. All accumulators process one block
+//! before the next, so that the block remains in the processor's cache.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -25,7 +25,7 @@ pub(super) struct Survey {
 }
 
 impl Survey {
-    /// Makes the pass over all samples. All columns must have the same length.
+    /// Processes all samples in one pass. All columns must have the same length.
     pub(super) fn of(recording: &Recording<'_>) -> Self {
         Arch::new().dispatch(Surveying(recording))
     }
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn parts_meet_without_a_seam() {
-        // Equal samples, values that are not finite and a backward time step, each across the boundary of two blocks.
+        // Equal samples, non-finite values and a backward time step, each across the boundary of two blocks.
         let mut columns = Columns::tumbling();
         let seam = 3 * PART;
         for i in seam - 5..seam + 5 {

@@ -5,14 +5,15 @@ use crate::finding::{Finding, general};
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Difference between consecutive temperatures above which a jump is reported, K. A sensor does not warm up this fast
+/// Minimum difference between consecutive temperatures that is reported as a jump, K. A sensor does not warm up so fast
 /// at any usual sampling rate.
 const TEMPERATURE_STEP_K: f64 = 5.0;
 /// Plausible temperatures of an inertial sensor, degC. Datasheets give operating ranges up to -55 to 125 degC and
-/// storage ranges of -40 to 125 degC or -65 to 150 degC. Values outside are in another unit, or are reading errors.
+/// storage ranges of -40 to 125 degC or -65 to 150 degC. Values outside this range are in another unit, or are reading
+/// errors.
 pub const TEMPERATURE_DEGC: [f64; 2] = [-60.0, 150.0];
-/// Usual temperatures of a sensor in a calibration, degC: the operating range of consumer and industrial sensors. If a
-/// value in another unit is in this range, that unit is the likely one.
+/// Usual temperatures of a sensor in a calibration, degC: the operating range of consumer and industrial sensors. If an
+/// implausible value lies in this range after conversion from another unit, that unit is recommended.
 const USUAL_DEGC: [f64; 2] = [-40.0, 85.0];
 
 /// Reports implausible temperatures, jumps between consecutive samples, and values that are not finite.
@@ -27,7 +28,7 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
 /// Code: `temperature_implausible`, an error, because every effect of temperature would be wrong.
 ///
 /// # Example
-/// A median of 295 in the column `temp_degc` is plausible in kelvin: the recommended action is to name the column
+/// A median of 295 in the column `temp_degc` is plausible in kelvin, so the recommended action is to name the column
 /// `temp_k`.
 pub fn check_temperature(recording: &Recording) -> Option<Finding> {
     let temperature = recording.temperature_degc?;

@@ -1,4 +1,4 @@
-//! Checks of units against gravity: at rest |f| = g, and a gyroscope reads its bias.
+//! Checks of units by the readings at rest, where |f| = g and a gyroscope reads its bias.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use crate::finding::{Finding, Place};
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// Plausible ratio of |f| to g at rest, with the bias and the scale error of a sensor.
+/// Plausible ratio of |f| to g at rest. It allows for the bias and the scale error of a sensor.
 const AT_REST: [f64; 2] = [0.75, 1.25];
 /// Plausible ratio of the median of |f| to g over a whole recording, moves included.
 const WITH_MOVES: [f64; 2] = [0.5, 2.0];
@@ -19,28 +19,28 @@ const WITH_MOVES: [f64; 2] = [0.5, 2.0];
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
-/// Maximum ratio of the standard deviation of the rate within a rest to its mean for the mean to count as a bias. A
-/// unit that is moved to and fro has a larger one.
+/// Maximum ratio of the standard deviation of the rate within a rest to its mean for the mean to count as a bias. The
+/// ratio is larger for a unit that is moved to and fro.
 const STEADY: f64 = 0.3;
 /// Minimum and maximum ratio of the quartiles of a triad's norm to its median for a triad that measures gravity. The
 /// norm of angular rates varies by far more between rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
-/// Units of accelerometer columns, with the size of one unit in m/s^2, and the recommendation if a file that was read
-/// in another unit is in this one. Columns without a known unit were given in m/s^2.
+/// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation for a file that is in this unit
+/// but was read in another one. Columns without a known unit were read as m/s^2.
 const ACCEL_UNITS: [(&str, f64, &str); 4] = [
     ("mps2", 1.0, "m/s^2: name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2"),
     ("g", STANDARD_GRAVITY_MPS2, "g: name the columns accel_x_g, accel_y_g, accel_z_g"),
     ("mg", STANDARD_GRAVITY_MPS2 / 1000.0, "mg: name the columns accel_x_mg, accel_y_mg, accel_z_mg"),
     ("cm/s^2", 0.01, "cm/s^2: divide by 100 and name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2"),
 ];
-/// Units of gyroscope columns, with the size of one unit in rad/s, largest first.
+/// Units of gyroscope columns, largest first: the name, the size in rad/s, and the name in messages.
 const GYRO_UNITS: [(&str, f64, &str); 3] =
     [("radps", 1.0, "rad/s"), ("dps", DEGREE, "deg/s"), ("mdps", DEGREE / 1000.0, "mdeg/s")];
 /// One degree, rad.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// Minimum of the median |f| in the unit of the columns above which the numbers can only be raw counts.
+/// Median |f|, in the unit of the columns, from which the numbers can only be raw counts.
 const COUNTS: f64 = 1500.0;
-/// Maximum of the median |f| for an accelerometer from whose readings gravity was removed, m/s^2.
+/// Maximum median |f| for an accelerometer from whose readings gravity was removed, m/s^2.
 const WITHOUT_GRAVITY_MPS2: f64 = 0.5;
 
 /// Findings of wrong units whose errors are so large that they are detected without rests.
@@ -61,7 +61,7 @@ pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extr
     findings
 }
 
-/// Number of finite rows, and the numbers of rows with a norm below a lower limit and above an upper limit.
+/// Numbers of finite rows: all, those with a norm below a lower limit, and those with a norm above an upper limit.
 #[derive(Default)]
 pub(super) struct Lengths {
     rows: usize,
@@ -88,7 +88,7 @@ impl Lengths {
         }
     }
 
-    /// Whether the median norm lies between the two limits, decided from the counts without calculating the median.
+    /// Whether the median norm lies between the two limits. The counts suffice for this, so the median is not computed.
     fn have_median_within(&self) -> bool {
         2 * self.below < self.rows && 2 * self.above < self.rows
     }
@@ -136,7 +136,8 @@ fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
     (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
 }
 
-/// The [`median_norm`] if it is outside the limits. For most recordings it is inside, which is decided without sorting.
+/// The [`median_norm`] if it is outside the limits, otherwise `None`. In most recordings it is inside, which is
+/// determined without sorting.
 fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
     let mut lengths = Lengths::default();
     ranges.iter().for_each(|range| lengths.add(&rows.part(range.clone()), limits));
@@ -150,7 +151,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     let [given, _] = recording.column_units;
     let given = ACCEL_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("mps2")).unwrap_or(&ACCEL_UNITS[0]);
     let in_file = norm / given.1;
-    // The size of the numbers decides first: it is clear for columns that contain gravity in some unit.
+    // The magnitude of the numbers is compared first, because it identifies the unit of columns that contain gravity.
     let fitting: Vec<&str> = ACCEL_UNITS
         .iter()
         .filter(|unit| unit.0 != given.0 && within(in_file * unit.1 / gravity_mps2, AT_REST))
@@ -210,7 +211,7 @@ fn given_gyro_unit(recording: &Recording) -> &'static (&'static str, f64, &'stat
     GYRO_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("radps")).unwrap_or(&GYRO_UNITS[0])
 }
 
-/// The unit in which the numbers may be instead of the given one, for rates that are far too large.
+/// Recommends a smaller unit for rates that are far too large in the given unit.
 fn smaller_gyro_units(recording: &Recording) -> String {
     let given = given_gyro_unit(recording);
     let (words, names): (Vec<&str>, Vec<String>) = GYRO_UNITS
@@ -236,7 +237,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     }
     let over = |row: [f64; 3]| row.iter().any(|v| v.abs() > FASTEST_RADPS);
     let first = recording.angular_rate.iter().position(over)?;
-    // The 99.9 % quantile: one sample in a thousand may be a spike.
+    // The 99.9 % quantile is used, so that up to one sample in a thousand may be a spike.
     let mut fastest: Vec<f64> = recording
         .angular_rate
         .iter()
@@ -260,8 +261,8 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Finding for a gyroscope with an impossible bias. A bias is steady within a rest. A large rate that varies there is
-/// that of a unit that was moved, which has no consequence for the unit of the columns.
+/// Finding for a gyroscope with an impossible bias. A bias is steady within a rest. A large rate that varies within a
+/// rest means that the unit was moved, so it is no evidence of a wrong unit.
 fn biased(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si {
         return None;
@@ -389,7 +390,7 @@ mod tests {
             findings.extend(check_rests(&recording, &Columns::rests(), STANDARD_GRAVITY_MPS2));
             findings
         };
-        // Numbers in m/s^2 that were read as g, numbers in mg that were read as g, and counts that were read as deg/s.
+        // The cases are numbers in m/s^2 read as g, numbers in mg read as g, and counts read as deg/s.
         for (force, hint) in [(9.80665, "m/s^2:"), (1000.0, "mg:")] {
             let findings = with_units(&scaled(force, 1.0), [Some("g"), None]);
             assert_eq!(findings[0].code, "accel_units");

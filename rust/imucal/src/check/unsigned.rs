@@ -1,8 +1,9 @@
-//! Check for negative counts that were read as unsigned numbers: a count n < 0 is then stored as 2^bits + n.
+//! Check for negative counts that were read as unsigned numbers, so that a count n < 0 is stored as 2^bits + n.
 //!
-//! A channel that crosses zero then jumps between both ends of the number range, which looks like saturation. A sensor
-//! with unsigned counts reads about the middle of the range at rest. Interpreting the upper half as negative would
-//! create jumps there, so this interpretation is tested, too.
+//! With this fault, a channel that crosses zero jumps between the two ends of the number range, which resembles
+//! saturation. A sensor whose counts are truly unsigned reads near the middle of the range at rest, and interpreting
+//! its upper half as negative would create jumps at the middle. Therefore the jumps of both interpretations are
+//! compared.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -13,18 +14,19 @@ use crate::recording::{RawUnit, Recording, SIDE_BY_SIDE, Samples, each_step};
 
 /// Possible word lengths of converters and registers, bits.
 const BITS: std::ops::RangeInclusive<u32> = 8..=32;
-/// A jump leads from this share of the number range at one end to the same share at the other end.
+/// Width of the regions at both ends of the number range, as a share of the range. A jump leads from the region at one
+/// end to the region at the other.
 const END: f64 = 0.125;
 /// Minimum number of jumps for a finding; fewer may be single wrong samples.
 const FEWEST_JUMPS: u64 = 3;
 /// Minimum ratio of the number of jumps in unsigned counts to the number of jumps that remain if the counts are read as
 /// signed numbers.
 const LEFT: u64 = 10;
-/// Samples in a block that fits into the processor's cache.
+/// Number of samples in a block that fits into the processor's cache.
 const PART: usize = 256;
 
-/// Finding `counts_unsigned` without other checks, for data that are corrected but not used for a calibration. All
-/// columns must have the same length.
+/// Only the finding `counts_unsigned`, for data that are corrected but not used for a calibration. All columns must
+/// have the same length.
 pub fn check_counts(recording: &Recording) -> Vec<Finding> {
     let is_raw = [recording.accel_unit, recording.gyro_unit].contains(&RawUnit::Lsb);
     if is_raw && !recording.is_empty() { check(recording, &Survey::of(recording)) } else { Vec::new() }
@@ -157,7 +159,7 @@ mod tests {
     fn counts_with_zero_in_the_middle_are_sound_up_to_their_rails() {
         let columns = unsigned(32768.0, 65536.0);
         assert!(found(&columns).is_empty());
-        // Shaken from one rail to the other: consecutive samples at both ends of the range.
+        // The unit is shaken from one rail to the other, so consecutive samples lie at both ends of the range.
         let mut columns = columns;
         for i in (100..3900).step_by(40) {
             columns.rate[i][0] = 0.0;

@@ -1,4 +1,4 @@
-//! Checks of single columns: values that are not finite, extremes and the resolution of the converter.
+//! Checks of single columns: non-finite values, extremes, and the resolution of the converter.
 
 use super::part::{Part, all_finite};
 use super::{ACCEL, GYRO, Tally, names, unit_name};
@@ -14,10 +14,10 @@ const LARGEST_FORCE_MPS2: f64 = 1e5;
 const LARGEST_RATE_RADPS: f64 = 1e4;
 /// Largest magnitude of raw counts: that of an integer of 32 bits, the widest output of converters.
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
-/// Share of impossible samples above which the unit of the channel is probably wrong.
+/// Share of impossible samples above which the recommendation names a wrong unit of the channel as the cause.
 const WRONG_UNIT_SHARE: f64 = 0.01;
-/// Minimum share of rows with only one sensor, for each of the two sensors, above which the sensors are considered to
-/// have separate time stamps.
+/// Minimum share of rows with values of only one sensor, for each of the two sensors, for the sensors to count as
+/// having separate time stamps.
 const OWN_ROWS: f64 = 0.1;
 
 /// Samples with NaN or infinity, and the columns in which these values occur.
@@ -25,7 +25,7 @@ const OWN_ROWS: f64 = 0.1;
 pub(super) struct NotFinite {
     bad: Tally,
     columns: [bool; 7],
-    /// Number of samples with gyroscope values only, and number of samples with accelerometer values only.
+    /// Number of samples with only gyroscope values, and number of samples with only accelerometer values.
     alone: [usize; 2],
     bad_stand: Tally,
     stand_columns: [bool; 3],
@@ -66,15 +66,15 @@ impl NotFinite {
         self.alone.iter().all(|&alone| alone as f64 > OWN_ROWS * samples as f64)
     }
 
-    /// Number of samples with a value that is not finite, and the first interval of such samples.
+    /// Number of samples with a non-finite value, and the first interval of such samples.
     #[cfg(test)]
     pub(super) fn samples(&self) -> (usize, Option<(usize, usize)>) {
         (self.bad.samples, self.bad.first)
     }
 }
 
-/// Reports NaN and infinity, with the columns. In a column of the stand they are a warning, because only effects of the
-/// encoders need these columns.
+/// Reports NaN and infinity, with the columns. In the stand columns these values are only a warning, because only
+/// effects of the encoders need these columns.
 pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec<Finding> {
     let NotFinite { bad, columns, bad_stand, stand_columns, alone, .. } = not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();
@@ -102,8 +102,8 @@ pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec
     findings
 }
 
-/// Reports finite values that no sensor can measure, such as a damaged number, with the first of them. Such values
-/// distort the statistics of all other checks.
+/// Reports finite values that no sensor can measure, for example damaged numbers, with the location of the first. Such
+/// values distort the statistics of all other checks.
 pub(super) fn check_possible(recording: &Recording, extremes: &Extremes) -> Vec<Finding> {
     let triads = [
         (recording.specific_force, ACCEL, recording.accel_unit, LARGEST_FORCE_MPS2, "m/s^2"),
@@ -112,7 +112,7 @@ pub(super) fn check_possible(recording: &Recording, extremes: &Extremes) -> Vec<
     let mut findings = Vec::new();
     for ((rows, columns, unit, largest, si), ends) in triads.into_iter().zip(&extremes.ends) {
         let largest = if unit == RawUnit::Lsb { LARGEST_COUNT } else { largest };
-        // Without a finite value in a channel, the limits are [inf, -inf].
+        // The extremes of a channel without finite values are [inf, -inf].
         let is_beyond = |value: f64| value.is_finite() && value.abs() > largest;
         if !ends.iter().flatten().any(|end| is_beyond(*end)) {
             continue;
@@ -247,8 +247,8 @@ impl Extremes {
 }
 
 /// Resolution of the converter, in the unit of the samples; infinite for a constant channel. It is the 5 % quantile of
-/// the nonzero differences between consecutive samples. The quantile ignores rare smaller differences, as from clipping
-/// at a limit between two steps. Differences of the order of rounding are excluded.
+/// the nonzero differences between consecutive samples. The quantile ignores rare smaller differences, for example from
+/// clipping at a limit between two steps. Differences of the order of floating-point rounding are excluded.
 pub(super) fn converter_step(rows: Samples<'_>, axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
     let mut steps = Vec::new();
@@ -301,7 +301,7 @@ mod tests {
     fn rows_of_one_sensor_each_are_told_from_missing_samples() {
         let mut columns = Columns::tumbling();
         columns.force.iter_mut().step_by(2).for_each(|row| *row = [f64::NAN; 3]);
-        // The sensors have different rates: only every second row has values of both.
+        // The sensors have different rates, so only every second row has values of both.
         assert!(not_finite(&columns.recording())[0].way_out.contains("drop these rows"));
         columns.rate.iter_mut().skip(1).step_by(2).for_each(|row| *row = [f64::NAN; 3]);
         let findings = not_finite(&columns.recording());
