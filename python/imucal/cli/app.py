@@ -36,6 +36,7 @@ MOST_ON_A_LINE = 300
 SUMMARIES = {
     "convert": "Convert files of other programs to a recording.",
     "inspect": "Show sampling rate, faults and rests of recordings, and the parameters that they determine.",
+    "capture": "Record a unit that you hold in your hand, guided pose by pose, and calibrate it.",
     "calibrate": "Calibrate one unit from its recordings.",
     "evaluate": "Evaluate a calibration on recordings of the same unit that were not used for its fit.",
     "gap": "Find a missing effect from the residuals of a calibration, and add it to the model.",

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from imucal.rig.motion import Program
     from imucal.stand.clock import Clock
     from imucal.stand.driver import Driver, Progress, Source
+    from imucal.stand.stream import StreamSource
 
 __all__ = ["Equipment", "equipment_options"]
 
@@ -256,30 +257,20 @@ class Equipment:
                     f"{' or '.join(drivers)}, or leave it out"
                 )
 
-    def _unit(self, clock: Clock | None = None) -> Source:
-        import numpy as np
-
+    def _unit(self, clock: Clock | None = None) -> StreamSource:
         from imucal.stand.clock import SYSTEM_CLOCK
-        from imucal.stand.lines import LineDecoder
-        from imucal.stand.link import link_to
-        from imucal.stand.packet import PacketDecoder, PacketFormat
-        from imucal.stand.rows import recording_of
-        from imucal.stand.stream import StreamSource
+        from imucal.stand.unit_source import unit_source
 
         if self.source is None:
             raise InputError(f"the driver {self.driver} needs the source of the unit's data: give --source")
-        if (self.columns is None) == (self.packet is None):
-            raise InputError("the format of the unit's data is needed: give either --columns or --packet")
-        link = link_to(self.source, self.source_baud)
-        decoder = (
-            LineDecoder(self.columns or "")
-            if self.packet is None
-            else PacketDecoder(PacketFormat.read(self.packet))
+        return unit_source(
+            self.source,
+            baud=self.source_baud,
+            columns=self.columns,
+            packet=self.packet,
+            rate_hz=self.sample_rate_hz,
+            clock=clock or SYSTEM_CLOCK,
         )
-        source = StreamSource(link, decoder, rate_hz=self.sample_rate_hz, clock=clock or SYSTEM_CLOCK)
-        # Checks the columns before the stand moves, and not when the run is calibrated.
-        recording_of(source.columns, np.zeros((0, len(source.columns))), "the data of the unit")
-        return source
 
 
 equipment_options = options_of("equipment", Equipment)

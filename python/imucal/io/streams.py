@@ -26,7 +26,7 @@ from imucal.errors import FormatError
 from imucal.finding import Finding
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
-__all__ = ["Stream", "median_rate_hz", "recording_from_streams"]
+__all__ = ["SAME_RATE", "Stream", "median_rate_hz", "onto_clock", "recording_from_streams"]
 
 # Largest ratio of two sampling rates that count as equal; oscillators of MEMS sensors differ by about 1 %.
 SAME_RATE = 1.02
@@ -93,7 +93,7 @@ def recording_from_streams(
             "large for resampling to one clock: record both at similar rates"
         )
     is_averaged = ratio > SAME_RATE
-    kept, moved = _onto(clock, other, is_averaged)
+    kept, moved = onto_clock(clock, other, is_averaged)
     left_out = len(clock.time_ns) - len(kept.time_ns)
     if len(kept.time_ns) < 2:
         raise FormatError(
@@ -183,7 +183,7 @@ def _part(stream: Stream, which: Any) -> Stream:
     )
 
 
-def _onto(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stream]:
+def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stream]:
     """The clock samples within the time covered by the other sensor, and that sensor resampled to them."""
     start_ns = min(clock.time_ns[0], other.time_ns[0])
     at_s, other_s = (clock.time_ns - start_ns) / 1e9, (other.time_ns - start_ns) / 1e9

@@ -20,6 +20,8 @@ __all__ = ["LineDecoder"]
 SEPARATOR: Final = re.compile(r"[,;\s]+")
 # Length above which text without a line end is discarded as damaged, characters.
 LONGEST: Final = 4096
+# Length at which a line is cut in messages, characters.
+LONGEST_SHOWN: Final = 60
 
 
 class LineDecoder:
@@ -37,6 +39,7 @@ class LineDecoder:
         self.columns = tuple(names[i] for i in self._kept)
         self.wraps_at: tuple[float | None, ...] = (None,) * len(self.columns)
         self.damaged = 0
+        self.remark = ""
         self._width = len(names)
         self._left = b""
         self._is_first = True
@@ -55,6 +58,8 @@ class LineDecoder:
             elif line.strip():
                 # The first line may be partial, as reading can start within it.
                 self.damaged += not self._is_first
+                shown = line.strip()[:LONGEST_SHOWN].decode("ascii", "backslashreplace")
+                self.remark = f"a line is not {self._width} numbers: {shown}"
             self._is_first = False
         return rows
 

@@ -1,4 +1,4 @@
-"""Byte streams from a unit: a serial port, a TCP server, or standard input."""
+"""Byte streams from a unit: a serial port, TCP, UDP, or standard input."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ class Link(Protocol):
     name: str
     # Whether a lost connection can be opened again.
     comes_back: bool
+    # What a person has to do so that data arrive, in words; empty if nothing is known.
+    hint: str
 
     def open(self) -> None:
         """Open the connection. Raises LinkLostError with the reason if that fails."""
@@ -51,20 +53,37 @@ def serial_port(port: str, baud: int) -> Any:
 
 
 def link_to(address: str, baud: int) -> Link:
-    """The link for an address: `-` for standard input, `tcp://HOST:PORT`, or the name of a serial port."""
+    """The link for an address.
+
+    -                  standard input
+    tcp://HOST:PORT    a TCP server
+    udp://[HOST]:PORT  datagrams that are sent to this port of the computer
+    otherwise          the name of a serial port
+    """
     if address == "-":
         return _Stdin()
     if address.startswith("tcp://"):
-        host, _, port = address.removeprefix("tcp://").rpartition(":")
-        if not host or not port.isdigit():
+        host, port = host_and_port(address, "tcp://HOST:PORT")
+        if not host:
             raise InputError(f"the address {address!r} is not tcp://HOST:PORT")
-        return _Tcp(host.strip("[]"), int(port))
+        return _Tcp(host, port)
+    if address.startswith("udp://"):
+        return _Udp(*host_and_port(address, "udp://:PORT"))
     library("serial", "stand", "Serial ports")
     return _Serial(address, baud)
 
 
+def host_and_port(address: str, form: str) -> tuple[str, int]:
+    """Host and port of an address. Raises InputError with its form if it has no port."""
+    host, _, port = address.partition("://")[2].rstrip("/").rpartition(":")
+    if not port.isdigit():
+        raise InputError(f"the address {address!r} is not {form}")
+    return host.strip("[]"), int(port)
+
+
 class _Serial:
     comes_back = True
+    hint = ""
 
     def __init__(self, port: str, baud: int) -> None:
         self.name = port
@@ -91,6 +110,7 @@ class _Serial:
 
 class _Tcp:
     comes_back = True
+    hint = ""
 
     def __init__(self, host: str, port: int) -> None:
         self.name = f"tcp://{host}:{port}"
@@ -121,9 +141,59 @@ class _Tcp:
             self._socket.close()
 
 
+class _Udp:
+    """Datagrams of text or of packets; a datagram may end within a line, as its sender decides."""
+
+    comes_back = True
+
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"udp://{host}:{port}"
+        self.hint = f"the unit has to send to UDP port {port} of this computer ({own_address()})"
+        self._address = (host, port)
+        self._socket: socket.socket | None = None
+
+    def open(self) -> None:
+        family = socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET
+        try:
+            self._socket = socket.socket(family, socket.SOCK_DGRAM)
+            self._socket.settimeout(WAIT_S)
+            self._socket.bind(self._address)
+        except OSError as error:
+            raise LinkLostError(f"{self.name} cannot be opened: {error}") from None
+
+    def read(self) -> bytes:
+        assert self._socket is not None
+        try:
+            data = self._socket.recv(AT_ONCE)
+        except TimeoutError:
+            return b""
+        except OSError as error:
+            raise LinkLostError(f"{self.name} is lost: {error}") from None
+        # Apps send a line or a JSON message in a datagram without a line end. A packet ends with its
+        # checksum, and the line end after it is skipped.
+        return data if data.endswith(b"\n") else data + b"\n"
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+def own_address() -> str:
+    """The address of this computer in its network."""
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            # Connecting a datagram socket sends nothing; it selects the interface that leads to other
+            # networks.
+            probe.connect(("192.0.2.1", 9))
+            return str(probe.getsockname()[0])
+    except OSError:
+        return "127.0.0.1"
+
+
 class _Stdin:
     name = "standard input"
     comes_back = False
+    hint = ""
 
     def open(self) -> None:
         if sys.stdin.isatty():

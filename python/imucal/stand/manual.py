@@ -20,7 +20,7 @@ from imucal.simulation.simulate import simulate
 from imucal.stand.driver import Event, Position, Progress, Status
 from imucal.stand.stream import TICKS_PER_S
 
-__all__ = ["ManualDriver"]
+__all__ = ["ManualDriver", "pose_text", "ups_of"]
 
 # Largest angle between requested and measured up direction for a pose to count, deg.
 NEAR_DEG: Final = 25.0
@@ -38,7 +38,7 @@ class ManualDriver:
     """Guides a person through the poses of a program; `columns` are those of the unit's samples."""
 
     def __init__(self, program: Program, columns: Sequence[str]) -> None:
-        self._holds = [(up, step.hold_s) for up, step in zip(_ups(program), program.steps, strict=True)]
+        self._holds = [(up, step.hold_s) for up, step in zip(ups_of(program), program.steps, strict=True)]
         time = next((i for i, name in enumerate(columns) if name in TICKS_PER_S), None)
         triads = [
             [i for i, n in enumerate(columns) if n.startswith(f"{t}_{a}_")]
@@ -151,7 +151,7 @@ def pose_text(up: FloatArray) -> str:
     return f"up between {' and '.join(parts)} ({', '.join(f'{value:.2f}' for value in up)})"
 
 
-def _ups(program: Program) -> list[FloatArray]:
+def ups_of(program: Program) -> list[FloatArray]:
     """The body direction, unit vector (3,), that points up at the end of each step."""
     ends_s = np.cumsum([step.move_s + step.hold_s for step in program.steps])
     truth = simulate(program, unit="ideal", seed=0, rate_hz=50.0).truth

@@ -114,6 +114,7 @@ class PacketDecoder:
         self.columns = tuple(field.name for _, field in kept)
         self.wraps_at = tuple(field.wraps_at for _, field in kept)
         self.damaged = 0
+        self.remark = f"no packet starts with {form.sync.hex()} and has a correct checksum"
         self.skipped_bytes = 0
         self._kept = [(i, field.scale, field.offset) for i, field in kept]
         self._layout = form.layout
@@ -152,7 +153,7 @@ class PacketDecoder:
                 raw = self._layout.unpack_from(packet, len(self.form.sync))
                 rows.append(tuple(scale * raw[i] + offset for i, scale, offset in self._kept))
                 at += self._whole
-                self._found = True
+                self._found, self.remark = True, ""
             else:
                 self.damaged += self._found
                 self._skip(1)

@@ -39,6 +39,10 @@ class Decoder(Protocol):
 
     def counts(self) -> dict[str, int]: ...
 
+    @property
+    def remark(self) -> str:
+        """What was wrong with the last data that could not be decoded, in words; empty if nothing was."""
+
 
 class StreamSource:
     """Reads a link in a separate thread, so that no bytes are lost while the disk is slow.
@@ -89,6 +93,8 @@ class StreamSource:
             "counters_not_finite": 0,
         }
         self._events: list[Event] = []
+        # Number of bytes received, decoded or not.
+        self.bytes_received = 0
         self._arrived: queue.SimpleQueue[tuple[float, bytes | Event]] = queue.SimpleQueue()
         # Host time of arrival of each sample of the last `read`, s.
         self._arrivals: list[float] = []
@@ -112,7 +118,11 @@ class StreamSource:
             while True:
                 if isinstance(arrived, Event):
                     self._events.append(arrived)
+                    # Numbered samples continue after the gap, and not as if no time had passed.
+                    if arrived.code == "unit_link_back" and self._numbered and self._sequence is None:
+                        self._resumed = ((self._numbered - 1) / (self._rate_hz or 1.0), self._last_sample_s)
                 else:
+                    self.bytes_received += len(arrived)
                     rows += [row for raw in self._decoder.feed(arrived) if (row := self._sample(raw, at_s))]
                     self._arrivals += [at_s] * (len(rows) - len(self._arrivals))
                 at_s, arrived = self._arrived.get_nowait()
@@ -123,11 +133,13 @@ class StreamSource:
 
     def resume_after(self, logged: Logged) -> None:
         """Continue the time of an interrupted run, whose last sample the host clock dates."""
-        if len(logged.samples) == 0:
-            return
+        if len(logged.samples):
+            self.continue_after(logged.samples[-1], float(logged.host_s[-1]))
+
+    def continue_after(self, row: FloatArray, host_s: float) -> None:
+        """Continue the time after an earlier sample, (columns,), that arrived at this time of the host, s."""
         name = "time_s" if self._time is None else self._decoder.columns[self._time]
-        last = float(logged.samples[-1, logged.columns.index(name)])
-        self._resumed = (last, float(logged.host_s[-1]))
+        self._resumed = (float(row[self.columns.index(name)]), host_s)
 
     def arrivals(self) -> FloatArray:
         """Host time of arrival of each sample of the last `read`, (N,), s."""
@@ -141,6 +153,21 @@ class StreamSource:
     def counts(self) -> dict[str, int]:
         """Counts of received, lost and damaged data by stable names."""
         return {**self._count, **self._decoder.counts()}
+
+    @property
+    def comes_back(self) -> bool:
+        """Whether a lost link can be opened again."""
+        return self._link.comes_back
+
+    @property
+    def hint(self) -> str:
+        """What a person has to do so that data arrive, in words; empty if nothing is known."""
+        return self._link.hint
+
+    @property
+    def remark(self) -> str:
+        """What was wrong with the last data that could not be decoded, in words; empty if nothing was."""
+        return self._decoder.remark
 
     def close(self) -> None:
         """Stop reading and close the link."""

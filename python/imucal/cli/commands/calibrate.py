@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import imucal.cli.completion as completion
-from imucal.cli.decisions import show_fit, show_rests_and_moves
+from imucal.cli.calibration_summary import show_calibration
 from imucal.cli.options import (
     MAX_ITERATIONS,
     MIN_REST_S,
@@ -191,20 +191,4 @@ def calibrate(
         write_calibration_page(report, result)
     out = Output(json)
     out.document(result.to_dict())
-    if verbose:
-        show_fit(out, result.fit)
-        show_rests_and_moves(out, result.rests, result.moves)
-    out.parameters(result.parameters)
-    out.line(result.used + (f"; calibration written to {output}" if output else ""))
-    out.figures(
-        {
-            "calibration set": result.calibration_set,
-            "held-out rests and moves": result.held_out,
-            "control set": result.control_set,
-        }
-    )
-    for note in result.notes:
-        out.line(note)
-    out.findings([*result.findings, *(result.control.findings if result.control else ())])
-    out.judgement(result.judgement, verbose)
-    out.verdict(result.verdict, result.reasons, require)
+    show_calibration(out, result, output, require, verbose=verbose)

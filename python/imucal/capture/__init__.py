@@ -1,0 +1,1 @@
+"""Guided recording by hand: `imucal capture`."""

@@ -1,0 +1,77 @@
+"""What a guided recording says, and what its views show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+from imucal.arrays import FloatArray
+
+__all__ = ["Event", "Kind", "Pose", "Row", "Snapshot"]
+
+Kind: TypeAlias = Literal["next", "hold", "taken", "refused", "warning", "info", "finished"]
+
+
+@dataclass(frozen=True)
+class Event:
+    """One thing to say.
+
+    time_s  time of the stream since its first sample, s
+    kind    next (pose to turn to), hold (still, counting), taken, refused (a pose that does not count),
+            warning (a fault of the data), info, finished
+    code    stable identifier, such as moved_too_early or a finding code
+    """
+
+    time_s: float
+    kind: Kind
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A pose that counts: its number from 1, the interval of its rest, s, and the body direction up, (3,)."""
+
+    number: int
+    start_s: float
+    end_s: float
+    up: FloatArray
+
+
+@dataclass(frozen=True)
+class Row:
+    """The largest predicted standard deviation of a group of parameters, as text, before and after a pose."""
+
+    group: str
+    before: str
+    after: str
+    target: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The state of a recording for the views.
+
+    state       waiting (for the unit to be still in a new pose), holding, taken (turn to the next), finished
+    request     pose to hold next, in words
+    attitude    attitude of the unit in that pose, body to world, (3, 3); None if there is none
+    held_s      time for which the current pose has been held, s, of `hold_s`
+    steadiness  0 (moving) to 1 (as steady as at the best rests)
+    poses       number of poses that count, of `wanted`
+    rows        predicted standard deviations by group
+    missing     what the recording does not determine yet, in words; None if it determines all
+    """
+
+    state: Literal["waiting", "holding", "taken", "finished"] = "waiting"
+    request: str = ""
+    attitude: FloatArray | None = None
+    held_s: float = 0.0
+    hold_s: float = 0.0
+    steadiness: float = 0.0
+    poses: int = 0
+    wanted: int = 0
+    rows: Sequence[Row] = field(default_factory=tuple)
+    missing: str | None = None
+    time_s: float = 0.0
+    samples: int = 0

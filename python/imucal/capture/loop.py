@@ -1,0 +1,165 @@
+"""The loop of a capture: samples go from the source to the file and to the session, events to the view."""
+
+from __future__ import annotations
+
+import math
+import queue
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final, Literal, TypeAlias
+
+from imucal.capture.events import Event
+from imucal.capture.file import CaptureFile
+from imucal.capture.session import Session
+from imucal.stand.clock import SYSTEM_CLOCK, Clock
+from imucal.stand.stream import StreamSource
+
+__all__ = ["Capture", "Command", "Ending"]
+
+Command: TypeAlias = Literal["undo", "finish", "stop"]
+# How a capture ended: all is recorded, the person ended it, the person interrupted it, or the stream ended.
+Ending: TypeAlias = Literal["finished", "ended_by_person", "stopped", "stream_ended"]
+
+# Longest wait for samples in one iteration, s.
+WAIT_S: Final = 0.05
+# Interval between two flushes to the disk, s.
+SYNC_S: Final = 0.5
+# Time without a sample after which the unit counts as silent, s of the computer, and between its reminders.
+SILENT_S: Final = 1.0
+SILENT_AGAIN_S: Final = 10.0
+# Shortest time between two messages about damaged data, s of the computer.
+DAMAGED_AGAIN_S: Final = 2.0
+UNIT_SILENT: Final = "check the cable, the supply and the connection of the unit"
+# Counts of a source that mean damaged or lost data, and their names.
+DAMAGED: Final = {
+    "lines_damaged": "lines do not have the expected columns",
+    "packets_damaged": "packets are damaged",
+    "messages_damaged": "messages cannot be read",
+    "counters_not_finite": "time stamps are not numbers",
+}
+
+
+@dataclass
+class Capture:
+    """One capture.
+
+    say       called with each event
+    commands  what the person wants; filled by the view
+    """
+
+    source: StreamSource
+    file: CaptureFile
+    session: Session
+    say: Callable[[Event], None]
+    clock: Clock = SYSTEM_CLOCK
+    commands: queue.SimpleQueue[Command] = field(default_factory=queue.SimpleQueue)
+
+    def run(self) -> Ending:
+        """Record until the end. The source is closed, the file is flushed but stays open."""
+        try:
+            if len(self.file.existing):
+                self._tell(self.session.resume(self.file.existing))
+            if self.session.done:
+                return "finished"
+            self.source.start()
+            return self._record()
+        finally:
+            self.source.close()
+
+    def _record(self) -> Ending:
+        now_s = self.clock.now_s()
+        self._heard_s, self._silent_said_s = now_s, math.inf
+        self._synced_s = self._damaged_s = now_s
+        self._damaged: dict[str, int] = {}
+        while True:
+            rows = self.source.read(WAIT_S)
+            now_s = self.clock.now_s()
+            if len(rows):
+                self._back(now_s)
+                self.file.append(rows)
+                self._tell(self.session.feed(rows))
+            for event in self.source.events():
+                if event.code == "unit_link_lost" and not self.source.comes_back:
+                    return "stream_ended"
+                text = _link_text(event.code, event.message)
+                self._tell([Event(self.session.snapshot.time_s, "warning", event.code, text)])
+            self._silence(now_s)
+            self._damage(now_s)
+            if now_s - self._synced_s >= SYNC_S:
+                self.file.sync()
+                self._synced_s = now_s
+            if self.session.done:
+                return "finished"
+            ending = self._obey()
+            if ending is not None:
+                return ending
+
+    def _obey(self) -> Ending | None:
+        try:
+            command = self.commands.get_nowait()
+        except queue.Empty:
+            return None
+        if command == "finish":
+            return "ended_by_person"
+        if command == "stop":
+            return "stopped"
+        kept, events = self.session.undo()
+        if kept < len(self.file):
+            self.file.truncate(kept)
+        self._tell(events)
+        return None
+
+    def _tell(self, events: list[Event]) -> None:
+        for event in events:
+            self.say(event)
+
+    def _silence(self, now_s: float) -> None:
+        """Say that no samples arrive."""
+        silent_s = now_s - self._heard_s
+        due_s = SILENT_S if self._silent_said_s == math.inf else self._silent_said_s + SILENT_AGAIN_S
+        if silent_s < due_s:
+            return
+        self._silent_said_s = silent_s
+        if not self.source.counts()["samples"] and self.source.bytes_received:
+            text = (
+                "data arrive, but none of them can be read: check the baud rate, and that --columns or "
+                "--packet describes "
+                f"what the unit sends{_example(self.source)}"
+            )
+        elif not self.source.counts()["samples"]:
+            text = f"no data yet: {self.source.hint or UNIT_SILENT}"
+        else:
+            text = f"no data for {silent_s:.0f} s: {UNIT_SILENT}"
+        self._tell([Event(self.session.snapshot.time_s, "warning", "silent", text)])
+
+    def _back(self, now_s: float) -> None:
+        silent_s = now_s - self._heard_s
+        self._heard_s = now_s
+        if self._silent_said_s != math.inf:
+            self._silent_said_s = math.inf
+            text = f"data arrive again after {silent_s:.1f} s without; the pose during the gap does not count"
+            self._tell([Event(self.session.snapshot.time_s, "info", "back", text)])
+
+    def _damage(self, now_s: float) -> None:
+        """Say that data are damaged or lost."""
+        counts = {name: count for name, count in self.source.counts().items() if name in DAMAGED}
+        new = {name: count - self._damaged.get(name, 0) for name, count in counts.items()}
+        worst = max(new, key=lambda name: new[name], default=None)
+        if worst is None or new[worst] <= 0 or (now_s - self._damaged_s < DAMAGED_AGAIN_S and self._damaged):
+            return
+        self._damaged, self._damaged_s = counts, now_s
+        text = (
+            f"{new[worst]} {DAMAGED[worst]}: check the cable, the baud rate and the load of the computer"
+            f"{_example(self.source) if worst == 'lines_damaged' else ''}"
+        )
+        self._tell([Event(self.session.snapshot.time_s, "warning", worst, text)])
+
+
+def _example(source: StreamSource) -> str:
+    return f"; {source.remark}" if source.remark else ""
+
+
+def _link_text(code: str, message: str) -> str:
+    if code == "unit_link_lost":
+        return f"the connection to the unit is lost: {message}; what was recorded is kept: plug it in again"
+    return message

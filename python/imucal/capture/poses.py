@@ -1,0 +1,98 @@
+"""Poses to hold by hand, their order, and how they are described.
+
+A pose is the unit vector, in the axes of the sensor, that points up. The rotation about the vertical does not
+matter: gravity does not show it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+
+__all__ = ["angle_deg", "attitude_with", "next_pose", "pose_words", "standard_poses", "turn_words"]
+
+# Two rests whose up directions differ by less are the same pose, deg. Faces and edges of a box differ by 45
+# deg.
+SAME_DEG: Final = 20.0
+# Largest angle between a requested and a held up direction for the requested pose to count as held, deg.
+NEAR_DEG: Final = 30.0
+# A next pose closer to the current one is asked for only if no other is left, deg: short rotations determine
+# the gyroscope's sensitivity less well.
+SHORT_TURN_DEG: Final = 60.0
+# The six faces, so that each rotation is by 90 deg about another axis than the one before.
+FACES: Final = ((0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, -1), (-1, 0, 0), (0, -1, 0))
+# An axis whose component of the up direction is smaller is not named in the description of a pose.
+NAMED_SHARE: Final = 0.3
+
+
+def standard_poses() -> list[FloatArray]:
+    """The six faces of a box, then its twelve edges and eight corners, (26 unit vectors)."""
+    grid = [np.array(ends, dtype=np.float64) for ends in itertools.product((1, 0, -1), repeat=3) if any(ends)]
+    edges = [ends for ends in grid if np.abs(ends).sum() == 2]
+    corners = [ends for ends in grid if np.abs(ends).sum() == 3]
+    ordered = [np.array(face, dtype=np.float64) for face in FACES]
+    for group in (edges, corners):
+        left = list(group)
+        while left:
+            # The pose that is farthest from the two before it makes long rotations about changing axes.
+            near = [max(float(pose @ before) for before in ordered[-2:]) for pose in left]
+            ordered.append(left.pop(int(np.argmin(near))))
+    return [pose / np.linalg.norm(pose) for pose in ordered]
+
+
+def next_pose(poses: Sequence[FloatArray], is_held: Sequence[bool], current: FloatArray | None) -> int | None:
+    """Index of the pose to ask for next; None if all were held."""
+    left = [number for number, held in enumerate(is_held) if not held]
+    if not left or current is None:
+        return left[0] if left else None
+    far = [number for number in left if angle_deg(poses[number], current) >= SHORT_TURN_DEG]
+    return (far or left)[0]
+
+
+def pose_words(up: FloatArray) -> str:
+    """A pose in words: `+x up`, or `+x and -z up, on an edge`."""
+    named = [i for i in np.argsort(-np.abs(up), kind="stable") if abs(up[i]) >= NAMED_SHARE]
+    names = [f"{'+' if up[i] > 0 else '-'}{'xyz'[i]}" for i in sorted(named)]
+    if len(names) == 1:
+        return f"{names[0]} up"
+    place = "an edge" if len(names) == 2 else "a corner"
+    return f"{', '.join(names[:-1])} and {names[-1]} up, on {place}"
+
+
+def turn_words(current: FloatArray, following: FloatArray) -> str:
+    """The rotation from one pose to another: `by 90 deg about the y axis`."""
+    angle = angle_deg(current, following)
+    axis = np.cross(current, following)
+    size = float(np.linalg.norm(axis))
+    if size < 1e-6:
+        return f"by {angle:.0f} deg"
+    main = int(np.argmax(np.abs(axis)))
+    # Only a rotation about one axis of the sensor is easy to say.
+    about = f" about the {'xyz'[main]} axis" if abs(axis[main]) > 0.9 * size else ""
+    return f"by {angle:.0f} deg{about}"
+
+
+def angle_deg(a: FloatArray, b: FloatArray) -> float:
+    """Angle between two vectors, deg."""
+    cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-30)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def attitude_with(up: FloatArray, before: FloatArray) -> FloatArray:
+    """The attitude, body to world, nearest to `before` whose up direction is `up`."""
+    raised = before @ up
+    axis = np.array([raised[1], -raised[0], 0.0])
+    sine, cosine = float(np.linalg.norm(axis)), float(raised[2])
+    if sine < 1e-9:
+        flip = np.diag([1.0, 1.0, 1.0]) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
+        upside: FloatArray = flip @ before
+        return upside
+    x, y, _ = axis / sine
+    k = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
+    turned: FloatArray = (np.eye(3) + sine * k + (1.0 - cosine) * (k @ k)) @ before
+    return turned
