@@ -1,6 +1,6 @@
-//! Calibration of a unit from its recordings, in the order of the method: check the recordings, detect the rests, fit
-//! the accelerometer to the rests, propagate gravity from rest to rest to fit the gyroscope, fit all parameters
-//! jointly, and determine the uncertainty of the result.
+//! Calibration of a unit from its recordings. The steps are: check the recordings, detect the rests, fit the
+//! accelerometer to the rests, fit the gyroscope by propagating gravity from rest to rest, fit all parameters jointly,
+//! and determine the uncertainty of the result.
 
 mod accelerometer_alone;
 mod checked;
@@ -50,12 +50,12 @@ pub use references::References;
 pub(crate) use user_effects::views;
 pub use user_effects::{BriefCorrection, CorrectedSamples, SampledField, UserEffects};
 
-/// Range of gravity on the surface of the Earth with some margin, m/s^2. It is 9.76 on the highest mountains of the
-/// tropics and 9.83 at the poles.
+/// Accepted range of local gravity, m/s^2. Gravity is 9.76 on the highest mountains of the tropics and 9.83 at the
+/// poles; the range adds a margin.
 pub const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 
 /// Default of the maximum number of iterations of a joint fit, over all repetitions with new weights. Fits that
-/// converge take 5 to 100.
+/// converge need 5 to 100 iterations.
 pub const MAX_ITERATIONS: u64 = 1000;
 
 /// Options of a calibration.
@@ -77,25 +77,25 @@ pub struct Options<'a> {
     /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s. Without it the start values are estimated from the
     /// data.
     pub gyro_nominal: Option<f64>,
-    /// Parameters that are held by a prior. They require the joint fit, so `joint` is set for them.
+    /// Parameters that are held by a prior. Priors require the joint fit, so any prior sets `joint`.
     pub priors: Priors,
     /// Estimates all parameters in a joint fit. Otherwise the result is the two-stage fit, which does not support
     /// effects.
     pub joint: bool,
-    /// Bias instability and random walk of the biases. Without them the biases are constant, or wander as much as the
-    /// scatter of the rates between rests indicates.
+    /// Known bias instability and random walk of the biases. If `None`, the accelerometer biases are constant, and the
+    /// bias instability of the gyroscope is estimated from the scatter of the rates between rests.
     pub wander: Option<UnitWander>,
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of the effects that may be only partly determined. Their unobservable directions are determined by a
-    /// prior.
+    /// Names of the effects that may be only partly determined. A prior determines their unobservable
+    /// directions.
     pub partly: Vec<String>,
     /// User-defined effects, given by their fields at every sample.
     pub user_fields: Vec<UserField<'a>>,
     /// Number of folds of a cross-validation: every `folds`-th move and rest is predicted from a fit without it.
     pub folds: Option<usize>,
-    /// Maximum number of iterations of the joint fit, over all repetitions with new weights. A fit that reaches it
-    /// before its optimum is poor.
+    /// Maximum number of iterations of the joint fit, over all repetitions with new weights. If a fit reaches this
+    /// number before its optimum, the verdict is poor.
     pub max_iterations: u64,
 }
 
@@ -104,8 +104,8 @@ pub struct Options<'a> {
 pub struct ModelOptions<'a> {
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of the effects that may be only partly determined. Their unobservable directions are determined by a
-    /// prior.
+    /// Names of the effects that may be only partly determined. A prior determines their unobservable
+    /// directions.
     pub partly: Vec<String>,
     /// User-defined effects, given by their fields at every sample.
     pub user_fields: Vec<UserField<'a>>,
@@ -114,7 +114,7 @@ pub struct ModelOptions<'a> {
 }
 
 impl<'a> Options<'a> {
-    /// All options except those of the model. Effects require the joint fit, so `joint` is set for them.
+    /// All options except those of the model. Effects require the joint fit, so any effect sets `joint`.
     fn without_model(&self) -> Options<'static> {
         let Self {
             gravity_mps2,
@@ -176,7 +176,7 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Whether the result is that of the joint fit, which effects and priors require.
+    /// Whether the result is that of the joint fit. Effects and priors require the joint fit.
     fn is_joint(&self) -> bool {
         self.joint || self.has_effects() || !self.priors.is_empty()
     }

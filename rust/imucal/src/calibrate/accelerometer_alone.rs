@@ -1,6 +1,6 @@
-//! Calibration of an accelerometer without a gyroscope: nine parameters from the means of the rests.
+//! Calibration of an accelerometer without a gyroscope. The nine parameters are estimated from the means of the rests.
 //!
-//! The fit is that of model.md (5), with its covariance (model.md (9)). Without a gyroscope there are no moves, no
+//! The fit is that of model.md (5), and its covariance that of model.md (9). Without a gyroscope there are no moves, no
 //! tremor model and no effects.
 
 use faer::Mat;
@@ -41,8 +41,8 @@ pub struct AccelerometerOutcome {
     pub names: Vec<String>,
     /// Values of the parameters, in the same order, raw units.
     pub values: Vec<f64>,
-    /// Covariance of the parameters, by rows, for a known gravity
-    /// ([`covariance_with_references`](Self::covariance_with_references) contains its uncertainty).
+    /// Covariance of the parameters, by rows, for exactly known gravity.
+    /// [`covariance_with_references`](Self::covariance_with_references) includes the uncertainty of gravity.
     pub covariance: Vec<Vec<f64>>,
     /// Reports of all rests.
     pub rests: Vec<RestReport>,
@@ -52,19 +52,19 @@ pub struct AccelerometerOutcome {
     pub noise_density: Vector3<f64>,
     /// Report of the fit.
     pub fit: FitReport,
-    /// Standard deviation of the norms of gravity, m/s^2, that was estimated from the residuals because the noise of
-    /// the means is not known; `None` if it is.
+    /// Standard deviation of the norms of gravity, m/s^2, estimated from the residuals if the noise of the means is not
+    /// known. `None` if this noise is known.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Held parameters with their estimates; empty if none is held.
     pub held: Vec<HeldEstimate>,
     /// Share of the variance of each parameter that comes from the priors of the held parameters, in the order of
     /// `names`; empty if none is held.
     pub prior_shares: Vec<f64>,
-    /// Errors that the priors leave, without those of a rotation; `None` if no parameter is held.
+    /// Errors due to the uncertainty of the priors, without errors of a rotation; `None` if no parameter is held.
     pub prior_cost: Option<PriorCost>,
     /// Goodness of fit of the norms of gravity at the rests under noise alone; empty without degrees of freedom.
     pub groups: Vec<GroupMisfit>,
-    /// Figures of merit on the calibration recordings themselves. They have no moves.
+    /// Figures of merit on the calibration recordings. They contain no figures of moves.
     pub figures: Figures,
     /// Warnings about the recordings.
     pub findings: Vec<Finding>,
@@ -91,7 +91,7 @@ pub fn calibrate_accelerometer(
     }
 }
 
-/// As [`calibrate_accelerometer`], without the offer of a model of fewer parameters.
+/// As [`calibrate_accelerometer`], but error messages do not offer a model with fewer parameters.
 fn of_recordings(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<AccelerometerOutcome, Error> {
     let recordings: Vec<Recording<'_>> = recordings.iter().map(Recording::accelerometer_alone).collect();
     let data = UnitData::of_accelerometer(&recordings, options)?;
@@ -128,7 +128,7 @@ pub(super) fn refuse_options(options: &Options<'_>) -> Result<(), Error> {
     }
 }
 
-/// The held parameters that are those of the accelerometer.
+/// The held parameters of the accelerometer.
 pub(super) fn of_accelerometer(held: Vec<HeldParameter>) -> Vec<HeldParameter> {
     held.into_iter().filter(|held| ACCEL.contains(&held.parameter())).collect()
 }
@@ -147,7 +147,7 @@ impl AccelerometerOutcome {
         let start = Start { sensitivity: *fit.triad.sensitivity(), bias: *fit.triad.bias() };
         let (held, of_priors) = held_estimates((&parameters_of(&start), &symmetric), held, &[]);
         let by_priors = Mat::from_fn(21, 21, |i, j| if i < 9 && j < 9 { of_priors[(i, j)] } else { 0.0 });
-        // An accelerometer measures no rotation.
+        // The error of a rotation is NaN, because an accelerometer does not measure rotations.
         let cost = || PriorCost { rotation_deg: f64::NAN, ..prior_cost(&by_priors, &fit.triad, &Triad::identity()) };
         let prior_cost = (!held.is_empty()).then(cost);
         let (triad, [covariance, of_priors]) = of_frame(fit, [symmetric, of_priors], options.frame)?;
@@ -174,13 +174,13 @@ impl AccelerometerOutcome {
         })
     }
 
-    /// What the priors leave uncertain; `None` if the result is poor.
+    /// The held parameters and the errors due to the uncertainty of their priors; `None` if the verdict is poor.
     pub(super) fn as_reduced(&self) -> Option<Reduced> {
         let is_usable = !matches!(self.verdict(), Verdict::Poor(_));
         is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost })
     }
 
-    /// The covariance of the parameters with the uncertainty of local gravity, by rows (model.md (38)).
+    /// The covariance of the parameters including the uncertainty of local gravity, by rows (model.md (38)).
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let mut covariance = self.covariance.clone();
@@ -224,7 +224,8 @@ fn of_frame(
     frame: Frame,
 ) -> Result<(Triad<f64>, [Mat<f64>; 2]), Error> {
     let symmetric = Sensitivities { accelerometer: *fit.triad.sensitivity(), gyroscope: Matrix3::identity() };
-    // The parameters of the gyroscope, which follow those of the accelerometer, have no influence on them.
+    // The covariance is extended by zeros for the gyroscope parameters, which do not affect the accelerometer
+    // parameters.
     let all = covariances.map(|own| Mat::from_fn(21, 21, |i, j| if i < 9 && j < 9 { own[(i, j)] } else { 0.0 }));
     let (converted, all) = in_frame(frame, symmetric, all, &mut [])?;
     let triad = Triad::try_new(converted.accelerometer, *fit.triad.bias());

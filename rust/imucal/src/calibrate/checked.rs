@@ -1,4 +1,4 @@
-//! Recordings that have passed the checks, with the first fits: the input of several calibrations with different
+//! Recordings that have passed the checks, with the first fits. They are the input of calibrations with different
 //! models.
 
 use std::sync::OnceLock;
@@ -28,7 +28,8 @@ use crate::verdict::Verdict;
 /// Recordings of one unit that have passed the checks, with their rests and moves and the two-stage fit from which all
 /// joint fits start.
 ///
-/// If they do not fit together, each is fitted alone to see whether they are recordings of several units.
+/// If the recordings cannot be fitted together, each recording is fitted separately, to find out whether they belong to
+/// several units.
 ///
 /// A result depends only on the recordings, the options and the arguments of the call, and not on earlier calls.
 pub struct Checked<'a> {
@@ -43,7 +44,7 @@ pub struct Checked<'a> {
     gyroscope: Gyroscope,
     /// The joint fit without effects, computed when it is first needed.
     plain: OnceLock<Plain>,
-    /// Findings about recordings that do not fit together, made when they are first needed.
+    /// Findings about recordings that cannot be fitted together, computed when they are first needed.
     units: OnceLock<Vec<Finding>>,
 }
 
@@ -60,8 +61,8 @@ impl<'a> Checked<'a> {
         refuse_errors(&several_units(recordings, Err(error), |recording| fit_alone(recording, options))?)
     }
 
-    /// As [`Checked::try_new`], without the offer of a model of fewer parameters, and without the test whether a
-    /// failure is due to recordings of several units.
+    /// As [`Checked::try_new`], but error messages do not offer a model with fewer parameters, and a failure is not
+    /// tested for recordings of several units as the cause.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let mut accelerometer = data.fit_accelerometer(options)?;
@@ -70,7 +71,8 @@ impl<'a> Checked<'a> {
         if options.is_joint() {
             let (seen, sound, triads) = (data.clone(), data.sound(), [&accelerometer.triad, &gyroscope.fit.triad]);
             data.free_of_tremor(triads[0], triads[1], &sound);
-            // The tremor estimate must not contain rests that the fit excludes. It is therefore repeated without them.
+            // The tremor estimate must not use rests that the fit excludes. It is therefore repeated without these
+            // rests.
             if data.is_held() {
                 let (_, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options, None)?;
                 if selection.used != sound {
@@ -78,7 +80,8 @@ impl<'a> Checked<'a> {
                     data.free_of_tremor(triads[0], triads[1], &selection.used);
                 }
             }
-            // Two-stage fits use one mean for each rest, also for long ones.
+            // Rests are cut into epochs only now, because the two-stage fit uses one mean for each rest, even for long
+            // ones.
             if data.cut_into_epochs() {
                 data.use_epochs(&mut accelerometer);
                 (moves, unusable) = between(recordings, &data.rests, &accelerometer.used, &data.saturated);
@@ -109,7 +112,7 @@ impl<'a> Checked<'a> {
         &self.options
     }
 
-    /// As [`calibrate`](super::calibrate()). A warm start does not change the result, but the fit needs fewer
+    /// As [`calibrate`](super::calibrate()). A warm start does not change the result, but reduces the number of
     /// iterations.
     ///
     /// # Errors
@@ -132,7 +135,7 @@ impl<'a> Checked<'a> {
         outcome
     }
 
-    /// Findings about recordings that do not fit together; `plain` is the result of the fit without effects.
+    /// Findings about recordings that cannot be fitted together. `plain` is the result of the fit without effects.
     fn units(&self, plain: Result<&Outcome, &Error>) -> Result<Vec<Finding>, Error> {
         if let Some(known) = self.units.get() {
             return Ok(known.clone());
@@ -141,7 +144,7 @@ impl<'a> Checked<'a> {
         Ok(self.units.get_or_init(|| found).clone())
     }
 
-    /// As [`calibrate`](Self::calibrate), without the test whether a failure is due to recordings of several units.
+    /// As [`calibrate`](Self::calibrate), but a failure is not tested for recordings of several units as the cause.
     fn calibrate_one_unit(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
         let options = &self.options.with_model(model);
         options.check_model()?;
@@ -177,8 +180,8 @@ impl<'a> Checked<'a> {
         Ok(outcome)
     }
 
-    /// Returns an error if the joint fit has implausible gains and the two-stage fit, from which it started, has not.
-    /// The reason is then not the unit of a column.
+    /// Returns an error if the joint fit has implausible gains but the two-stage fit, from which it started, has
+    /// plausible ones. In that case the cause is the fit and not the unit of a column.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };
@@ -193,7 +196,7 @@ impl<'a> Checked<'a> {
         ))))
     }
 
-    /// Adds to an error of the joint fit of several recordings what it can be due to.
+    /// Adds the possible cause to an error of the joint fit of several recordings.
     fn of_contradiction(&self, error: Error) -> Error {
         match error {
             Error::Fit(words) if self.recordings.len() > 1 => Error::Fit(format!(
@@ -205,8 +208,8 @@ impl<'a> Checked<'a> {
         }
     }
 
-    /// Prepares the residuals of the joint fit without effects for a search, in which any sensor may drift, and passes
-    /// them to `work` with both triads. `temperatures_degc` replaces the temperatures of the recordings.
+    /// Prepares the residuals of the joint fit without effects for a search, and passes them to `work` with both
+    /// triads. In a search, any sensor may drift. `temperatures_degc` replaces the temperatures of the recordings.
     pub(crate) fn prepare<T>(
         &self,
         temperatures_degc: &[Option<Vec<f64>>],
@@ -238,13 +241,13 @@ impl<'a> Checked<'a> {
         Ok(([joint.model.accelerometer, joint.model.gyroscope], selection))
     }
 
-    /// Whether the unit is hand-held in any recording. The hand then also accelerates it in the moves.
+    /// Whether the unit is hand-held in any recording. The hand then also accelerates the unit in the moves.
     pub(crate) fn is_held(&self) -> bool {
         self.data.is_held()
     }
 
-    /// Whether the noise of the accelerometer is so far below a step of its converter that rounding is not white noise
-    /// inside the moves, whose slow parts stay within a step.
+    /// Whether the noise of the accelerometer is so far below a step of its converter that rounding errors inside the
+    /// moves are not white. They are not white where the force changes so slowly that it stays within one step.
     pub(crate) fn has_coarse_accelerometer(&self) -> bool {
         let is_coarse = |segments: &Segments| segments.rounding[3..].iter().any(Rounding::is_not_white_in_moves);
         self.data.segments.iter().any(is_coarse)
@@ -278,8 +281,8 @@ mod tests {
     use crate::rests::moves::direction_error_rad;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-    /// Cross-validation of every third move and rest of the paper's run: the formula based on the whole fit agrees with
-    /// actual fits without these moves and rests.
+    /// Cross-validation of every third move and rest of the paper's run. The formula, which uses only the fit to all
+    /// data, agrees with actual fits without these moves and rests.
     #[test]
     fn what_is_held_out_is_predicted_as_by_a_fit_without_it() {
         let program = Program::random(&RandomMoves::default(), 5).unwrap();

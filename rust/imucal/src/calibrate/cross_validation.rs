@@ -11,26 +11,26 @@ use crate::two_stage::accelerometer::AccelerometerFit;
 /// Errors at rests and moves that were excluded from the fit (`folds` of [`Options`]).
 #[derive(Clone, Debug)]
 pub struct CrossValidation {
-    /// Root mean square, over all moves, of the angle between propagated and measured gravity, deg. Each angle is that
-    /// of the fit without the move.
+    /// Root mean square, over all moves, of the angle between propagated and measured gravity, deg. Each angle is
+    /// computed with the fit without this move.
     pub gravity_direction_rms_deg: f64,
     /// Angle between propagated and measured gravity of each move in the fit without the move, deg.
     pub direction_error_deg: Vec<f64>,
-    /// Error of |f| at each rest in the joint fit without it, m/s^2. NaN for rests that are not used, for rests without
-    /// which the fit does not determine all parameters, and for the two-stage fit.
+    /// Error of |f| at each rest in the joint fit without this rest, m/s^2. NaN for rests that are not used, for rests
+    /// without which the fit does not determine all parameters, and for the two-stage fit.
     pub norm_error_mps2: Vec<f64>,
 }
 
 impl CrossValidation {
-    /// Root mean square of the errors of |f| that are known, m/s^2; `None` if there are none.
+    /// Root mean square of the known errors of |f|, m/s^2; `None` if there are none.
     pub fn gravity_norm_rms_mps2(&self) -> Option<f64> {
         let known = || self.norm_error_mps2.iter().copied().filter(|error| error.is_finite());
         known().next().map(|_| rms(known()))
     }
 }
 
-/// Cross-validation of the two-stage fit: the gyroscope is fitted `folds` times, each time without every `folds`-th
-/// move, and evaluated on the moves not used.
+/// Cross-validation of the two-stage fit. The gyroscope is fitted `folds` times, each time without every `folds`-th
+/// move, and is evaluated on the omitted moves.
 pub(super) fn cross_validate(
     data: &UnitData<'_>,
     accelerometer: &AccelerometerFit,

@@ -1,5 +1,5 @@
-//! The design matrix of the joint fit before any fit: what rests and moves determine together, and the least-squares
-//! values of the determined parameters, from which a fit can start (model.md (12)).
+//! The design matrix of the joint fit, computed before any fit. It states which parameters the rests and moves together
+//! determine. It also yields least-squares values of these parameters, from which a fit can start (model.md (12)).
 
 use std::ops::Range;
 
@@ -15,16 +15,16 @@ use crate::two_stage::observability::{LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_
 /// Number of Gauss-Newton steps towards the true parameters. After the second step the remaining error is at the level
 /// of noise.
 const STEPS: usize = 3;
-/// Maximum change of a parameter in a step, as a fraction of its size. Larger steps indicate faulty data and are not
-/// used.
+/// Maximum change of a parameter in a step, as a fraction of the parameter's size. A larger step indicates faulty data
+/// and is not applied.
 pub(super) const FAR_OFF: f64 = 0.3;
 
 /// The design matrix. Its rows are divided by the model errors of a real unit, and its columns are multiplied by a
 /// hundredth of the size of each parameter.
 #[derive(Default)]
 pub(super) struct Design {
-    /// Rows of the matrix, with one column for each of [`OBSERVED`]: those of `lines`, then those of the held
-    /// parameters.
+    /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. The rows of `lines` come first, then those
+    /// of the held parameters.
     rows: Vec<[f64; 18]>,
     /// Residuals in units of the model errors.
     residuals: Vec<f64>,
@@ -48,10 +48,11 @@ impl Design {
         Ok(Self { rows, residuals, lines })
     }
 
-    /// The design at the least-squares values of the determined parameters, with nominal values of the others. Errors
-    /// of the sensors of some per cent would rotate the unobservable directions by a similar amount.
+    /// The design at the least-squares values of the determined parameters and the nominal values of all others. It is
+    /// not computed at the nominal values of all parameters, because sensor errors of a few per cent would rotate the
+    /// unobservable directions by a few hundredths of a radian.
     ///
-    /// Returns these values, too.
+    /// Also returns these parameter values.
     pub(super) fn near(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,
@@ -62,8 +63,8 @@ impl Design {
         let mut design = Self::at(prepared, terms, &parameters, sizes)?;
         for _ in 0..STEPS {
             let step = design.step()?;
-            // A unit whose parameters deviate from nominal by more than this has wrong axes or other faults. The design
-            // at the nominal parameters is then more informative.
+            // If the parameters deviate from nominal by more than this, the unit has wrong axes or other faults, and
+            // the design at the nominal parameters is more informative.
             if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
                 break;
             }
@@ -75,22 +76,22 @@ impl Design {
         Ok((design, parameters))
     }
 
-    /// Undetermined parameters of the joint information of rests and moves, as indices into [`OBSERVED`].
+    /// Parameters that rests and moves together do not determine, as indices into [`OBSERVED`].
     pub(super) fn open(&self) -> Result<Open, Error> {
         Open::of(&self.matrix())
     }
 
-    /// Undetermined parameters of the accelerometer, if the moves are not used.
+    /// Parameters of the accelerometer that the rests alone do not determine.
     pub(super) fn open_to_rests(&self) -> Result<Open, Error> {
         self.open_to(0..ACCELEROMETER, |source| matches!(source, Source::Norm(_)))
     }
 
-    /// Undetermined entries of the gyroscope, if the accelerometer is known.
+    /// Entries of the gyroscope that the moves do not determine, even with a known accelerometer.
     pub(super) fn open_to_moves(&self) -> Result<Open, Error> {
         self.open_to(ACCELEROMETER..OBSERVED.len(), |source| matches!(source, Source::Move(_)))
     }
 
-    /// Undetermined parameters of these columns, if only the rows of some rests or moves are used.
+    /// Undetermined parameters among `columns`, if only the rows of the rests or moves selected by `is_used` are used.
     fn open_to(&self, columns: Range<usize>, is_used: impl Fn(Source) -> bool) -> Result<Open, Error> {
         let rows: Vec<&[f64; 18]> =
             self.rows.iter().zip(&self.lines).filter(|(_, line)| is_used(line.source)).map(|(row, _)| row).collect();
@@ -120,11 +121,12 @@ impl Design {
     }
 }
 
-/// Indices of the parameters that rests and moves determine: all but the gyroscope bias.
+/// Indices of the parameters in the design matrix. The gyroscope bias is not among them, because it follows directly
+/// from the mean rates.
 pub(super) const OBSERVED: [usize; 18] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 15, 16, 17, 18, 19, 20];
 
-/// Size of each parameter, raw units: for a sensitivity the mean scale, for a bias the reading of gravity or of a rate
-/// of 1 rad/s.
+/// Size of each parameter, raw units. The size of a sensitivity is the mean scale. The size of a bias is the reading at
+/// 1 g (accelerometer) or at 1 rad/s (gyroscope).
 pub(super) fn sizes(model: &Model, gravity_mps2: f64) -> [f64; BASE] {
     let scale = |triad: &Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
     let (accelerometer, gyroscope) = (scale(&model.accelerometer), scale(&model.gyroscope));

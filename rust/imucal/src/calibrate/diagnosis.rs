@@ -6,7 +6,7 @@
 //! at_bound     a time constant longer than the recordings, or shorter than a hundredth of them
 //! ```
 //!
-//! Such a result is not an error, and its covariance contains the same information. The diagnosis states it in words.
+//! Such a result is not an error. The covariance contains the same information, which the diagnosis puts into words.
 
 use imucal_core::effects::Effect;
 
@@ -15,14 +15,17 @@ use crate::recording::Recording;
 
 /// Absolute correlation of two parameters above which they are reported as not separately observable.
 const TRADED: f64 = 0.95;
-/// Usual error of a sensitivity before calibration, as a fraction of the sensitivity; typical of MEMS sensors.
+/// Usual error of a sensitivity before calibration, as a fraction of the sensitivity. The value is typical of MEMS
+/// sensors. A larger standard deviation is reported.
 const USUAL_SENSITIVITY_ERROR: f64 = 0.01;
-/// Usual biases of a MEMS accelerometer, m/s^2, and of a MEMS gyroscope, rad/s.
+/// Usual biases of a MEMS accelerometer, m/s^2, and of a MEMS gyroscope, rad/s. A larger standard deviation of a bias
+/// is reported.
 const USUAL_BIAS: [f64; 2] = [0.2, 0.02];
-/// Minimum time constant as a fraction of the longest recording. The effect of a shorter one ends almost immediately.
+/// Time constant below which a finding is reported, as a fraction of the duration of the longest recording. An effect
+/// with a shorter time constant ends almost immediately.
 const SHORTEST_SHARE: f64 = 0.01;
 
-/// One parameter, or group of parameters, that a calibration determines poorly.
+/// A parameter, or a group of parameters, that a calibration determines poorly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
     /// Reason code: `traded_off`, `flat` or `at_bound`.
@@ -154,7 +157,8 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     let free = outcome.frame.free_entries();
     const AXES: [&str; 3] = ["x", "y", "z"];
     let mut motions: Vec<String> = Vec::new();
-    // The motion that separates an effect from the base parameters also determines the latter.
+    // If the group contains an effect, no motion is recommended for the base parameters, because the motion that
+    // separates the effect from them determines them, too.
     let with_effect = parameters.iter().any(|&p| p >= 21);
     for &p in parameters.iter().filter(|&&p| p >= 21 || !with_effect) {
         let motion = match p {
@@ -181,7 +185,8 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     motions.join("; ")
 }
 
-/// The motion that separates an effect from the others of a group, otherwise the motion that makes it observable.
+/// The motion that separates an effect from the other members of a group, or, if none is known, the motion that makes
+/// the effect observable.
 fn separation(outcome: &Outcome, effect: &Effect<f64>, group: &[usize]) -> String {
     let is_in_group =
         |name: &str| group.iter().any(|&p| effect_of(outcome, p).is_some_and(|(term, _)| term.name == name));

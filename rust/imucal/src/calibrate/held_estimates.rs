@@ -1,11 +1,12 @@
-//! Held parameters in the result of a calibration: what the recordings add to their priors, and which part of the
-//! uncertainty comes from the priors (model.md (40)).
+//! Held parameters in the result of a calibration: how much information the recordings add to the priors, and which
+//! part of the uncertainty comes from the priors (model.md (40)).
 //!
 //! ```text
 //! K = C H^T,    prior part of the covariance: B = K K^T,    share of parameter j: B_jj / C_jj
 //! ```
 //!
-//! H contains the derivatives of the residuals of the priors, each divided by its standard deviation.
+//! C is the covariance of the parameters. H contains the derivatives of the residuals of the priors, each divided by
+//! the standard deviation of the prior.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -17,11 +18,11 @@ use crate::held::{GROUPS, HeldParameter, PriorCost, PriorSource};
 use crate::joint::force_by_parameters;
 use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 
-/// Share of the variance of a held parameter from its prior above which the recordings are said not to determine it:
-/// they contain less information than the prior.
+/// Limit of the share of the variance of a held parameter that comes from its prior. Above this limit, the recordings
+/// contain less information than the prior, and the parameter is reported as not determined by them.
 const MAX_PRIOR_SHARE: f64 = 0.5;
-/// Difference of prior and recordings, in standard deviations of this difference, above which they contradict each
-/// other. It is significant at 6e-7.
+/// Difference between prior and recordings, in standard deviations of this difference, above which they are reported to
+/// contradict each other. The significance level of this limit is 6e-7.
 const MAX_CONTRADICTION: f64 = 5.0;
 
 /// One held parameter with its prior and its estimate.
@@ -33,11 +34,11 @@ pub struct HeldEstimate {
     pub estimate: f64,
     /// Standard deviation of the estimate.
     pub sigma: f64,
-    /// Share of the variance of the estimate that comes from the priors: 1 if the recordings say nothing, 0 if they
-    /// determine the parameter.
+    /// Share of the variance of the estimate that comes from the priors. It is 1 if the recordings contain no
+    /// information about the parameter, and near 0 if they determine it.
     pub prior_share: f64,
-    /// Difference of prior and recordings in standard deviations of this difference; `None` if the recordings determine
-    /// the parameter less accurately than the spread of MEMS sensors.
+    /// Difference between prior and recordings in standard deviations of this difference. `None` if the recordings
+    /// determine the parameter less accurately than the spread of MEMS sensors.
     pub contradiction: Option<f64>,
 }
 
@@ -47,7 +48,7 @@ impl HeldEstimate {
         self.prior_share <= MAX_PRIOR_SHARE
     }
 
-    /// Whether the recordings do not determine the parameter, and its prior is the default for MEMS sensors.
+    /// Whether the recordings do not determine the parameter and its prior is only the default for MEMS sensors.
     pub(super) fn is_unknown(&self) -> bool {
         self.prior.source == PriorSource::Default && !self.is_determined()
     }
@@ -59,8 +60,8 @@ impl HeldEstimate {
 }
 
 /// The held parameters of a fit with these parameters and their covariance, and the prior part B of the covariance.
-/// `residuals` are those of the priors in standard deviations, with the share of their variance that the fit leaves in
-/// them.
+/// `residuals` are the residuals of the priors in standard deviations, each with the share of the prior's variance that
+/// the fit leaves in it.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
@@ -87,14 +88,15 @@ pub(super) fn held_estimates(
     ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
 }
 
-/// Difference of prior and recordings in standard deviations. Recordings that hardly determine the parameter do so
-/// through the curvature of the model, and say nothing about the prior.
+/// Difference between prior and recordings in standard deviations. `None` for recordings that barely determine the
+/// parameter, because their information comes only from the nonlinearity of the model and is no evidence against the
+/// prior.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
-/// Errors due to this covariance of the parameters, symmetric frame.
+/// Errors in the direction of gravity and in a rotation due to this covariance of the parameters (symmetric frame).
 pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
     let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
     let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));
@@ -103,7 +105,7 @@ pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyro
         (directions.iter().map(variance).sum::<f64>() / directions.len() as f64).max(0.0).sqrt().to_degrees()
     };
     let gravity = |up: &Vector3<f64>| {
-        // The bias is not relative to gravity, so the force is that of standard gravity.
+        // The error due to a bias depends on the magnitude of the force, which is taken to be standard gravity.
         let g = super::STANDARD_GRAVITY_MPS2;
         let across = (Matrix3::identity() - up * up.transpose()) * force_by_parameters(accelerometer, &(up * g)) / g;
         (across * force * across.transpose()).trace()
@@ -122,7 +124,8 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// Names of held parameters in a list; a group whose members are all named is named instead of them.
+/// List of the names of held parameters. If all members of a group are held, the name of the group replaces those of
+/// its members.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

@@ -20,14 +20,15 @@ use crate::rests::moves::{Ends, Move, Unusable, between, direction_error_rad};
 use crate::rests::unit_rest::ranges_of_rests;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// Maximum share of rests or moves that contradict the others as outliers. If more contradict, the model itself is
-/// likely to be wrong.
+/// Maximum share of rests or moves that a search excludes as outliers. If more of them contradict the others, the model
+/// itself is likely to be wrong, and the search uses all of them.
 const OUTLIERS: f64 = 0.1;
-/// Maximum bias instability of a gyroscope that is estimated from the scatter of the rates between rests and counts as
-/// noise, deg/h. Consumer sensors have 5 to 60 deg/h. A larger one is that of a bias which depends on something, such
-/// as the temperature, and is no noise.
+/// Maximum bias instability, estimated from the scatter of the rates between rests, that counts as noise of the
+/// gyroscope, deg/h. Consumer sensors have 5 to 60 deg/h. A larger estimate means that the bias depends on a quantity
+/// such as the temperature, which is not noise.
 const MAX_INSTABILITY_DEGPH: f64 = 100.0;
-/// Maximum number of fits until the set of outliers no longer changes.
+/// Maximum number of fits, each with the outliers of the previous one excluded. Usually the set of outliers stops
+/// changing earlier.
 const MAX_ROUNDS: usize = 4;
 
 /// The rests and moves that a fit uses.
@@ -66,8 +67,9 @@ impl Selection {
 impl UnitData<'_> {
     /// The joint fit of both triads and the requested effects, and the rests and moves that it uses.
     ///
-    /// It starts from the warm start, otherwise from the two-stage fit. Each fit judges all rests and moves, including
-    /// those excluded before. A rest or move that an improved fit explains is therefore used again.
+    /// The fit starts from the warm start if there is one, otherwise from the two-stage fit. Each fit judges all rests
+    /// and moves, including those excluded before. A rest or move that agrees with an improved fit is therefore used
+    /// again.
     pub(super) fn fit_without_outliers(
         &self,
         accelerometer: &AccelerometerFit,
@@ -82,8 +84,7 @@ impl UnitData<'_> {
         for _ in 1..MAX_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options, warm_start.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
-            // The fit that judges a rest or move does not use it if it is an outlier, so that outliers do not influence
-            // their own judgement.
+            // Outliers are judged by a fit that does not use them, so that they do not influence their own judgement.
             let contradicts = self.prepared(&all, model, options, Wander::of(options.wander), |prepared| {
                 let known = is_of_all.then_some(&fit.linear);
                 joint::outliers(prepared, &self.terms(options)?, &fit.model, known)
@@ -111,14 +112,14 @@ impl UnitData<'_> {
         Selection { used, moves, left_out }
     }
 
-    /// The rests and moves for a search for effects: all of them, if so many contradict the fit that its model must be
-    /// wrong.
+    /// The rests and moves for a search for effects. If so many contradict the fit that its model must be wrong, all of
+    /// them are used.
     pub(super) fn for_search(&self, selection: Selection) -> Selection {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =
             (self.everything(), self.all_where(|reason| reason.is_none_or(|reason| reason == NOT_STILL)));
-        // If the mean rates differ at so many rests, these rests are not slow rotations. The gyroscope bias differs
-        // between the rests instead.
+        // If many rests have deviating mean rates, the cause is a gyroscope bias that differs between the rests, and
+        // not slow rotations.
         let all = if rests(&still) < (1.0 - OUTLIERS) * rests(&seemingly) { seemingly } else { still };
         let (kept, most) = (rests(&selection), rests(&all));
         let few = kept < (1.0 - OUTLIERS) * most
@@ -126,8 +127,8 @@ impl UnitData<'_> {
         if few { all } else { selection }
     }
 
-    /// The selection `all` without the outliers. If a rest is excluded, one move replaces the moves on both sides of
-    /// it.
+    /// The selection `all` without the outliers. If a rest is excluded, a single move replaces the two moves before and
+    /// after it.
     pub(super) fn without(&self, all: &Selection, contradicts: &[Item]) -> Selection {
         let mut used = all.used.clone();
         let mut bad = Vec::new();
@@ -138,7 +139,7 @@ impl UnitData<'_> {
             }
         }
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
-        // A move across an excluded rest is excluded, too, if it contains a move that contradicts the others.
+        // A move across an excluded rest is excluded, too, if one of the moves that it replaces contradicts the others.
         let within = |m: &Move, bad: &Move| m.recording == bad.recording && m.first <= bad.first && bad.last <= m.last;
         let contradicts: Vec<Move> = moves.iter().filter(|m| bad.iter().any(|bad| within(m, bad))).copied().collect();
         let mut selection = Selection { used, moves, left_out };
@@ -160,7 +161,7 @@ impl UnitData<'_> {
         })
     }
 
-    /// Goodness of fit (model.md (26)) of a joint fit that was started at `model`.
+    /// Goodness of fit (model.md (26)) of the joint fit `fit`, which was started at the triads `model`.
     pub(super) fn misfits(
         &self,
         fit: &JointFit,
@@ -190,8 +191,9 @@ impl UnitData<'_> {
         })
     }
 
-    /// Cross-validation of the joint fit: errors of each rest and move in a fit without it. `moves` contains all usable
-    /// moves and `model` the start of the fit. Moves that are outliers of the fit are predicted directly.
+    /// Cross-validation of the joint fit: the error of each rest and move in a fit without this rest or move. `moves`
+    /// contains all usable moves, and `model` is the start of the fit. Moves that the fit excludes as outliers are
+    /// predicted without a further fit.
     pub(super) fn held_out(
         &self,
         fit: &JointFit,
@@ -206,7 +208,7 @@ impl UnitData<'_> {
             Ok(Joint::of_fit(prepared, &terms, fit)?.held_out(&fit.linear, folds))
         })?;
         let never: Vec<Move> = moves.iter().filter(|m| !selection.moves.contains(m)).copied().collect();
-        // These moves may start or end at a rest that is not used.
+        // The excluded moves may start or end at a rest that is not used, so these rests are included here.
         let mut used = selection.used.clone();
         never.iter().for_each(|m| [m.from, m.to].into_iter().for_each(|k| used[k] = true));
         let unseen = Selection { used, moves: never.clone(), left_out: Vec::new() };
@@ -233,7 +235,7 @@ impl UnitData<'_> {
         for (k, error) in found.norm_mps2 {
             norms[k] = error.unwrap_or(f64::NAN);
         }
-        // The error of a rest with several epochs is their mean.
+        // The error of a rest with several epochs is the mean of the errors of its epochs.
         let mean = |own: Range<usize>| {
             let known = || norms[own.clone()].iter().filter(|error| error.is_finite());
             known().sum::<f64>() / known().count() as f64
@@ -263,8 +265,8 @@ impl UnitData<'_> {
         self.prepared_for(selection, model, options, (kinds, options.may_drift(), wander), work)
     }
 
-    /// Prepares the input of a joint fit and passes it to `work`. `kinds` states the kinds of residuals that are
-    /// needed, `drifts` whether sensors may drift during a rest, and `wander` how the biases wander.
+    /// Prepares the input of a joint fit and passes it to `work`. `kinds` states which additional kinds of residuals
+    /// are needed, `drifts` whether sensors may drift during a rest, and `wander` how the biases vary between rests.
     pub(super) fn prepared_for<T>(
         &self,
         selection: &Selection,

@@ -1,6 +1,7 @@
-//! Calibration of an accelerometer from a table of mean readings: one row for each rest.
+//! Calibration of an accelerometer from a table of mean readings, which has one row for each rest.
 //!
-//! A table has no samples, so the noise of the means is given, or it follows from the residuals.
+//! A table contains no samples. The noise of the means is therefore either given by the user or estimated from the
+//! residuals.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -21,8 +22,9 @@ use crate::rests::unit_rest::rests_of_means;
 use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
-/// Relative noise of the means in the first fit, if it is not known: the largest at which the fit does not take the
-/// ellipsoid for one of noise. It excludes no row as an outlier.
+/// Relative noise of the means that the first fit assumes if the noise is not known. With this large value, no row is
+/// excluded as an outlier. It is the largest value at which the fit does not reject the ellipsoid as one fitted to
+/// noise.
 const FIRST_GUESS: f64 = 0.015;
 
 /// Mean readings at rest, one row for each rest.
@@ -45,15 +47,15 @@ pub struct MeanReadings<'a> {
 /// Standard deviation of the mean readings of an accelerometer.
 #[derive(Clone, Copy, Debug)]
 pub enum MeanNoise<'a> {
-    /// Of each mean and axis, in the unit of the means.
+    /// Standard deviation of each mean and axis, in the unit of the means.
     Each(&'a [[f64; 3]]),
-    /// Of all means, m/s^2.
+    /// One standard deviation for all means, m/s^2.
     Common(f64),
-    /// It is not known, and follows from the residuals.
+    /// The standard deviation is not known and is estimated from the residuals.
     Unknown,
 }
 
-/// Mean reading of a gyroscope at all rests: its bias.
+/// Bias of a gyroscope: its mean reading over all rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestBias {
     /// Mean of the rows, raw units.
@@ -62,8 +64,8 @@ pub struct RestBias {
     pub std: Vector3<f64>,
 }
 
-/// Calibrates an accelerometer from mean readings, and determines the bias of the gyroscope, if there is one. Nothing
-/// else of the gyroscope can be determined without moves.
+/// Calibrates an accelerometer from mean readings. If there is a gyroscope, its bias is determined as well. Its other
+/// parameters cannot be determined without moves.
 ///
 /// # Errors
 /// As [`calibrate_accelerometer`](super::calibrate_accelerometer); [`Error::NotEnoughMotion`] also if the rows
@@ -83,9 +85,9 @@ pub fn calibrate_means(
     }
 }
 
-/// As [`calibrate_means`], for the accelerometer, without the offer of a model of fewer parameters.
+/// Accelerometer part of [`calibrate_means`]. Error messages do not offer a model with fewer parameters.
 fn of_table(table: &MeanReadings<'_>, options: &Options<'_>) -> Result<AccelerometerOutcome, Error> {
-    // The rows as a recording with one sample for each rest, for the checks.
+    // For the checks, the rows are converted to a recording with one sample for each rest.
     let time_s: Vec<f64> = (0..table.specific_force.len()).map(|row| row as f64).collect();
     let recording = Recording {
         accel_unit: table.accel_unit,
@@ -121,8 +123,8 @@ struct Fitted {
     noise_from_residuals_mps2: Option<f64>,
 }
 
-/// The fit with the noise of the table. If it is not given for each mean, a first fit gives the sensitivity by which a
-/// noise in m/s^2 becomes one in raw units, and the residuals.
+/// The fit with the noise of the table. If the noise is not given for each mean, a first fit provides the residuals,
+/// and the sensitivity with which noise in m/s^2 is converted to raw units.
 fn fit(table: &MeanReadings<'_>, held: &[HeldParameter], options: &Options<'_>) -> Result<Fitted, Error> {
     let held = &StageRows::new(held, ACCEL);
     let fit_with = |variances: &dyn Fn(usize) -> Vector3<f64>| {
@@ -198,7 +200,7 @@ fn bias_of(rates: &[[f64; 3]]) -> RestBias {
     let rows = || rates.iter().map(|row| Vector3::from(*row));
     let value = rows().sum::<Vector3<f64>>() / count;
     let squares = rows().map(|row| (row - value).component_mul(&(row - value))).sum::<Vector3<f64>>();
-    // 0 / 0 is NaN for a single row.
+    // For a single row, 0 / 0 yields NaN.
     RestBias { value, std: (squares / (count - 1.0) / count).map(f64::sqrt) }
 }
 

@@ -1,4 +1,4 @@
-//! A model of fewer parameters for recordings that do not determine all of them.
+//! Offer of a model with fewer parameters for recordings that do not determine all parameters.
 
 use super::held_estimates::{HeldEstimate, listed};
 use super::{Checked, Options, prospect};
@@ -9,11 +9,11 @@ use crate::recording::Recording;
 use crate::verdict::Verdict;
 
 impl<'a> Checked<'a> {
-    /// Checks the recordings, detects their rests and makes the two-stage fit.
+    /// Checks the recordings, detects their rests and performs the two-stage fit.
     ///
     /// # Errors
-    /// As [`calibrate`](super::calibrate()). The message of [`Error::NotEnoughMotion`] also offers a model of fewer
-    /// parameters that the recordings determine, if there is one.
+    /// As [`calibrate`](super::calibrate()). The message of [`Error::NotEnoughMotion`] also offers a model with fewer
+    /// parameters, if there is one that the recordings determine.
     pub fn try_new(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let checked = determined(recordings, options);
         if let Err(error) = &checked {
@@ -33,8 +33,8 @@ impl<'a> Checked<'a> {
     }
 }
 
-/// The checked recordings, which must determine all parameters without a prior. With the model of biases and scales the
-/// gyroscope's scales about axes without rotation are held, too.
+/// The checked recordings, which must determine all parameters without a prior. In the model with biases and scales
+/// only, the gyroscope scales of axes without rotation are also held by a prior.
 fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Checked<'a>, Error> {
     let checked = Checked::of_determined(recordings, options);
     if options.priors.model != ParameterModel::Orthogonal || !matches!(checked, Err(Error::NotEnoughMotion(_))) {
@@ -55,14 +55,16 @@ fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result
     Checked::of_determined(recordings, &Options { priors, ..options.clone() }).or(checked)
 }
 
-/// A usable result with a model of fewer parameters: what it leaves uncertain.
+/// A usable result with a model of fewer parameters: the held parameters, and the errors due to the uncertainty of
+/// their priors.
 pub(super) struct Reduced {
     pub(super) held: Vec<HeldEstimate>,
     pub(super) cost: Option<PriorCost>,
 }
 
-/// The words of a refusal, followed by the model with the most free parameters that the data determine and by what it
-/// leaves uncertain. `fit` makes a complete calibration with the given options; `None` if it has no usable result.
+/// The text of a refusal, followed by the offer of the model with the most free parameters that the data determine, and
+/// by the errors that this model leaves. `fit` performs a complete calibration with the given options and returns
+/// `None` if it has no usable result.
 pub(super) fn with_offer(
     options: &Options<'_>,
     words: &str,
@@ -92,7 +94,7 @@ fn offered(model: ParameterModel, result: &Reduced) -> String {
             ", which leaves an error (1 sigma) of {} deg in the direction of gravity",
             general(gravity_direction_deg, 2)
         );
-        // An accelerometer alone measures no rotation.
+        // The error of a rotation is NaN for an accelerometer alone, which does not measure rotations.
         if !rotation_deg.is_nan() {
             words += &format!(" and of {} deg in a rotation by 90 deg", general(rotation_deg, 2));
         }

@@ -39,8 +39,8 @@ pub struct Outcome {
     pub names: Vec<String>,
     /// Values of the parameters, in the same order. Raw units for the triads, SI units for the effects.
     pub values: Vec<f64>,
-    /// Covariance of the parameters, by rows, for a known gravity and clock
-    /// ([`covariance_with_references`](Self::covariance_with_references) contains their uncertainty).
+    /// Covariance of the parameters, by rows, for exactly known gravity and clock.
+    /// [`covariance_with_references`](Self::covariance_with_references) includes the uncertainty of both.
     pub covariance: Vec<Vec<f64>>,
     /// Reports of all rests.
     pub rests: Vec<RestReport>,
@@ -54,17 +54,17 @@ pub struct Outcome {
     pub accelerometer_fit: FitReport,
     /// Report of the gyroscope fit.
     pub gyroscope_fit: FitReport,
-    /// Report of the joint fit, if it was requested. The other two fits are then its start.
+    /// Report of the joint fit, if it was requested. In that case the other two fits only provide its start values.
     pub joint_fit: Option<FitReport>,
     /// Goodness of fit of the joint fit, with the weights of noise alone (model.md (26)).
     pub misfit: Option<Misfit>,
-    /// Goodness of fit of each kind of residuals under noise alone. Those of the two-stage fits are the norms and the
-    /// moves.
+    /// Goodness of fit of each kind of residuals relative to noise alone. For the two-stage fit, the kinds are the
+    /// norms and the moves.
     pub groups: Vec<GroupMisfit>,
     /// Factors by which the joint fit increases the noise of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
-    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s: that of the options, or an estimate
-    /// from the scatter of the rates between rests. `None` if there is neither.
+    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s. It is given by the options or
+    /// estimated from the scatter of the rates between rests; `None` if the weights assume constant biases.
     pub bias_instability_radps: Option<[f64; 3]>,
     /// Standard deviation of the tremor about each axis, rad, for each recording; `None` for a unit on a rigid support.
     /// Only the joint fit estimates tremor.
@@ -74,9 +74,9 @@ pub struct Outcome {
     /// Share of the variance of each parameter that comes from the priors of the held parameters, in the order of
     /// `names`; empty if none is held.
     pub prior_shares: Vec<f64>,
-    /// Errors that the priors leave; `None` if no parameter is held.
+    /// Errors due to the uncertainty of the priors; `None` if no parameter is held.
     pub prior_cost: Option<PriorCost>,
-    /// Figures of merit on the calibration recordings themselves.
+    /// Figures of merit on the calibration recordings.
     pub figures: Figures,
     /// Cross-validation, if folds were requested.
     pub held_out: Option<CrossValidation>,
@@ -136,7 +136,7 @@ impl Outcome {
     }
 
     /// The result of the joint fit. `started_from` contains the reports of the accelerometer and gyroscope fits that
-    /// gave its start value.
+    /// provided the start values.
     pub(super) fn joint(
         mut data: UnitData<'_>,
         started_from: [FitReport; 2],
@@ -151,7 +151,7 @@ impl Outcome {
         for (report, misfit) in rests.iter_mut().zip(&misfits.rests) {
             report.misfit = *misfit;
         }
-        // Steps between the epochs of a rest are no moves.
+        // Steps between the epochs of a rest do not count as moves.
         let is_move = |m: &Move| !m.is_within_rest(&data.rests);
         let judged = || {
             let all = selection.moves.iter().zip(&joint.moves).zip(&misfits.moves);
@@ -173,14 +173,15 @@ impl Outcome {
         let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();
         let (held, of_priors) =
             held_estimates((&joint.model.parameters(), &joint.covariance), &data.held(options)?, &misfits.held);
-        // A prior that determines its parameter leaves no parameter to the residuals.
+        // A parameter that is determined by its prior does not reduce the degrees of freedom of the residuals.
         let by_priors = held.iter().map(|held| (held.sigma / held.prior.sigma).powi(2)).sum::<f64>().round() as usize;
         let is_any_held = held.iter().any(|held| !held.prior.is_combination());
         let prior_cost = is_any_held.then(|| prior_cost(&of_priors, force, rate));
         let of_unit = |matrix: &Mat<f64>| matrix.submatrix(0, 0, all, all).to_owned();
         let covariances = [of_unit(&joint.covariance), of_unit(&of_priors)];
         let (sensitivities, [covariance, of_priors]) = in_frame(options.frame, symmetric, covariances, &mut moves)?;
-        // A known accelerometer is no held parameter, unless the recordings contradict it.
+        // The parameters of a known accelerometer are not listed as held parameters, unless the recordings contradict
+        // them.
         let held: Vec<HeldEstimate> =
             held.into_iter().filter(|held| !held.prior.is_combination() || held.is_contradicted()).collect();
         let share =
@@ -231,7 +232,7 @@ impl Outcome {
     }
 }
 
-/// Goodness of fit of the residuals of the two-stage fits, which have the weights of noise alone.
+/// Goodness of fit of the residuals of the two-stage fit, whose weights contain only noise.
 fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures: &Figures) -> Vec<GroupMisfit> {
     let direction_rad = figures.gravity_direction_rms_deg.to_radians();
     let groups = [
@@ -249,7 +250,7 @@ fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures:
 }
 
 /// Converts sensitivities, covariances and gravity directions of the moves from the symmetric to the requested body
-/// frame. Effects are defined in the symmetric frame only.
+/// frame. Effects are not converted, because they are defined only in the symmetric frame.
 pub(super) fn in_frame<const N: usize>(
     frame: Frame,
     symmetric: Sensitivities,

@@ -1,8 +1,8 @@
-//! Prediction, before any fit, of what recordings can determine and how accurately (model.md (12)).
+//! Prediction, before any fit, of the parameters that recordings can determine, and of their accuracy (model.md (12)).
 //!
-//! The residuals of the joint estimate are linearised at nominal sensors. The design states which parameters are not
-//! determined. With the noise of the rests it also gives the standard deviation that each parameter will have if the
-//! model describes the unit.
+//! The residuals of the joint estimate are linearised at nominal sensors. The design matrix shows which parameters are
+//! not determined. With the noise of the rests, it also yields the standard deviation that each parameter will have if
+//! the model describes the unit.
 
 use std::sync::OnceLock;
 
@@ -28,9 +28,9 @@ use crate::two_stage::observability::{
     EDGES_AND_CORNERS, FARTHEST, OR_ROLL, missing_poses, missing_turns, too_few_poses,
 };
 
-/// Minimum angle between the directions of gravity at two rests that counts as a rotation of the unit, rad.
+/// Minimum angle between the directions of gravity at two rests for the unit to count as rotated in between, rad.
 const TURNED_RAD: f64 = 0.35;
-/// Maximum angle between directions of gravity that count as equal, rad.
+/// Maximum angle between two directions of gravity that count as equal, rad.
 const ALIKE_RAD: f64 = 0.05;
 /// Minimum ratio of the rms rate in a move to the noise at rest for the gyroscope to respond to the motion.
 const REACTS: f64 = 3.0;
@@ -43,8 +43,8 @@ pub struct Prospect {
     /// Predicted standard deviation of each parameter if the model describes the unit, raw units; `None` if the
     /// parameter is not determined.
     pub predicted_sigma: [Option<f64>; 21],
-    /// Names of the parameters of the accelerometer that only the moves determine: the rests alone lack directions for
-    /// them, as on the six faces of a box, and the rotations between the rests replace these directions.
+    /// Names of the accelerometer parameters that the rests alone do not determine, for example because the only
+    /// directions are the six faces of a box. The rotations between the rests replace the missing directions.
     pub through_moves: Vec<String>,
     /// Message about the undetermined parameters and the poses and rotations to add; `None` if all are determined.
     pub missing: Option<String>,
@@ -85,8 +85,8 @@ struct Scene {
 }
 
 impl UnitData<'_> {
-    /// What rests and moves determine together, with the least-squares values of the determined parameters and the
-    /// nominal values of the others. All refusals for missing motion follow from this prediction.
+    /// The prediction for rests and moves together, and a model with the least-squares values of the determined
+    /// parameters and the nominal values of all others. All refusals for missing motion follow from this prediction.
     pub(super) fn joint_information(&self, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         self.prospect(self.scene(options)?, options)
     }
@@ -136,7 +136,8 @@ impl UnitData<'_> {
         let mut predicted_sigma = [None; BASE];
         let problem = Joint::new(&prepared, &terms, &model.parameters())?;
         let (_, whitened) = problem.whitened(&model.parameters())?;
-        // Undetermined parameters get a prior of a tenth of their size, so that the covariance of the others is finite.
+        // Every parameter gets a prior with a standard deviation of a tenth of its size, so that the covariance is
+        // finite even if some parameters are undetermined.
         let held = Mat::from_fn(whitened.nrows() + 18, BASE, |i, p| match i.checked_sub(whitened.nrows()) {
             None => whitened[(i, p)],
             Some(k) if OBSERVED[k] == p => 1.0 / (FARTHEST * sizes[p]),
@@ -200,8 +201,8 @@ impl UnitData<'_> {
         Ok(scene)
     }
 
-    /// The nominal accelerometer. In SI units it is the identity, in counts it has the nominal scale or that of the
-    /// smallest sphere through the rests. `None` if nothing determines the scale.
+    /// The nominal accelerometer. In SI units it is the identity. In counts it has the nominal scale or, if this is not
+    /// given, the scale of the smallest sphere through the rests. `None` if the scale is not determined.
     fn nominal_accelerometer(&self, used: &[bool], options: &Options<'_>) -> Result<Option<Triad<f64>>, Error> {
         if self.raw_is_si(|recording| recording.accel_unit) {
             return Ok(Some(Triad::identity()));
@@ -226,8 +227,8 @@ impl UnitData<'_> {
         Ok(start.and_then(|start| Triad::try_new(start.sensitivity, start.bias).ok()).filter(exceeds_noise))
     }
 
-    /// The nominal gyroscope. In SI units it is the identity, in counts it has the nominal scale or that from the
-    /// rotation of gravity. `None` if nothing determines the scale.
+    /// The nominal gyroscope. In SI units it is the identity. In counts it has the nominal scale or, if this is not
+    /// given, the scale that follows from the rotation of gravity in moves. `None` if the scale is not determined.
     fn nominal_gyroscope(
         &self,
         moves: &[Move],
@@ -302,7 +303,7 @@ impl Scene {
             None if self.accelerometer.is_none() => too_few_poses(),
             None => {
                 let poses = missing_poses(&self.up);
-                // Rotations replace poses only if the gyroscope measures them.
+                // Rotations can replace missing poses only if the gyroscope measures them.
                 let rotates = self.gyroscope.is_some() && self.silent_gyroscope.is_none();
                 if rotates && poses.ends_with(EDGES_AND_CORNERS) { poses + OR_ROLL } else { poses }
             }

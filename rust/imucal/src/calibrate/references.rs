@@ -1,16 +1,16 @@
-//! Uncertainty of the two references of a calibration: local gravity and the clock of the samples.
+//! Contribution of the two references of a calibration, local gravity and the clock of the samples, to the uncertainty.
 //!
-//! Rests and moves fix every parameter relative to gravity and to the time stamps, so an error of a reference is
-//! invisible in the data. It changes all parameters together. Let gravity have the relative error e and the unit of
-//! time the relative error d. Gravity is the only reference for lengths: a length is an acceleration times a time
-//! squared. A parameter with the unit m^a s^b therefore has the relative error
+//! Rests and moves determine every parameter only relative to gravity and to the time stamps. An error of a reference
+//! is therefore not visible in the residuals, and it changes all parameters together. Let gravity have the relative
+//! error e and the unit of time the relative error d. Gravity is the only reference for lengths, because a length is an
+//! acceleration times a time squared. A parameter with the unit m^a s^b therefore has the relative error
 //!
 //! ```text
 //! a e + (2 a + b) d                                                                           model.md (38)
 //! ```
 //!
-//! An accelerometer sensitivity, raw unit per m/s^2, has -e; a gyroscope sensitivity, raw unit per rad/s, has d. Biases
-//! in raw units have none.
+//! For example, an accelerometer sensitivity (raw unit per m/s^2) has the relative error -e, and a gyroscope
+//! sensitivity (raw unit per rad/s) has d. Biases in raw units are not affected.
 
 use imucal_core::effects::Effect;
 
@@ -22,14 +22,13 @@ use crate::error::Error;
 pub struct References {
     /// Standard deviation of local gravity, m/s^2.
     pub gravity_sigma_mps2: f64,
-    /// Standard deviation of the rate of the clock that gives the time stamps, relative, 1e-6.
+    /// Relative standard deviation of the rate of the clock that provides the time stamps, ppm.
     pub clock_ppm: f64,
 }
 
-/// Largest standard deviation of gravity, m/s^2: half its range on the Earth, with a margin.
+/// Largest accepted standard deviation of gravity, m/s^2. It is half the width of `GRAVITY_ON_EARTH_MPS2`.
 const MAX_GRAVITY_SIGMA_MPS2: f64 = 0.1;
-/// Largest standard deviation of a clock, 1e-6: 10 %, above which the check of the gyroscope's unit refuses a
-/// recording.
+/// Largest accepted standard deviation of a clock, ppm (10 %). A clock with a larger error is not a usable reference.
 const MAX_CLOCK_PPM: f64 = 1e5;
 
 impl References {
@@ -51,8 +50,8 @@ impl References {
 }
 
 impl Outcome {
-    /// The covariance of the parameters with the uncertainty of the references, by rows. User-defined effects have no
-    /// known unit and are left as they are.
+    /// The covariance of the parameters including the uncertainty of the references, by rows. The covariance of
+    /// user-defined effects is not changed, because their units are not known.
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance_of_gravity = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let variance_of_clock = (1e-6 * references.clock_ppm).powi(2);
@@ -153,8 +152,8 @@ mod tests {
         }
     }
 
-    /// Another gravity and another unit of time change the estimate as the derivatives say, with effects of several
-    /// units.
+    /// If gravity or the unit of time is changed, the estimate changes as the derivatives predict, for effects with
+    /// various units.
     #[test]
     fn derivatives_are_those_of_the_fit() {
         let program = Program::random(&RandomMoves { moves: 25, ..RandomMoves::default() }, 1).unwrap();

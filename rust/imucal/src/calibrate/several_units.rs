@@ -1,8 +1,9 @@
-//! Recordings of several units in one calibration, and biases that moved between the recordings of one unit.
+//! Detection of recordings of several units in one calibration, and of biases that changed between the recordings of
+//! one unit.
 //!
-//! If the recordings do not fit together, each is fitted alone. Recordings of different units then differ in the
-//! sensitivities, by far more than their standard deviations; those of one unit whose power was switched differ in the
-//! biases only.
+//! If the recordings cannot be fitted together, each recording is fitted separately. Recordings of different units then
+//! differ in the sensitivities by far more than the standard deviations. Recordings of one unit that was switched off
+//! in between differ only in the biases.
 
 use imucal_core::calibration::Calibration;
 
@@ -13,22 +14,25 @@ use crate::parameters::{ACCEL, BASE, GYRO_BIAS, WORDS};
 use crate::recording::Recording;
 use crate::verdict::Verdict;
 
-/// Minimum difference of a parameter between two recordings, in standard deviations of the two fits, for the parameter
-/// to differ. With 15 parameters and ten recordings, noise alone exceeds it in one of a million calibrations.
+/// Difference of a parameter between two recordings, in standard deviations of this difference, above which the
+/// parameter counts as different. With 15 parameters and ten recordings, noise alone exceeds this limit in one of a
+/// million calibrations.
 const DIFFERENT: f64 = 6.0;
-/// Minimum difference of a sensitivity as a fraction of the mean scale. A smaller one has no practical meaning, however
-/// small the noise is.
+/// Minimum difference of a sensitivity that counts as different, as a fraction of the mean scale. A smaller difference
+/// has no practical meaning, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
-/// Minimum ratio of chi2 per degree of freedom of the fit to all recordings to that of the fits to each alone. An
-/// effect that the model lacks increases both alike.
+/// Ratio of chi2 per degree of freedom of the fit to all recordings to that of the separate fits, above which the
+/// recordings count as not fitting together. An effect that is missing in the model increases both values equally, so
+/// the ratio stays near one.
 const WORSE_TOGETHER: f64 = 4.0;
-/// Minimum share of the rests that the fit to all recordings excludes and the fits to each alone use. Rests of another
-/// unit may be excluded as outliers, and chi2 is then that of one unit. With fewer, the verdict may be good.
+/// Share of rests above which the recordings count as not fitting together: rests that the fit to all recordings
+/// excludes but the separate fits use. This criterion is needed because the rests of a second unit may be excluded as
+/// outliers, so that chi2 is that of one unit.
 const EXCLUDED: f64 = 0.1;
-/// Minimum difference of the mean temperature of two recordings, K, above which a difference of their scales does not
-/// distinguish units. Scales of MEMS sensors change by up to 0.05 %/K; misalignments hardly change.
+/// Difference between the mean temperatures of two recordings, K, above which different scales are not taken as
+/// evidence of different units. Scales of MEMS sensors change by up to 0.05 %/K, whereas misalignments barely change.
 const WARMER_K: f64 = 5.0;
-/// Maximum number of parameters named for a pair of recordings.
+/// Maximum number of parameters that the message names for a pair of recordings.
 const NAMED: usize = 3;
 
 /// A fit to one recording.
@@ -46,9 +50,9 @@ struct Difference {
     times_sigma: f64,
 }
 
-/// Findings about recordings that do not fit together: an error if they are of several units, a warning if only the
-/// biases moved. `together` is the result of the fit without effects to all recordings, and `fit_alone` makes one to a
-/// single recording, in the symmetric frame.
+/// Findings about recordings that cannot be fitted together: an error if they belong to several units, a warning if
+/// only the biases changed. `together` is the result of the fit without effects to all recordings. `fit_alone` performs
+/// the fit to a single recording, in the symmetric frame.
 ///
 /// # Errors
 /// [`Error::Cancelled`] if the calculation was cancelled.
@@ -57,7 +61,8 @@ pub(super) fn several_units(
     together: Result<&Outcome, &Error>,
     fit_alone: impl Fn(&Recording<'_>) -> Result<Outcome, Error>,
 ) -> Result<Vec<Finding>, Error> {
-    // A fault of the data, such as an altered copy of another recording, has been named and is not due to the unit.
+    // Only failures of the fit are examined further. A fault of the data, such as an altered copy of another recording,
+    // has already been reported and does not indicate several units.
     let is_of_fit = |error: &Error| matches!(error, Error::Fit(_) | Error::NotEnoughMotion(_));
     let fits_together = together.map_or_else(|error| !is_of_fit(error), |outcome| outcome.verdict() == Verdict::Good);
     if recordings.len() < 2 || fits_together {
@@ -70,7 +75,7 @@ pub(super) fn several_units(
                 alone.push(Alone { name: recording.name, outcome, temperature_degc: mean_temperature(recording) });
             }
             Err(error) if !is_of_fit(&error) && !matches!(error, Error::Data(_)) => return Err(error),
-            // Too few poses, or a fault of this recording: it says nothing about the unit.
+            // The recording has too few poses or a fault, so it provides no information about the unit.
             _ => {}
         }
     }
@@ -84,7 +89,7 @@ pub(super) fn several_units(
     Ok(together.ok().and_then(|_| biases_moved(&alone)).into_iter().collect())
 }
 
-/// Whether all recordings together fit much worse than each alone, or leave out many of the rests.
+/// Whether the fit to all recordings is much worse than the separate fits, or excludes many rests that they use.
 fn is_worse_together(together: &Outcome, alone: &[Alone<'_>]) -> bool {
     let used = |outcome: &Outcome| outcome.rests.iter().filter(|rest| rest.excluded.is_none()).count();
     let by_each: usize = alone.iter().map(|fit| used(&fit.outcome)).sum();
@@ -102,7 +107,8 @@ fn is_worse_together(together: &Outcome, alone: &[Alone<'_>]) -> bool {
     sums(&mut std::iter::once(together)) > WORSE_TOGETHER * each
 }
 
-/// Indices of the recordings of each unit: recordings whose sensitivities agree with those of the first one.
+/// Indices of the recordings of each unit. A recording belongs to a unit if its sensitivities agree with those of the
+/// first recording of this unit.
 fn groups(alone: &[Alone<'_>]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for k in 0..alone.len() {
@@ -170,7 +176,7 @@ fn all_names(alone: &[Alone<'_>]) -> String {
     alone.iter().map(|fit| fit.name).collect::<Vec<_>>().join(" and ")
 }
 
-/// The largest differences in words.
+/// Text with the largest differences.
 fn list(differences: &[Difference]) -> String {
     let mut words: Vec<&str> = differences.iter().take(NAMED).map(|difference| difference.words.as_str()).collect();
     let others = format!("{} more", differences.len().saturating_sub(NAMED));
@@ -184,8 +190,8 @@ fn list(differences: &[Difference]) -> String {
     }
 }
 
-/// The sensitivities that differ between two recordings, the most significant first. If one was recorded at another
-/// temperature, scales may differ.
+/// The sensitivities that differ between two recordings, the most significant first. Scales are ignored if the
+/// recordings were made at different temperatures.
 fn sensitivities(a: &Alone<'_>, b: &Alone<'_>) -> Vec<Difference> {
     let is_warmer = a.temperature_degc.zip(b.temperature_degc).is_some_and(|(a, b)| (a - b).abs() > WARMER_K);
     let differs = |p: usize| -> Option<Difference> {
@@ -241,7 +247,7 @@ fn scales(calibration: &Calibration<f64>) -> [f64; 2] {
     [&calibration.accelerometer, &calibration.gyroscope].map(|triad| triad.sensitivity().norm() / 3f64.sqrt())
 }
 
-/// A base parameter in words, without its sensor.
+/// Name of a base parameter in plain words, without its sensor.
 fn word(p: usize) -> &'static str {
     match p {
         0..9 => WORDS[p],
@@ -274,7 +280,7 @@ mod tests {
         simulate(&program, unit, 100.0, 9.80665, seed).unwrap()
     }
 
-    /// A unit of the same type: scales and axes differ by some tenths of a per cent and some mrad.
+    /// A second unit of the same type. Its scales differ by some tenths of a per cent, and its axes by some mrad.
     fn other() -> Unit {
         let mut unit = Unit::paper();
         unit.gyroscope.sensitivity[(0, 0)] *= 1.004;

@@ -33,8 +33,8 @@ pub(super) struct Gyroscope {
     pub(super) fit: GyroscopeFit,
     /// Directions of gravity at the ends of each move, and the standard deviation of its residual.
     pub(super) ends: Vec<Ends>,
-    /// For each move, the part of the standard deviation of its residual that does not come from the means of the
-    /// rests, rad.
+    /// For each move, the part of the standard deviation of its residual that is due to the move itself and not to the
+    /// means of the rests, rad.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
@@ -65,7 +65,7 @@ impl UnitData<'_> {
             }
             alone => alone?,
         };
-        // From here on the arrays have one entry for each rest found, including the excluded rests.
+        // From here on, the arrays have one entry for each detected rest, including the excluded ones.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {
@@ -78,13 +78,14 @@ impl UnitData<'_> {
         Ok(fit)
     }
 
-    /// The accelerometer if the rests alone lack directions, as on the six faces of a box. The rotations between the
-    /// rests replace the missing directions, so the joint information decides. The parameters that the rests leave open
-    /// keep their values from a linearised joint fit, which starts at zero misalignment (model.md (10)).
+    /// Fits the accelerometer if the directions at the rests are not sufficient, for example on the six faces of a box.
+    /// The rotations between the rests replace the missing directions, so rests and moves together must determine all
+    /// parameters. Parameters that the rests do not determine keep their values from a linearised joint fit, which
+    /// starts at zero misalignment (model.md (10)).
     ///
     /// # Errors
     /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters. `of_rests` is the
-    /// message about the rests alone.
+    /// message about the rests.
     fn fit_accelerometer_with_moves(
         &self,
         rests: &[&Rest],
@@ -103,8 +104,8 @@ impl UnitData<'_> {
         }
     }
 
-    /// Replaces a message about motion that is missing for one stage by one about the motion missing for the whole
-    /// calibration.
+    /// Replaces a message about the motion that is missing for one stage by a message about all motion that is missing
+    /// for the calibration.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {
@@ -136,8 +137,9 @@ impl UnitData<'_> {
         Ok((moves, unusable))
     }
 
-    /// Converts the selection of rests of the accelerometer fit from rests to epochs. One mean does not describe a long
-    /// rest, so the two-stage fit cannot exclude it.
+    /// Converts the rests that the accelerometer fit uses to epochs. All epochs of a long rest without known faults are
+    /// used, even if the fit excluded this rest as an outlier. The deviation of its mean is no reason for exclusion,
+    /// because a single mean does not describe a long rest.
     pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
         let used = &accelerometer.used;
         let of = |own: Range<usize>| {
@@ -148,8 +150,8 @@ impl UnitData<'_> {
         accelerometer.used = ranges_of_rests(&self.rests).into_iter().flat_map(of).collect();
     }
 
-    /// The directions of gravity and the standard deviation of each move, and the part of the latter that does not come
-    /// from the means of the rests, rad.
+    /// The directions of gravity and the standard deviation of each move, and the part of this standard deviation that
+    /// does not come from the means of the rests, rad.
     pub(super) fn ends(
         &self,
         moves: &[Move],
@@ -185,8 +187,8 @@ impl UnitData<'_> {
             );
             return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
         }
-        // The weights require the scale of the gyroscope, so the fit is made twice: with the weights of the start
-        // value, then with those of the first result.
+        // The weights require the scale of the gyroscope. The fit is therefore performed twice, with the weights of the
+        // start value and then with those of the first result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
         let held = self.held(options)?;
         let held = StageRows::new(&held, GYRO_SENSITIVITY);
@@ -196,8 +198,8 @@ impl UnitData<'_> {
         let is_start = !accelerometer.is_determined;
         let mut fit = preintegrated.fit(&ends, &first, is_start);
         if matches!(fit, Err(Error::NotEnoughMotion(_))) && options.is_joint() && !is_start {
-            // If the rests barely determine the accelerometer, its errors look like outliers of few moves. The joint
-            // fit judges all moves again.
+            // If the rests barely determine the accelerometer, its errors may appear as outliers of a few moves.
+            // Therefore no moves are excluded here; the joint fit judges all moves again.
             fit = preintegrated.fit(&ends, &first, true);
         }
         let fit = fit.map_err(|error| self.with_all_that_is_missing(error, options))?;
@@ -213,8 +215,7 @@ impl UnitData<'_> {
 }
 
 impl Gyroscope {
-    /// Replaces the moves between rests by `moves` between epochs. A move that contradicts the others is the same move
-    /// before and after.
+    /// Replaces the moves between rests by `moves` between epochs. A move that the fit excluded stays excluded.
     pub(super) fn use_moves(&mut self, moves: &[Move], rests: &[UnitRest]) {
         let of_fit = self.moves.iter().zip(&self.fit.used);
         let contradicts: Vec<Move> = of_fit.filter(|(_, used)| !**used).map(|(m, _)| *m).collect();
@@ -258,7 +259,8 @@ mod tests {
     use crate::calibrate::{calibrate, prospect};
     use crate::simulate::{Program, Simulation, Step, Unit, simulate};
 
-    /// Turns of 90 deg over the faces of a box: four with each axis level, and one that makes the last axis level.
+    /// Turns of 90 deg over the faces of a box: four about each axis while it is level, and one in between that makes
+    /// the last axis level.
     fn over_faces(turns: usize) -> Simulation {
         let turn = |motor: usize| std::array::from_fn(|k| if k == motor { FRAC_PI_2 } else { 0.0 });
         let motors = [0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2].into_iter().take(turns);

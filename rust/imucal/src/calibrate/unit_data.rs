@@ -1,4 +1,4 @@
-//! The checked recordings of one unit with their rests, noise and tremor: the input of all fits.
+//! The checked recordings of one unit with their rests, noise and tremor. They are the input of all fits.
 
 use std::ops::Range;
 
@@ -25,7 +25,7 @@ use crate::two_stage::gyroscope::{self, GyroscopeBias};
 pub(super) const MIN_MOVES: usize = 5;
 /// Reason code of an excluded move that contradicts all others.
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
-/// Reason code of an excluded rest whose mean rate is far from that of all others.
+/// Reason code of an excluded rest whose mean rate is far from that of all other rests.
 pub(super) const NOT_STILL: &str = "rest_not_still";
 
 /// The checked recordings of one unit and the quantities derived from them.
@@ -34,7 +34,7 @@ pub(super) struct UnitData<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     /// Result of the rest detection for each recording.
     pub(super) segments: Vec<Segments>,
-    /// All rests of all recordings, or the epochs of long rests instead of these rests.
+    /// All rests of all recordings. Long rests may be replaced by their epochs.
     pub(super) rests: Vec<UnitRest>,
     /// Reason code of each excluded rest; `None` if it is not excluded.
     pub(super) excluded: Vec<Option<&'static str>>,
@@ -61,7 +61,7 @@ impl<'a> UnitData<'a> {
         Self::checked(recordings, options, check::check_columns)
     }
 
-    /// As [`Self::try_new`], for recordings of an accelerometer without a gyroscope.
+    /// As [`Self::try_new`], for recordings that contain only an accelerometer.
     pub(super) fn of_accelerometer(recordings: &'a [Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         Self::checked(recordings, options, check::check_one_or_both)
     }
@@ -111,7 +111,8 @@ impl<'a> UnitData<'a> {
                 if rest.is_saturated(&saturated) {
                     Some("saturation")
                 } else if weight.min() == 0.0 && !(is_long && has_other_bias(&recordings[0], &rest.rest, &bias.bias)) {
-                    // The mean rate is far from that of all others: a slow, uniform rotation appears to be a rest.
+                    // The mean rate is far from that of all other rests, because the interval is a slow, uniform
+                    // rotation and not a rest.
                     Some(NOT_STILL)
                 } else {
                     None
@@ -124,20 +125,20 @@ impl<'a> UnitData<'a> {
         Ok(Self { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings })
     }
 
-    /// The same data with other `recordings`, which must contain the same samples.
+    /// This data with `recordings` in place of its recordings. Both must contain the same samples.
     pub(super) fn of<'b>(self, recordings: &'b [Recording<'b>]) -> UnitData<'b> {
         let Self { segments, rests, excluded, bias, noise, hands, saturated, findings, .. } = self;
         UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }
     }
 
-    /// Estimates the tremor of a hand and removes it from rests and noise. This needs estimates of both sensors. Only
-    /// `used` rests contribute to the hand model.
+    /// Estimates the tremor of a hand and removes it from rests and noise. The estimate needs the calibrations of both
+    /// sensors. Only rests in `used` contribute to the hand model.
     pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, used: &[bool]) {
         let sensors = Sensors { accelerometer, gyroscope };
         self.hands = tremor::hands(self.recordings, &mut self.rests, used, &mut self.noise, sensors);
     }
 
-    /// Replaces long rests by their epochs, for the joint fit. Returns whether there are any.
+    /// Replaces long rests by their epochs, for the joint fit. Returns whether there are any long rests.
     pub(super) fn cut_into_epochs(&mut self) -> bool {
         let epochs = in_epochs(&self.rests, &self.segments);
         let are_cut = epochs.len() > self.rests.len();
@@ -195,7 +196,7 @@ impl<'a> UnitData<'a> {
     }
 
     /// Returns an error if the unit is hand-held and an effect is requested that is observable only from the force
-    /// inside moves. A hand also accelerates the unit, and this acceleration is not known.
+    /// inside moves. That force contains the unknown acceleration of the hand.
     pub(super) fn require_turns_in_place(&self, options: &Options<'_>) -> Result<(), Error> {
         let blind = options.effects.iter().find(|choice| is_unobservable_hand_held(choice.effect.name));
         match blind.filter(|_| self.is_held()) {
@@ -221,8 +222,8 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
-    /// Reports of all rests; `used` states which of them, or which epochs of them, the fit uses, and `norms` are the
-    /// errors of the norm and their standard deviations in a joint fit.
+    /// Reports of all rests. `used` states which rests or epochs the fit uses. `norms` are the errors of the norm and
+    /// their standard deviations in a joint fit.
     pub(super) fn rest_reports(
         &self,
         accelerometer: &Triad<f64>,
@@ -247,9 +248,10 @@ impl UnitData<'_> {
     }
 }
 
-/// Whether the mean rate of a long rest differs from those of the other rests because its bias does, and not because
-/// the unit rotates. A rotation about a horizontal axis would have turned gravity, so a rotation is vertical. Counts
-/// may have offsets that hide the vertical.
+/// Whether the mean rate of a long rest differs from that of the other rests because of a different bias and not
+/// because of a rotation. A rotation would have to be about the vertical, because a rotation about a horizontal axis
+/// would have changed the direction of gravity. A rate difference in any other direction is therefore a bias. In
+/// counts, the vertical may not be known because of offsets.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
     /// Maximum cosine of the angle between the difference of the rates and the vertical (18 deg). The axes of the
     /// sensors may differ by some degrees.
@@ -259,14 +261,14 @@ fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -
     recording.accel_unit == RawUnit::Si && along < VERTICAL * difference.norm()
 }
 
-/// Variance of the mean rates over the epochs of a rest, raw units squared; zero without epochs.
+/// Variance of the mean rates over the epochs of a rest, raw units squared; zero for a rest without epochs.
 fn rate_wander(epochs: &[Rest]) -> Vector3<f64> {
     let count = epochs.len().max(1) as f64;
     let mean = epochs.iter().map(|epoch| epoch.angular_rate.mean).sum::<Vector3<f64>>() / count;
     epochs.iter().map(|epoch| (epoch.angular_rate.mean - mean).map(|rate| rate * rate)).sum::<Vector3<f64>>() / count
 }
 
-/// Recommendation for recordings with too few usable moves; it counts the unusable moves by reason.
+/// Recommendation for recordings with too few usable moves. It contains the number of unusable moves for each reason.
 pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
     let needed = format!("at least {MIN_MOVES} between different poses are needed, better 12");
     let Some(first) = unusable.first() else {

@@ -1,7 +1,8 @@
 //! User-defined effects: functions of the corrected state that the library cannot evaluate by itself.
 //!
-//! A user's field may depend on the corrected rate and force, and therefore on the calibration that is estimated with
-//! it. Fit and evaluation of the field are repeated in turn until the field no longer changes.
+//! The field of a user-defined effect may depend on the corrected rate and force, and therefore on the calibration that
+//! is estimated with this field. The fit and the evaluation of the field are therefore repeated alternately until the
+//! field no longer changes.
 
 use imucal_core::effects::Sensor;
 
@@ -10,11 +11,11 @@ use crate::error::Error;
 use crate::numerics::lsq::Termination;
 use crate::verdict::RecordingSet;
 
-/// Maximum number of fits until the fields converge. Each repetition reduces the change of a field to about the
-/// relative size of the effects, some per cent.
+/// Maximum number of fits until the fields converge. Each repetition multiplies the change of a field by about the
+/// relative size of the effects, a few per cent.
 const MAX_FITS: usize = 20;
-/// Maximum change of a value of a field in the last repetition, as a fraction of its largest value. The remaining
-/// relative change of the parameters is of the same size.
+/// Maximum change of a value of a field in the last repetition for the field to count as converged, as a fraction of
+/// the largest value of the field. The remaining relative change of the parameters is of this order.
 const SETTLED: f64 = 1e-7;
 
 /// The field of a user-defined effect at every sample of the recordings of a unit.
@@ -24,7 +25,7 @@ pub struct SampledField {
     pub name: String,
     /// The triad to which the effect adds.
     pub sensor: Sensor,
-    /// Typical size of each of its p parameters, SI units.
+    /// Typical size of each of the p parameters of the effect, SI units.
     pub typical: Vec<f64>,
     /// For each recording an array (N, 3, p) in C order: derivatives of true rate or force (body frame) with respect to
     /// the parameters.
@@ -54,7 +55,7 @@ pub trait UserEffects {
     /// Fields of the named effects for the calibration recordings, at the state corrected by `outcome`.
     ///
     /// # Errors
-    /// Any error; it ends the computation that requested the fields.
+    /// Any error. It ends the computation that requested the fields.
     fn fields(&self, names: &[String], outcome: &Outcome) -> Result<Vec<SampledField>, Error>;
 
     /// A set of recordings corrected by `outcome`, including the user-defined effects.

@@ -10,14 +10,14 @@ use crate::numerics::lsq::Termination;
 use crate::recording::Recording;
 use crate::verdict::{Reason, RecordingSet, Verdict};
 
-/// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few disturbed rests or
-/// moves are accidental; many indicate a wrong model.
+/// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few rests or moves may be
+/// disturbed by accident, but a larger share indicates a wrong model.
 pub(super) const MAX_CONTRADICTING_SHARE: f64 = 0.1;
-/// Maximum share of rests whose mean rates are far from those of the others in a good calibration. A few slow rotations
-/// may appear to be rests.
+/// Maximum share of rests in a good calibration whose mean rates are far from those of the other rests. A few slow
+/// rotations may be detected as rests by mistake.
 const MAX_MOVING_SHARE: f64 = 0.2;
-/// Maximum p-value of chi2. Above it the residuals are too small for the estimated noise: with correct noise this
-/// happens once in a million calibrations.
+/// p-value of chi2 from which the residuals are reported as too small for the estimated noise. With a correct noise
+/// estimate, this happens in one of a million calibrations.
 const OVERESTIMATED: f64 = 1.0 - 1e-6;
 
 impl Outcome {
@@ -58,7 +58,7 @@ impl Outcome {
         self.held.iter().filter(|held| held.is_contradicted()).map(of).collect()
     }
 
-    /// The fits of the result that have not converged: the two-stage fits, or the joint fit.
+    /// Reasons for the fits of the result that have not converged: the two fits of the two-stage fit, or the joint fit.
     fn fits_not_converged(&self) -> Vec<Reason> {
         let two_stages = [("the accelerometer fit", self.accelerometer_fit), ("the gyroscope fit", self.gyroscope_fit)];
         let fits = self.joint_fit.map_or(two_stages.to_vec(), |joint| vec![("the joint fit", joint)]);
@@ -66,8 +66,8 @@ impl Outcome {
         not_converged.map(|(fit, report)| Reason::NotConverged { fit, report }).collect()
     }
 
-    /// A warning if the noise at the rests is much larger than the residuals, because motion has then been taken for
-    /// noise.
+    /// A warning if the noise at the rests is much larger than the residuals. In that case, motion at the rests was
+    /// interpreted as noise.
     pub(super) fn overestimated_noise(&self, recordings: &[Recording<'_>]) -> Option<Finding> {
         let misfit = self.misfit.filter(|misfit| misfit.p_value >= OVERESTIMATED)?;
         let ratio = (misfit.chi2 / misfit.degrees_of_freedom as f64).sqrt();
@@ -88,7 +88,8 @@ impl Outcome {
     }
 }
 
-/// The held parameters that neither the recordings nor the user know.
+/// Reason for the held parameters that are determined neither by the recordings nor by a prior of the user; `None` if
+/// there are none.
 pub(super) fn held_by_default(held: &[HeldEstimate], cost: Option<PriorCost>) -> Option<Reason> {
     let unknown: Vec<&HeldEstimate> = held.iter().filter(|held| held.is_unknown()).collect();
     let cost = cost.filter(|_| !unknown.is_empty())?;
