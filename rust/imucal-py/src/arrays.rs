@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 
 use crate::error::ToPython;
 
-/// Columns of an `imucal.Recording`; its attributes are converted.
+/// Columns of an `imucal.Recording`, converted from its attributes.
 #[derive(FromPyObject)]
 pub(crate) struct RecordingColumns<'py> {
     name: String,
@@ -31,14 +31,14 @@ pub(crate) struct RecordingColumns<'py> {
 
 impl RecordingColumns<'_> {
     /// The recordings as the library uses them, without copying the columns, for a function that needs both sensors.
-    /// Raises InputError with the finding `sensor_missing` for a recording that has one only.
+    /// Raises InputError with the finding `sensor_missing` for a recording that has only one sensor.
     pub(crate) fn views<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         let views = Self::views_of_any(py, recordings)?;
         let missing: Vec<_> = views.iter().filter_map(sensor_missing).collect();
         if missing.is_empty() { Ok(views) } else { Err(Error::Data(missing)).to_python(py) }
     }
 
-    /// As [`Self::views`], for a function that can do with one sensor.
+    /// As [`Self::views`], for a function that needs only one sensor.
     pub(crate) fn views_of_any<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         recordings
             .iter()
@@ -69,7 +69,7 @@ impl RecordingColumns<'_> {
     }
 }
 
-/// Columns of an `imucal.Means`; its attributes are converted.
+/// Columns of an `imucal.Means`, converted from its attributes.
 #[derive(FromPyObject)]
 pub(crate) struct MeanColumns<'py> {
     name: String,

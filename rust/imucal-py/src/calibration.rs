@@ -1,4 +1,4 @@
-//! Converts calibrations.
+//! Conversion of calibrations from Python.
 
 use imucal::error::Error;
 use imucal_core::calibration::Calibration;
@@ -10,7 +10,7 @@ use crate::arrays::{matrix, vector};
 use crate::effects::EffectArrays;
 use crate::error::ToPython;
 
-/// An `imucal.Triad`; its attributes are converted: sensitivity (3, 3) and bias (3,).
+/// An `imucal.Triad`, converted from its attributes sensitivity (3, 3) and bias (3,).
 #[derive(FromPyObject)]
 pub(crate) struct TriadArrays<'py> {
     sensitivity: PyReadonlyArray2<'py, f64>,
@@ -25,7 +25,7 @@ impl TriadArrays<'_> {
     }
 }
 
-/// An `imucal.Calibration`; its attributes are converted.
+/// An `imucal.Calibration`, converted from its attributes.
 #[derive(FromPyObject)]
 pub(crate) struct CalibrationArrays<'py> {
     accelerometer: TriadArrays<'py>,

@@ -75,7 +75,7 @@ pub(crate) fn find(name: &str) -> Result<&'static library::Effect<f64>, Error> {
     })
 }
 
-/// An `imucal.EffectValues`; its attributes are converted.
+/// An `imucal.EffectValues`, converted from its attributes.
 #[derive(FromPyObject)]
 pub(crate) struct EffectArrays<'py> {
     name: String,
@@ -99,7 +99,7 @@ impl EffectArrays<'_> {
     }
 }
 
-/// An `imucal.effects.State`; its attributes are converted. Rows are samples; None is unknown.
+/// An `imucal.effects.State`, converted from its attributes. Rows are samples, and None means unknown.
 #[derive(FromPyObject)]
 pub(crate) struct StateArrays<'py> {
     angular_rate: PyReadonlyArray2<'py, f64>,
@@ -149,7 +149,7 @@ impl StateArrays<'_> {
             surroundings.time_s = Some(time_s[i]);
             surroundings.angular_acceleration = acceleration.map(|values| values[i].into());
             surroundings.temperature_difference_k = temperature_degc.map(|degc| degc[i] - REFERENCE_TEMPERATURE_DEGC);
-            // A quaternion of zeros, or one that is not finite, is treated as unknown.
+            // A quaternion that is zero or not finite is treated as unknown.
             surroundings.rotation_world_from_body = rotation.and_then(|wxyz| so3::from_wxyz(wxyz[i]));
             surroundings.stand = stand_rad.map(|angle| StandState {
                 angle_rad: angle[i].into(),
@@ -189,7 +189,7 @@ pub(crate) fn effect_field<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let effect = find(name).to_python(py)?;
     let count = effect.parameters.len();
-    // This verifies only that the shape matches the effect; the values are irrelevant.
+    // This check verifies only that the shape parameter suits the effect, so the values are irrelevant.
     let checked = library::EffectValues::try_new(effect, &[0.0; MAX_PARAMETERS][..count], shape);
     checked.map_err(|error| Error::Input(error.to_string())).to_python(py)?;
     let states = state.states(py)?;

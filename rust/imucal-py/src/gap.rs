@@ -45,7 +45,7 @@ pub(crate) struct GenericFinding {
     p_value: f64,
 }
 
-/// What the accepted effects leave unexplained; see `imucal::gap::Remainder`.
+/// The part of the gap that the accepted effects do not explain; see `imucal::gap::Remainder`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Remainder {
     kind: &'static str,
@@ -66,8 +66,8 @@ pub(crate) struct SessionStep {
     chi2: (f64, f64),
 }
 
-/// Name of an effect, ratio to noise of the residuals that it causes for each kind of residual, and share of its chi2
-/// that the base parameters absorb.
+/// Name of an effect, ratio to noise of the residuals that the effect causes for each kind of residual, and share of
+/// the chi2 of the effect that the base parameters absorb.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Scores of all candidates, generic hypotheses and detection limits; see `imucal::gap::Search`.
@@ -108,8 +108,8 @@ pub(crate) struct GapAnalysis {
     /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
-    /// Name of an accepted effect, and the share of the gap that it closes in the norms at rest, the gravity directions
-    /// after moves and the mean rates at rest; None for residuals that hardly exceed noise.
+    /// Name of an accepted effect, and the share of the gap that it closes in the norms at rest, in the gravity
+    /// directions after moves and in the mean rates at rest. A share is None if the residuals barely exceed noise.
     shares: Vec<(String, [Option<f64>; 3])>,
     /// Name of an accepted effect, name of a rival, and parameters of the rival if it replaces that effect; None if the
     /// fit with the rival fails.
@@ -231,7 +231,7 @@ impl Sets<'_> {
     }
 }
 
-/// Change of the biases between sessions that the model without effects shows.
+/// Change of the biases between sessions, according to the fit without effects.
 fn session_of(before: &library::Fit) -> Option<SessionStep> {
     let control = before.control.as_ref()?;
     let library::SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k } = control.step?;
@@ -239,8 +239,8 @@ fn session_of(before: &library::Fit) -> Option<SessionStep> {
     Some(SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k, chi2 })
 }
 
-/// A calibration to compare with, the local gravity that it used, m/s^2, and the evaluation recordings corrected by it
-/// if it has user-defined effects.
+/// A calibration for comparison, the local gravity for which it was made, m/s^2, and, if it has user-defined effects,
+/// the evaluation recordings corrected by it.
 type Given<'py> = (CalibrationArrays<'py>, f64, Option<Vec<RecordingColumns<'py>>>);
 
 /// Input of a search, read from the attributes of a Python object.
@@ -255,8 +255,8 @@ pub(crate) struct GapQuestion<'py> {
     given: Option<Given<'py>>,
 }
 
-/// Finds the missing effect. `stage(effects, candidates)` is called before each step: with the names of the effects
-/// before a fit, with the number of candidates before a search, and with None for both before errors are predicted.
+/// Finds the missing effect. `stage(effects, candidates)` is called before each step. Its arguments are the names of
+/// the effects before a fit, the number of candidates before a search, and None for both before errors are predicted.
 #[pyfunction]
 pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAny>) -> PyResult<GapResult> {
     let GapQuestion { recordings, control, options, candidates, user_effects, given } = question;
@@ -307,7 +307,7 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
 /// raw units, and whether the fit used the rest.
 type RestTuple = (usize, usize, f64, [Option<f64>; 3], bool);
 
-/// Slips of the unit on its mount in one recording, or, if there are none, play of the mount.
+/// Slips of the unit on its mount in one recording or, if there are no slips, play of the mount.
 #[pyfunction]
 pub(crate) fn mount_faults(
     py: Python<'_>,
@@ -333,8 +333,8 @@ pub(crate) fn mount_faults(
     found.iter().map(|fault| finding(py, fault)).collect()
 }
 
-/// Median angle, deg, between the direction of raw accelerometer samples and the gravity direction from the stand's
-/// angles; None without angles.
+/// Median angle, deg, between the direction of the raw accelerometer samples and the gravity direction computed from
+/// the angles of the stand; None without these angles.
 #[pyfunction]
 pub(crate) fn stand_mismatch_deg(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<Option<f64>> {
     let recordings = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
@@ -352,7 +352,7 @@ pub(crate) struct GapDesign {
     items: Py<PyArray1<usize>>,
 }
 
-/// Linearises the model without effects. The columns of effects are those of the candidates and of the user fields of
+/// Linearises the model without effects. The result has columns for the candidate effects and for the user fields in
 /// the options.
 #[pyfunction]
 #[pyo3(signature = (recordings, options, candidates, is_hand_moved = false))]

@@ -1,4 +1,4 @@
-//! Calculations that a signal ends, for example Ctrl-C.
+//! Calculations that can be ended by a signal, for example by Ctrl-C.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -8,8 +8,8 @@ use pyo3::prelude::*;
 
 use crate::error::ToPython;
 
-/// Runs `work` without the interpreter. If a Python signal handler raises an exception meanwhile, the calculation is
-/// cancelled, and the exception is returned. Python runs signal handlers on its main thread only.
+/// Runs `work` while the interpreter is released. If a Python signal handler raises an exception meanwhile, the
+/// calculation is cancelled, and the exception is returned. Python runs signal handlers only on its main thread.
 pub(crate) fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<T> {
     let raised: Arc<Mutex<Option<PyErr>>> = Arc::default();
     let kept = raised.clone();

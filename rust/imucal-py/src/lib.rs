@@ -1,4 +1,4 @@
-//! `imucal._core`: Python bindings of the Rust library. They convert types and do no calculations.
+//! `imucal._core`: Python bindings of the Rust library. They only convert types and contain no calculations.
 //!
 //! Arrays are passed as C-contiguous float64 without a copy and are verified in one place (`arrays`). The interpreter
 //! is released during all calculations. Errors are converted to the classes of `imucal.errors` (`error`).
@@ -63,7 +63,8 @@ mod _core {
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
-    /// Reference temperature of sensitivities and biases, degC, from which effects of temperature are counted.
+    /// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the difference
+    /// from it.
     #[pymodule_export]
     const REFERENCE_TEMPERATURE_DEGC: f64 = library::recording::REFERENCE_TEMPERATURE_DEGC;
 
@@ -140,8 +141,8 @@ mod _core {
         Outcome::of_accelerometer(py, outcome, &recordings, &options)
     }
 
-    /// Calibrates an accelerometer from a table of mean readings: the result, and the bias of the gyroscope with its
-    /// standard deviation, or None. `noise_mps2` is the noise of all means if the table has none.
+    /// Calibrates an accelerometer from a table of mean readings. Returns the result, and the bias of the gyroscope
+    /// with its standard deviation, or None. `noise_mps2` is the noise of all means if the table contains no noise.
     #[pyfunction]
     fn calibrate_means(
         py: Python<'_>,
@@ -253,7 +254,7 @@ mod _core {
     }
 
     /// The reason for a poor verdict from the figures of merit of the `"calibration set"` or `"control set"`; None if
-    /// these figures are good. An accelerometer alone (not `has_gyroscope`) needs no moves.
+    /// these figures do not make the verdict poor. An accelerometer alone (not `has_gyroscope`) needs no moves.
     #[pyfunction]
     #[pyo3(signature = (set, rests, moves, chi2_per_dof, has_gyroscope = true))]
     fn poor_figures(
@@ -314,7 +315,8 @@ mod _core {
         Inspection::new(py, findings, segments)
     }
 
-    /// Corrects raw samples, (N, 3) each: `(angular_rate, specific_force)` in rad/s and m/s^2 in the body frame.
+    /// Corrects raw samples, (N, 3) each. Returns `(angular_rate, specific_force)` in rad/s and m/s^2 in the body
+    /// frame.
     #[pyfunction]
     fn correct<'py>(
         py: Python<'py>,
@@ -339,7 +341,7 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
-    /// Corrects raw samples of one sensor, (N, 3), in SI units in the body frame, without effects.
+    /// Corrects raw samples of one sensor, (N, 3), without effects. The result is in SI units in the body frame.
     #[pyfunction]
     fn correct_triad<'py>(
         py: Python<'py>,
@@ -352,7 +354,8 @@ mod _core {
         to_rows(py, corrected)
     }
 
-    /// Refuses a recording with negative counts that were read as unsigned numbers, which no correction can mend.
+    /// Refuses a recording with negative counts that were read as unsigned numbers, because no correction can repair
+    /// them.
     #[pyfunction]
     fn require_signed_counts(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<()> {
         let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
@@ -393,7 +396,8 @@ mod _core {
         to_rows(py, py.detach(|| library::correct::angular_acceleration(time, rate)))
     }
 
-    /// Sensitivities of both triads in another body frame: `(accelerometer, gyroscope)`, each (3, 3).
+    /// Converts the sensitivities of both triads to another body frame. Returns `(accelerometer, gyroscope)`, each (3,
+    /// 3).
     #[pyfunction]
     fn convert_frame<'py>(
         py: Python<'py>,
@@ -417,8 +421,8 @@ mod _core {
         library::numerics::stats::p_value(statistic, dof)
     }
 
-    /// Integrates angular rate to the rotation `[w, x, y, z]` from the body frame at the last sample to that at the
-    /// first sample, `v_start = rotation * v_end`. `midpoint` omits the correction of coning.
+    /// Integrates the angular rate to the rotation `[w, x, y, z]` from the body frame at the last sample to the body
+    /// frame at the first sample, `v_start = rotation * v_end`. `midpoint` omits the coning correction.
     #[pyfunction]
     #[pyo3(signature = (time_s, angular_rate, midpoint=false))]
     fn integrate<'py>(

@@ -1,5 +1,5 @@
-//! Parts of a result as mappings, which JSON documents contain without changes. Values that do not exist (NaN) are
-//! None.
+//! Conversion of parts of a result to mappings, which JSON documents contain without changes. Values that do not exist
+//! (NaN) become None.
 
 use imucal::Termination;
 use imucal::calibrate;
@@ -53,7 +53,7 @@ impl From<evaluate::Figures> for Figures {
     }
 }
 
-/// Goodness of fit of residuals under noise alone. All fields are None if no joint fit used the residuals.
+/// Goodness of fit of residuals relative to noise alone. All fields are None if no joint fit used the residuals.
 #[derive(IntoPyObject)]
 pub(crate) struct Misfit {
     chi2: Option<f64>,
@@ -81,7 +81,8 @@ pub(crate) struct HeldParameter<'a> {
     estimate: f64,
     sigma: f64,
     prior_share: f64,
-    /// Difference of prior and recordings in its standard deviations; None if the recordings say nothing.
+    /// Difference between prior and recordings in standard deviations of this difference; None if the recordings barely
+    /// determine the parameter.
     contradiction: Option<f64>,
 }
 
@@ -100,7 +101,7 @@ impl<'a> From<&'a calibrate::HeldEstimate> for HeldParameter<'a> {
     }
 }
 
-/// Errors that the priors of held parameters leave.
+/// Errors due to the uncertainty of the priors of held parameters.
 #[derive(IntoPyObject)]
 pub(crate) struct PriorCost {
     gravity_direction_deg: f64,
@@ -235,7 +236,8 @@ impl From<imucal::FitReport> for FitReport {
     }
 }
 
-/// Factors by which the joint fit increases the standard deviation of each kind of residual; 1 if noise explains them.
+/// Factors by which the joint fit increases the standard deviation of each kind of residual. A factor is 1 if noise
+/// explains the residuals.
 #[derive(IntoPyObject)]
 pub(crate) struct ResidualScales {
     norms: Option<f64>,
@@ -250,7 +252,7 @@ impl From<calibrate::ResidualScales> for ResidualScales {
     }
 }
 
-/// Goodness of fit of one kind of residual. Sizes are in the unit of datasheets.
+/// Goodness of fit of one kind of residual. Values are in the units of datasheets.
 #[derive(IntoPyObject)]
 pub(crate) struct GroupMisfit {
     kind: &'static str,

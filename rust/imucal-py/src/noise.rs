@@ -13,7 +13,7 @@ use crate::arrays::RecordingColumns;
 use crate::error::{ToPython, finding};
 use crate::interrupt::interruptible;
 
-/// A noise parameter with its 95 % band; `value` and `std` are None if it is not significant.
+/// A noise parameter with its 95 % confidence band. `value` and `std` are None if the parameter is not significant.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct NoiseEstimate {
     value: Option<f64>,
@@ -132,7 +132,7 @@ pub(crate) fn identify_noise(
     })
 }
 
-/// One series, or one series in each column, in any memory order.
+/// A single series, or a table with one series in each column, in any memory order.
 #[derive(FromPyObject)]
 pub(crate) enum Series<'py> {
     One(PyReadonlyArray1<'py, f64>),

@@ -1,4 +1,4 @@
-//! Columns of numbers in a text.
+//! Reader for columns of numbers in a text, for Python.
 
 use imucal::number_columns::{Column, Form, NotPlain, NumberColumns as Library};
 use numpy::{IntoPyArray, PyArrayMethods, PyUntypedArray};
@@ -7,20 +7,20 @@ use pyo3::prelude::*;
 /// The columns of a text table of plain numbers, given in blocks of bytes.
 #[pyclass]
 pub(crate) struct NumberColumns {
-    /// None after a block that is not plain, and at the end.
+    /// None after a block that is not plain, and after `finish`.
     table: Option<Library>,
 }
 
 #[pymethods]
 impl NumberColumns {
-    /// `separator` and `decimal` are bytes; `used` says for each field whether it is a column.
+    /// `separator` and `decimal` are bytes. `used` states for each field whether it is a column of the result.
     #[new]
     fn new(separator: u8, decimal: u8, used: Vec<bool>) -> Self {
         let form = Form { separator, decimal, used };
         Self { table: Some(Library::new(form)) }
     }
 
-    /// Adds a block; false if the text is not plain.
+    /// Adds a block. Returns false if the text is not plain.
     fn add(&mut self, py: Python<'_>, block: &[u8]) -> bool {
         let Some(table) = &mut self.table else { return false };
         let is_plain = py.detach(|| table.add(block)) == Ok(());

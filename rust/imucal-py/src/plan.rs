@@ -12,7 +12,7 @@ use crate::interrupt::interruptible;
 use crate::options::{CalibrateOptions, HeldTuple, priors};
 use crate::simulation::{Motion, StepTuple, UnitArrays, steps};
 
-/// The unit of a plan; its attributes are converted.
+/// The unit of a plan, converted from the attributes of a Python object.
 #[derive(FromPyObject)]
 pub(crate) struct PlanSensors<'py> {
     unit: UnitArrays<'py>,
@@ -26,10 +26,10 @@ pub(crate) struct PlanSensors<'py> {
     run_s: f64,
 }
 
-/// Limits of a stand; attributes are converted, angles are in rad.
+/// Limits of a stand, converted from the attributes of a Python object. Angles are in rad.
 #[derive(FromPyObject)]
 pub(crate) struct PlanLimits {
-    /// Maximum rate and acceleration and the range of angles of each axis. None for a missing axis or an unlimited
+    /// Maximum rate, maximum acceleration and range of angles of each axis. None for a missing axis or an unlimited
     /// range.
     axes: [Option<AxisTuple>; 3],
     settle_s: f64,
@@ -97,8 +97,8 @@ pub(crate) fn predict_sigma(
     Ok((found.sigma, found.rests))
 }
 
-/// Steps of the best program, and whether it reaches `sigma`. Without `sigma` it is the program with the most
-/// information in `duration_s`.
+/// Steps of the best program, and whether the program reaches `sigma`. Without `sigma`, the best program is the one
+/// with the most information in `duration_s`.
 #[pyfunction]
 #[pyo3(signature = (sensors, limits, duration_s, sigma, seed, proposals))]
 pub(crate) fn optimal_program(
@@ -117,8 +117,8 @@ pub(crate) fn optimal_program(
     Ok((steps(&found.program), found.reached))
 }
 
-/// Name, detection limit and unit of each observable effect; name of each effect that is not observable, and the data
-/// that it requires.
+/// Name, detection limit and unit of each observable effect; then the name of each effect that is not observable, and
+/// the data that it requires.
 type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
 /// Detection limit of each effect in `candidates`: the smallest size that is significant in the recordings.

@@ -87,7 +87,7 @@ impl Estimate {
     }
 }
 
-/// Result of a calibration. For an accelerometer alone, everything about the gyroscope is None.
+/// Result of a calibration. For an accelerometer alone, all fields of the gyroscope are None.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Outcome {
     accel_sensitivity: Rows,
@@ -96,7 +96,7 @@ pub(crate) struct Outcome {
     gyro_bias: Option<Vector>,
     names: Vec<String>,
     covariance: Rows,
-    /// Evaluation of each rest, with its goodness of fit under noise alone.
+    /// Evaluation of each rest, with its goodness of fit relative to noise alone.
     rests: Vec<Fields>,
     moves: Vec<Fields>,
     /// Index ranges, first and end, of the rests of each recording.
@@ -117,14 +117,14 @@ pub(crate) struct Outcome {
     held: Vec<Fields>,
     /// Share of the variance of each parameter that comes from the priors; empty if no parameter is held.
     prior_shares: Vec<f64>,
-    /// Errors that the priors leave; None if no parameter is held.
+    /// Errors due to the uncertainty of the priors; None if no parameter is held.
     prior_cost: Option<Fields>,
     figures: Fields,
     /// Verdict on the recordings of the calibration: good, incomplete or poor.
     verdict: &'static str,
     /// Reasons for this verdict; empty for a good one.
     reasons: Vec<String>,
-    /// Goodness of fit of each kind of residual under noise alone.
+    /// Goodness of fit of each kind of residual relative to noise alone.
     residuals: Vec<Fields>,
     held_out: Option<Py<HeldOut>>,
     findings: Vec<Py<PyAny>>,
@@ -268,7 +268,7 @@ impl Outcome {
     }
 }
 
-/// Gravity at the rests of one recording: measured, and propagated from the first rest.
+/// Gravity at the rests of one recording, as measured and as propagated from the first rest.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Carried {
     time_s: Vector,
@@ -299,7 +299,7 @@ pub(crate) struct Evaluation {
     verdict: &'static str,
     /// Reasons for this verdict; empty for a good one.
     reasons: Vec<String>,
-    /// Goodness of fit of each kind of residual under noise and the uncertainty of the calibration.
+    /// Goodness of fit of each kind of residual relative to noise and the uncertainty of the calibration.
     residuals: Vec<Fields>,
     rests: Vec<Fields>,
     moves: Vec<Fields>,

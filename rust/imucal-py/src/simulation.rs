@@ -17,7 +17,7 @@ use crate::effects::EffectArrays;
 use crate::error::ToPython;
 use crate::interrupt::interruptible;
 
-/// Angles by which the three motors turn, rad; duration of the turn and of the hold after it, s.
+/// Angles by which the three motors turn, rad, and the durations of the turn and of the hold after the turn, s.
 pub(crate) type StepTuple = ([f64; 3], f64, f64);
 
 /// A simulated run with its true values.
@@ -37,7 +37,7 @@ pub(crate) struct Simulation {
     rests: Vec<(f64, f64)>,
 }
 
-/// Inputs of a simulation; attributes are converted.
+/// Inputs of a simulation, converted from the attributes of a Python object.
 #[derive(FromPyObject)]
 pub(crate) struct SetupArrays<'py> {
     motion: Motion,
@@ -59,7 +59,7 @@ pub(crate) struct SetupArrays<'py> {
     threads: Option<NonZeroUsize>,
 }
 
-/// A motion program; the attributes of the Python object decide which type of program it is.
+/// A motion. The attributes of the Python object determine which variant it is.
 #[derive(FromPyObject)]
 pub(crate) enum Motion {
     Stand { steps: Vec<StepTuple>, stand: Stand },

@@ -27,7 +27,7 @@ impl<'py> FromPyObject<'_, 'py> for PythonEffects {
 }
 
 impl PythonEffects {
-    /// Calls a method, and converts an exception to the corresponding error of the library.
+    /// Calls a method of the object, and converts an exception to the corresponding error of the library.
     fn call<T>(&self, work: impl FnOnce(Python<'_>, &Bound<'_, PyAny>) -> PyResult<T>) -> Result<T, Error> {
         Python::attach(|py| work(py, self.source.bind(py)).map_err(|error| library_error(py, error)))
     }

@@ -1,9 +1,10 @@
 //! Cancellation of long calculations.
 //!
-//! A calculation that [`Cancellation::run`] has started ends soon after [`Cancellation::cancel`] was called from any
-//! thread, or after its poll function returned true. The loops of this crate look at the cancellation once per step.
-//! A cancelled calculation unwinds its stack, so that functions without a `Result` can be cancelled too; its threads
-//! end first, and nothing of its result remains. The program must be built with `panic = "unwind"`, the default.
+//! A calculation that was started by [`Cancellation::run`] ends soon after [`Cancellation::cancel`] is called from any
+//! thread, or after the poll function returns true. The loops of this crate check for a cancellation once per step. A
+//! cancelled calculation unwinds its stack, so that functions without a `Result` can be cancelled, too. All of its
+//! threads end first, and no partial result is returned. The program must be built with `panic = "unwind"`, which is
+//! the default.
 //!
 //! ```
 //! use imucal::cancellation::Cancellation;
@@ -29,8 +30,8 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 
-/// Time between two calls of the poll function. A user does not notice this delay, and the calls take much less than
-/// one percent of the time.
+/// Time between two calls of the poll function. A user does not notice a delay of this length, and the calls take much
+/// less than one percent of the computing time.
 pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 type Poll = dyn Fn() -> bool + Send + Sync;
@@ -42,7 +43,7 @@ pub struct Cancellation {
     poll: Option<Arc<Poll>>,
 }
 
-/// Payload of the unwinding that ends a cancelled calculation.
+/// Panic payload with which a cancelled calculation unwinds.
 struct Cancelled;
 
 /// The cancellation of the calculation that runs on this thread.
@@ -74,32 +75,34 @@ impl Cancellation {
         self.is_requested.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the end was requested.
+    /// Whether the end of the calculations was requested.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.is_requested.load(Ordering::Relaxed)
     }
 
-    /// Runs `work`, until it returns or is cancelled. If `work` calls this function again, only the inner cancellation
-    /// ends the inner calculation.
+    /// Runs `work` until it returns or is cancelled. If `work` itself calls this function, the inner calculation ends
+    /// only by its own cancellation.
     ///
     /// # Errors
     /// [`Error::Cancelled`] if the calculation was cancelled before it returned, and the error that `work` returns.
     pub fn run<T>(&self, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-        // A cancelled calculation has no result, so nobody sees its data in an intermediate state.
+        // Asserting unwind safety is valid because a cancelled calculation returns no result, so its data are never
+        // used in an intermediate state.
         catch_unwind(AssertUnwindSafe(|| self.enter(work))).unwrap_or_else(|payload| {
             if is_cancellation(&*payload) { Err(Error::Cancelled) } else { resume_unwind(payload) }
         })
     }
 
-    /// Runs `work` with this as the cancellation of the thread.
+    /// Runs `work` with `self` as the cancellation of the present thread.
     pub(crate) fn enter<T>(&self, work: impl FnOnce() -> T) -> T {
         let current = Current { cancellation: self.clone(), last_poll: Instant::now() };
         let _restored = Restored(CURRENT.replace(Some(current)));
         work()
     }
 
-    /// The cancellation for a thread that helps with the current calculation; only the first thread polls.
+    /// The cancellation for a worker thread of the current calculation. It has no poll function, because only the first
+    /// thread polls.
     pub(crate) fn for_helper() -> Option<Self> {
         let of_current = |current: &Current| Self { poll: None, ..current.cancellation.clone() };
         CURRENT.with_borrow(|current| current.as_ref().map(of_current))
@@ -118,7 +121,8 @@ impl std::fmt::Debug for Cancellation {
     }
 }
 
-/// Restores the cancellation of an outer calculation, also when the inner one unwinds.
+/// Guard that restores the cancellation of the outer calculation when it is dropped, even if the inner calculation
+/// unwinds.
 struct Restored(Option<Current>);
 
 impl Drop for Restored {
@@ -127,7 +131,7 @@ impl Drop for Restored {
     }
 }
 
-/// Ends the current calculation by unwinding if it is cancelled. Every loop that can take longer than some
+/// Ends the current calculation by unwinding if the calculation is cancelled. Every loop that can take longer than some
 /// milliseconds calls this function once per step.
 pub(crate) fn checkpoint() {
     let (is_cancelled, poll) = CURRENT.with_borrow_mut(|current| {
@@ -164,7 +168,7 @@ mod tests {
     use super::*;
     use crate::numerics::workers::{in_order, share_out};
 
-    /// A calculation without an end of its own.
+    /// A calculation that ends only if it is cancelled.
     fn endless() -> Result<(), Error> {
         loop {
             checkpoint();
@@ -176,7 +180,7 @@ mod tests {
         assert_eq!(Cancellation::new().run(|| Ok(7)).unwrap(), 7);
         let error = Cancellation::new().run(|| Err::<(), _>(Error::Fit("f".into()))).unwrap_err();
         assert!(matches!(error, Error::Fit(_)));
-        // Without a calculation in progress, a checkpoint does nothing.
+        // Outside of `run`, a checkpoint has no effect.
         checkpoint();
     }
 

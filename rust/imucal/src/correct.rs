@@ -7,8 +7,8 @@
 //!
 //! The fields of effects depend on more than rate and force. A recording provides the time since its first sample, the
 //! temperature minus [`REFERENCE_TEMPERATURE_DEGC`] if it has a temperature column, and the angular acceleration as the
-//! derivative of the rate ([`angular_acceleration`]). It provides neither the attitude nor the angles of a stand. The
-//! rate of the Earth, which a gyroscope measures correctly, is therefore not removed.
+//! derivative of the rate ([`angular_acceleration`]). It provides neither the attitude nor the angles of a stand. For
+//! lack of the attitude, the rate of the Earth is not removed, and a gyroscope measures it correctly anyway.
 
 use crate::cancellation::checkpoint;
 use crate::error::Error;
@@ -18,12 +18,12 @@ use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Effect, Need, Sensor, Surroundings};
 use nalgebra::Vector3;
 
-/// Number of iterations for the angular acceleration. It is the derivative of the true rate, which is only known after
-/// the correction. The first iteration uses the rate without effects removed, the second one the corrected rate. For a
-/// delay tau of the gyroscope, the remaining error is `tau^3` times the third derivative of the rate. Further
-/// iterations would amplify noise.
+/// Number of iterations for the angular acceleration. They are needed because the angular acceleration is the
+/// derivative of the true rate, which is known only after the correction. The first iteration uses the rate before
+/// effects are removed, the second one the corrected rate. For a gyroscope with the delay tau, the remaining error is
+/// `tau^3` times the third derivative of the rate. Further iterations would amplify noise.
 const PASSES: usize = 2;
-/// Number of samples after which a cancellation is looked for; they take about a millisecond.
+/// Number of samples between two checks for a cancellation. Correcting them takes about a millisecond.
 const SAMPLES_PER_CHECKPOINT: usize = 4096;
 
 /// Whether a correction cannot remove an effect from the data, because the effect depends on a quantity that no
@@ -35,9 +35,9 @@ pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
 
 /// Corrects every sample: true `(angular_rate, specific_force)` in rad/s and m/s^2 in the body frame.
 ///
-/// A corrected sample is NaN if the raw sample is NaN, or if the effects are too large to be removed. Effects of
-/// temperature are not removed without a temperature column. Effects of angular acceleration are not removed from a
-/// single sample.
+/// A corrected sample is NaN if the raw sample is NaN, or if the effects are too large to be removed. Without a
+/// temperature column, effects of temperature are not removed. If the recording has only one sample, effects of angular
+/// acceleration are not removed.
 pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     correct_from(None, recording, calibration)
 }
@@ -80,8 +80,8 @@ pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration
     Ok(())
 }
 
-/// As [`correct`], for a part of a recording whose first sample was at the time `start_s`. If `start_s` is `None`, the
-/// recording starts with the first sample of the part.
+/// As [`correct`], for a part of a longer recording. `start_s` is the time of the first sample of the longer recording;
+/// `None` if this is the first sample of the part.
 pub fn correct_from(
     start_s: Option<f64>,
     recording: &Recording<'_>,
@@ -129,8 +129,8 @@ fn correct_with(
 /// Derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single sample.
 ///
 /// The derivative is that of polynomials through the mean rates in five consecutive time intervals. These intervals are
-/// as long as the motion allows, at least 2 ms or one sample and at most 0.1 s (`docs/model.md` (16)). Time steps may
-/// be uneven. Samples with the same time stamp count once and get the same derivative.
+/// as long as the motion permits: at least 2 ms or one sample, and at most 0.1 s (`docs/model.md` (16)). Time steps may
+/// be uneven. Samples with equal time stamps count as one and get equal derivatives.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rate: Vec<Vector3<f64>> = angular_rate.iter().map(|row| Vector3::from(*row)).collect();
     Derivative::smooth(time_s, &rate).of(&rate).into_iter().map(<[f64; 3]>::from).collect()
@@ -168,8 +168,8 @@ mod tests {
         unit
     }
 
-    /// Largest errors of rate and force after a simulated motion, with rate and force quadratic in time, is measured by
-    /// `unit` and corrected.
+    /// Largest errors of rate and force after `unit` has measured a simulated motion and the samples were corrected.
+    /// Rate and force of the motion are quadratic in time.
     fn round_trip(unit: &Calibration<f64>, with_temperature: bool) -> (f64, f64) {
         let time_s = uneven_time(200);
         let temperature: Vec<f64> = time_s.iter().map(|t| 20.0 + 3.0 * (t - 70.0)).collect();
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn a_lever_arm_is_taken_away_to_rounding_where_the_rate_is_a_parabola() {
-        // The lever arm affects only the accelerometer, so the measured rate is the true rate, including at the ends.
+        // The lever arm affects only the accelerometer, so the measured rate equals the true rate, even at the ends.
         let errors = round_trip(&unit("accel_lever_arm", &[0.02, -0.03, 0.05], None), false);
         assert!(errors.0 < 1e-13 && errors.1 < 1e-11, "{errors:?}");
     }

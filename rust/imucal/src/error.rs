@@ -16,13 +16,13 @@ pub enum Error {
     /// The motion does not determine every parameter. The message names the parameters and the poses to add.
     #[error("{0}")]
     NotEnoughMotion(String),
-    /// The estimation failed to converge or gave an unusable result.
+    /// The estimation failed to converge, or its result is not usable.
     #[error("{0}")]
     Fit(String),
     /// The calculation was cancelled, see [`Cancellation`](crate::cancellation::Cancellation).
     #[error("cancelled before the calculation had ended")]
     Cancelled,
-    /// A function that the caller gave has failed.
+    /// A function that was passed by the caller has failed.
     #[error("{0}")]
     Caller(Arc<dyn std::error::Error + Send + Sync>),
 }

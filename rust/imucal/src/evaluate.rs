@@ -30,10 +30,11 @@ pub use uncertainty::Uncertainty;
 pub(crate) use verdict::unknown_direction;
 use verdict::{impossible_rates, uncorrected_samples, worse};
 
-/// Figures of merit: the agreement of recordings with a calibration.
+/// Figures of merit, which describe the agreement of recordings with a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
-    /// Mean square of all residuals, each divided by its standard deviation from noise; 1 if noise explains them.
+    /// Mean square of all residuals, after each residual is divided by its standard deviation from noise. It is 1 if
+    /// noise explains the residuals.
     pub chi2_per_dof: f64,
     /// RMS of |f| - g over the rests, m/s^2.
     pub gravity_norm_rms_mps2: f64,
@@ -61,21 +62,22 @@ pub struct RestReport {
     pub end_s: f64,
     /// Number of epochs of the rest, each with its own mean; 1 if one mean describes the rest.
     pub epochs: usize,
-    /// Variance over half a second divided by the noise floor: near 1 on a table, larger for a hand-held unit.
+    /// Unsteadiness: variance over half a second divided by the noise floor. It is near 1 on a table and larger for a
+    /// hand-held unit.
     pub unsteadiness: f64,
-    /// Mean of the accelerometer, in raw units; in m/s^2 if effects were removed before.
+    /// Mean of the accelerometer, in raw units, or in m/s^2 if effects were removed beforehand.
     pub mean_specific_force: Vector3<f64>,
-    /// Mean of the gyroscope, in raw units; in rad/s if effects were removed before.
+    /// Mean of the gyroscope, in raw units, or in rad/s if effects were removed beforehand.
     pub mean_angular_rate: Vector3<f64>,
-    /// Standard deviation of the error that rounding leaves in the mean of the accelerometer, in the same unit.
+    /// Standard deviation of the rounding error in `mean_specific_force`, in the unit of that mean.
     pub force_rounding: Vector3<f64>,
-    /// Standard deviation of the error that rounding leaves in the mean of the gyroscope, in the same unit.
+    /// Standard deviation of the rounding error in `mean_angular_rate`, in the unit of that mean.
     pub rate_rounding: Vector3<f64>,
     /// |f| - g after correction, m/s^2.
     pub norm_error_mps2: f64,
     /// Standard deviation of |f| from noise, m/s^2.
     pub norm_sigma_mps2: f64,
-    /// Goodness of fit of the rest's residuals under noise alone; `None` if no joint fit used the rest.
+    /// Goodness of fit of the rest's residuals relative to noise alone; `None` if no joint fit used the rest.
     pub misfit: Option<Misfit>,
     /// Reason why the rest is excluded; `None` if it is used.
     pub excluded: Option<&'static str>,
@@ -90,9 +92,9 @@ pub struct MoveReport {
     pub from_rest: usize,
     /// Index of the rest after the move.
     pub to_rest: usize,
-    /// Index of the first sample, which is the last sample of the rest before.
+    /// Index of the first sample, which is the last sample of the rest before the move.
     pub first: usize,
-    /// Index of the last sample, which is the first sample of the rest after.
+    /// Index of the last sample, which is the first sample of the rest after the move.
     pub last: usize,
     /// Duration, s.
     pub duration_s: f64,
@@ -104,23 +106,23 @@ pub struct MoveReport {
     pub gravity_before: Vector3<f64>,
     /// Unit vector of gravity's direction (up) in the body frame at the last sample.
     pub gravity_after: Vector3<f64>,
-    /// Goodness of fit of the move's residuals under noise alone; `None` if no joint fit used the move.
+    /// Goodness of fit of the move's residuals relative to noise alone; `None` if no joint fit used the move.
     pub misfit: Option<Misfit>,
     /// Reason why the move is excluded; `None` if it is used.
     pub excluded: Option<&'static str>,
 }
 
-/// Gravity at the rests of a recording: measured, and propagated from the first rest by the gyroscope (figures 2 to 4
-/// of the paper).
+/// Gravity at the rests of a recording, as measured by the accelerometer and as propagated from the first rest by the
+/// gyroscope (figures 2 to 4 of the paper).
 #[derive(Clone, Debug)]
 pub struct CarriedGravity {
     /// Time of the middle of each rest, s.
     pub time_s: Vec<f64>,
     /// Mean corrected specific force at each rest, m/s^2.
     pub measured: Vec<Vector3<f64>>,
-    /// Propagated from the first rest with the uncalibrated gyroscope, m/s^2.
+    /// Gravity propagated from the first rest with the uncalibrated gyroscope, m/s^2.
     pub uncalibrated: Vec<Vector3<f64>>,
-    /// Propagated from the first rest with the calibrated gyroscope, m/s^2.
+    /// Gravity propagated from the first rest with the calibrated gyroscope, m/s^2.
     pub calibrated: Vec<Vector3<f64>>,
 }
 
@@ -129,7 +131,8 @@ pub struct CarriedGravity {
 pub struct Evaluation {
     /// The figures of merit.
     pub figures: Figures,
-    /// The same figures without a calibration: of the sensors with their nominal sensitivity ([`as_it_comes`]).
+    /// The figures of merit without a calibration, that is, of the sensors with their nominal sensitivity
+    /// ([`as_it_comes`]).
     pub before: Figures,
     /// All rests.
     pub rests: Vec<RestReport>,
@@ -139,15 +142,16 @@ pub struct Evaluation {
     pub carried: Vec<CarriedGravity>,
     /// Findings of the checks of the recordings.
     pub findings: Vec<Finding>,
-    /// Goodness of fit of the norms at the rests and of the gravity directions after the moves, under noise and the
-    /// uncertainty of the calibration.
+    /// Goodness of fit of the norms at the rests and of the gravity directions after the moves, relative to noise and
+    /// the uncertainty of the calibration.
     pub groups: Vec<GroupMisfit>,
-    /// Good, or incomplete or poor with the reasons.
+    /// The verdict: good, or incomplete or poor with the reasons.
     pub verdict: Verdict,
 }
 
 /// The sensors of the unit with nominal sensitivity, for comparison with a calibration. Readings in SI units are used
-/// without correction. Counts need at least a sensitivity and a bias: the means over the three axes of `calibration`.
+/// without correction. Counts cannot be used without a sensitivity and a bias. Both are the means of `calibration` over
+/// the three axes.
 pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>]) -> Calibration<f64> {
     let nominal = |triad: &Triad<f64>, unit: fn(&Recording<'_>) -> RawUnit| {
         let is_si = recordings.first().is_none_or(|recording| unit(recording) == RawUnit::Si);
@@ -163,8 +167,8 @@ pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>])
 
 /// Evaluates `calibration` on recordings that were not used to estimate it.
 ///
-/// `uncertainty` is that of the calibration; without it, noise alone has to explain the residuals. `gravity_mps2` is
-/// the local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
+/// `uncertainty` is the uncertainty of the calibration. If it is `None`, the residuals are compared with noise alone.
+/// `gravity_mps2` is the local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
 ///
 /// # Errors
 /// [`Error::Data`] for recordings with faults; [`Error::NotEnoughMotion`] if there is no rest.
@@ -191,8 +195,8 @@ pub fn evaluate(
     with_nominal((calibration, uncertainty), recordings, Some(&corrected), gravity_mps2, min_rest_s)
 }
 
-/// As [`evaluate`], with recordings that the caller has already corrected, in SI units: for effects outside the
-/// catalogue.
+/// As [`evaluate`], with recordings that the caller has already corrected, in SI units. It is intended for effects that
+/// are not in the catalogue.
 ///
 /// # Errors
 /// As [`evaluate`]; [`Error::Input`] if `corrected` does not contain a recording of the same length for each recording.
@@ -231,8 +235,9 @@ fn with_nominal(
     Ok(Evaluation { before: before.figures, verdict: Verdict::of(reasons), ..evaluation })
 }
 
-/// Checks and rest detection use the recordings as measured. The figures use the corrected samples, if given. The
-/// verdict contains all reasons that need no comparison with the uncalibrated unit.
+/// Evaluates one calibration. The checks and the rest detection use the recordings as measured. The figures use the
+/// corrected samples, if given. The verdict contains all reasons except those from the comparison with the uncalibrated
+/// unit.
 fn judge(
     (calibration, uncalibrated): (&Calibration<f64>, &Triad<f64>),
     uncertainty: Option<&Uncertainty>,
@@ -313,7 +318,8 @@ fn judge(
     })
 }
 
-/// Figures of merit over all rests and moves that are used. `parameters` is the number of parameters fitted to them.
+/// Figures of merit over all rests and moves that are used. `parameters` is the number of parameters that were fitted
+/// to these rests and moves.
 pub(crate) fn figures(
     rests: &[RestReport],
     moves: &[MoveReport],
@@ -328,7 +334,7 @@ pub(crate) fn figures(
     Figures {
         chi2_per_dof: chi2 / count.saturating_sub(parameters).max(1) as f64,
         gravity_norm_rms_mps2: rms(rests.iter().map(|rest| rest.norm_error_mps2)),
-        // Without a move there is no figure, in particular none of zero.
+        // Without a move the figure is NaN and not zero, because there is nothing to measure.
         gravity_direction_rms_deg: if moves.is_empty() {
             f64::NAN
         } else {
@@ -398,7 +404,8 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
     }
 }
 
-/// Gravity propagated from the first rest through the whole recording. Errors accumulate, as in an application.
+/// Gravity propagated from the first rest through the whole recording without correction at later rests, so that errors
+/// accumulate as in an application.
 fn carried_gravity(
     index: usize,
     [recorded, judged]: [&Recording<'_>; 2],
@@ -427,8 +434,8 @@ fn carried_gravity(
     }
 }
 
-/// Returns the errors among the findings of the checks. Saturation in a control recording is reported but not refused:
-/// saturated moves are excluded from the figures.
+/// Returns the errors among the findings of the checks. Saturation in a control recording is reported but is not an
+/// error, because saturated rests and moves are excluded from the figures.
 fn refuse_unusable(findings: &mut Vec<Finding>) -> Result<(), Error> {
     let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
     if findings.iter().any(fatal) {

@@ -65,8 +65,8 @@ impl fmt::Display for Place {
     }
 }
 
-/// Formats a number with `digits` significant digits like `%g` of C: without trailing zeros, and with an exponent if
-/// the number is very large or very small.
+/// Formats a number with `digits` significant digits like `%g` of C, that is, without trailing zeros, and with an
+/// exponent if the number is very large or very small.
 pub(crate) fn general(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
@@ -92,13 +92,13 @@ impl Finding {
         self.code.ends_with("_saturation")
     }
 
-    /// Whether the finding reports time stamps that are not those of the samples, or samples that are missing.
+    /// Whether the finding reports wrong time stamps, or missing or repeated samples.
     pub(crate) fn is_about_time_stamps(&self) -> bool {
         ["clock_irregular", "samples_missing", "samples_duplicated"].contains(&self.code)
     }
 
-    /// A finding that refuses the calibration. The caller sets all fields except the code and the name of the
-    /// recording.
+    /// A finding because of which the calibration is refused. The caller sets all fields except the code and the name
+    /// of the recording.
     pub(crate) fn error(code: &'static str, recording: &str) -> Self {
         Self {
             code,
@@ -114,7 +114,7 @@ impl Finding {
         }
     }
 
-    /// A finding that does not refuse the calibration. The caller sets the other fields as for [`Finding::error`].
+    /// A finding that does not prevent the calibration. The caller sets the other fields as for [`Finding::error`].
     pub(crate) fn warning(code: &'static str, recording: &str) -> Self {
         Self { severity: Severity::Warning, ..Self::error(code, recording) }
     }

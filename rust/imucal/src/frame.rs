@@ -1,7 +1,7 @@
 //! Body frames, and the exact conversion between them (`docs/model.md` (2)).
 //!
-//! Both frames are orthogonal and fixed to the accelerometer. They differ by one rotation Q: `T_to = T_from Q^T` for
-//! both triads. |f| is the same in both frames, and so are all residuals.
+//! Both frames are orthogonal and fixed to the accelerometer. They differ by a rotation Q, so that `T_to = T_from Q^T`
+//! for both triads. The norm |f| and all residuals are equal in both frames.
 
 use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
@@ -16,10 +16,11 @@ const TRIANGULAR: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (1, 0), (2, 0),
 /// Convention for the body frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Frame {
-    /// The orthogonal frame closest to the three sensor axes: the accelerometer's sensitivity is symmetric positive
-    /// definite.
+    /// The orthogonal frame closest to the three sensor axes. In this frame, the accelerometer's sensitivity is
+    /// symmetric positive definite.
     Symmetric,
-    /// x along the accelerometer's x axis, y in the plane of its x and y axes: the sensitivity is lower triangular.
+    /// The frame with x along the accelerometer's x axis and y in the plane of its x and y axes. In this frame, the
+    /// accelerometer's sensitivity is lower triangular.
     Triangular,
 }
 
@@ -74,7 +75,7 @@ pub(crate) fn convert_change(
             to.accelerometer * half
         }
         Frame::Symmetric => {
-            // In the eigenvectors of T the equation dT T + T dT = dS is diagonal.
+            // In the basis of the eigenvectors of T, the equation dT T + T dT = dS is diagonal.
             let eigen = SymmetricEigen::new(to.accelerometer);
             let inner = eigen.eigenvectors.transpose() * product * eigen.eigenvectors;
             let solved = Matrix3::from_fn(|i, j| inner[(i, j)] / (eigen.eigenvalues[i] + eigen.eigenvalues[j]));
@@ -112,7 +113,7 @@ pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame
     Ok(jacobian)
 }
 
-/// The matrix R with `R R^T = T T^T`: symmetric or lower triangular, as the body frame requires.
+/// The matrix R with `R R^T = T T^T`, which is symmetric or lower triangular, depending on the body frame.
 fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     let product = t * t.transpose();
     match frame {

@@ -1,4 +1,5 @@
-//! Held parameters: parameters with a normal prior, for recordings that do not determine all of them (model.md (40)).
+//! Held parameters, that is, parameters with a normal prior, for recordings that do not determine all parameters
+//! (model.md (40)).
 //!
 //! ```text
 //! r = (h(p) - value) / sigma
@@ -7,9 +8,9 @@
 //! h = T_ij / T_ii     misalignment: angle by which sensitive axis i is tilted towards body axis j, rad
 //! ```
 //!
-//! Each held parameter adds one residual r to the joint fit. A held parameter is not fixed: the recordings change it as
-//! far as they determine it, and the covariance of the result contains the width of the prior. All held parameters are
-//! those of the symmetric body frame.
+//! Each held parameter adds one residual r to the joint fit. A held parameter is not fixed, because the recordings
+//! change it as far as they determine it. The covariance of the result includes the uncertainty of the prior. Held
+//! parameters refer to the symmetric body frame.
 
 mod known;
 mod priors;
@@ -29,11 +30,11 @@ pub const GROUPS: [&str; 6] =
 /// Origin of the standard deviation of a prior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PriorSource {
-    /// Given with the request.
+    /// The standard deviation was given with the request.
     Given,
-    /// The unit's profile.
+    /// The standard deviation is from the unit's profile.
     Profile,
-    /// The default for MEMS sensors.
+    /// The standard deviation is the default for MEMS sensors.
     Default,
 }
 
@@ -55,17 +56,17 @@ pub struct HeldParameter {
     pub name: String,
     /// Mean of the prior: bias in the raw unit, scale relative to the nominal scale, misalignment in rad.
     pub value: f64,
-    /// Standard deviation of the prior, in the same unit.
+    /// Standard deviation of the prior, in the unit of `value`.
     pub sigma: f64,
     /// Origin of the standard deviation.
     pub source: PriorSource,
-    /// Default standard deviation for MEMS sensors, in the same unit; `None` for a bias in counts without a nominal
-    /// sensitivity.
+    /// Default standard deviation for MEMS sensors, in the unit of `value`; `None` for a bias in counts without a
+    /// nominal sensitivity.
     pub usual: Option<f64>,
     quantity: Quantity,
 }
 
-/// Errors that the uncertainty of the held parameters leaves: one standard deviation, mean over all directions.
+/// Errors due to the uncertainty of the held parameters, as one standard deviation, averaged over all directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorCost {
     /// Error of the direction of gravity from the accelerometer, deg.
@@ -74,27 +75,28 @@ pub struct PriorCost {
     pub rotation_deg: f64,
 }
 
-/// Function h of the parameters that has the prior.
+/// Function h of the parameters to which the prior applies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Quantity {
     /// A parameter divided by a constant.
     Entry { parameter: usize, nominal: f64 },
     /// An off-diagonal entry of a sensitivity divided by the diagonal entry of its row.
     Misalignment { parameter: usize, diagonal: usize },
-    /// One of the nine uncorrelated combinations of the parameters of a calibrated accelerometer: `by` times their
-    /// difference from `at`.
+    /// One of the nine uncorrelated combinations of the parameters of a calibrated accelerometer: the scalar product of
+    /// `by` and the difference between the parameters and `at`.
     Combination { number: usize, by: [f64; 9], at: [f64; 9] },
 }
 
-/// Residual of a held parameter: its value, and its derivatives with the indices of the parameters.
+/// Residual of the prior of a held parameter, with its derivatives.
 pub(crate) struct HeldRow {
     pub(crate) residual: f64,
-    /// Derivatives with the indices of the parameters.
+    /// Nonzero derivatives of the residual, each with the index of the parameter.
     pub(crate) derivatives: Vec<(usize, f64)>,
 }
 
 impl HeldParameter {
-    /// A prior that keeps parameter `parameter` near a start value; it is not part of a result.
+    /// A prior that keeps parameter `parameter` near a start value. It is used only inside a fit and is not part of a
+    /// result.
     pub(crate) fn near(parameter: usize, value: f64, sigma: f64) -> Self {
         let quantity = Quantity::Entry { parameter, nominal: 1.0 };
         Self { name: String::new(), value, sigma, source: PriorSource::Given, usual: None, quantity }
@@ -121,7 +123,7 @@ impl HeldParameter {
         }
     }
 
-    /// Whether this is not a parameter but a combination of those of a known accelerometer.
+    /// Whether this is a combination of the parameters of a known accelerometer and not a single parameter.
     pub(crate) fn is_combination(&self) -> bool {
         matches!(self.quantity, Quantity::Combination { .. })
     }
@@ -149,7 +151,7 @@ pub(crate) struct StageRows<'a> {
 }
 
 impl<'a> StageRows<'a> {
-    /// The held parameters with these indices.
+    /// The held parameters of the stage whose parameters have the indices `stage`.
     pub(crate) fn new(held: &'a [HeldParameter], stage: Range<usize>) -> Self {
         Self { held: held.iter().filter(|held| stage.contains(&held.parameter())).collect(), stage }
     }
@@ -164,7 +166,7 @@ impl<'a> StageRows<'a> {
         self.held.iter().map(|held| held.parameter() - self.stage.start).collect()
     }
 
-    /// The parameters of a known accelerometer, if that is held.
+    /// The parameters of a known accelerometer, if one is held.
     pub(crate) fn known(&self) -> Option<[f64; 9]> {
         self.held.iter().find_map(|held| match held.quantity {
             Quantity::Combination { at, .. } => Some(at),
@@ -196,13 +198,13 @@ impl<'a> StageRows<'a> {
 }
 
 /// Precision of the prior of each of the 21 parameters, and the difference between the parameter and the mean of its
-/// prior; zero without a prior.
+/// prior. Both are zero for a parameter without a prior.
 pub(crate) fn precisions(held: &[HeldParameter], parameters: &[f64]) -> [(f64, f64); BASE] {
     let mut all = [(0.0, 0.0); BASE];
     for held in held {
         let HeldRow { residual, derivatives } = held.row(parameters);
         if let Quantity::Combination { at, .. } = held.quantity {
-            // The precision of one parameter if the other ones are known.
+            // The precision of one parameter for known values of the others.
             derivatives.into_iter().for_each(|(p, by)| all[p] = (all[p].0 + by * by, parameters[p] - at[p]));
         } else if let Some((p, by)) = derivatives.first() {
             all[*p] = (by * by, residual / by);

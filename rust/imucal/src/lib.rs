@@ -1,9 +1,10 @@
 //! Calibration of MEMS accelerometers and gyroscopes with gravity as the only reference.
 //!
-//! A cheap stand or a person turns the unit to many poses and holds it still in each. At rest the accelerometer must
-//! measure gravity; this determines its nine parameters by an ellipsoid fit. Between two rests the integrated gyroscope
-//! must propagate the direction of gravity from the first rest to the second; this determines its twelve parameters. A
-//! control recording that no fit has used verifies both triads.
+//! A cheap stand or a person turns the unit to many poses and holds it still in each pose. At rest, the accelerometer
+//! must measure gravity. This condition determines its nine parameters by an ellipsoid fit. Between two rests, the
+//! integrated gyroscope must propagate the direction of gravity from the first rest to the second. This condition
+//! determines the twelve parameters of the gyroscope. A control recording that is not used in any fit verifies both
+//! triads.
 //!
 //! ```text
 //! measured = sensitivity * true + bias
@@ -32,8 +33,8 @@
 //! ([`mod@calibrate`]), and the result is evaluated on other recordings ([`mod@evaluate`]). [`mod@simulate`] generates
 //! recordings with known true parameters. Equation numbers in the sources refer to docs/model.md.
 //!
-//! This crate reads and writes no files and draws no plots; the Python package does. The correction on a device is in
-//! `imucal-core`.
+//! This crate does not read or write files and does not draw plots; the Python package does. The correction on a device
+//! is in the crate `imucal-core`.
 
 pub mod calibrate;
 pub mod cancellation;

@@ -1,55 +1,56 @@
-//! Columns of numbers in a text table: the fast way into a recording.
+//! Fast reader for columns of numbers in a text table.
 //!
-//! Rows are given in blocks, so that a long file is never in memory as a whole. Only plain tables are read: each used
-//! field is a decimal number, and each line has the same number of fields. Anything else (quotes, empty fields, dates,
-//! text) is [`NotPlain`], and a reader that knows more has to read the file.
+//! The text is passed in blocks, so that a long file is never in memory as a whole. Only plain tables are read, in
+//! which each used field is a decimal number and all lines have equal numbers of fields. Anything else (quotes, empty
+//! fields, dates, text) is the error [`NotPlain`], after which a more general reader must read the file.
 //!
-//! Numbers are rounded correctly, as by [`str::parse`].
+//! Numbers are rounded correctly, like those of [`str::parse`].
 
 use crate::numerics::workers::{in_order, processors};
 
-/// Bytes of a block from which its lines are shared out to threads.
+/// Minimum size of a block, in bytes, for its lines to be distributed among threads.
 const WORTH_THREADS: usize = 1 << 20;
-/// Largest integer below which every integer is a float64.
+/// Up to this integer, float64 represents every integer exactly.
 const LARGEST_EXACT: u64 = 1 << 53;
-/// Numbers for which a column reserves memory. This is more than 32 MB, for which the allocator of Linux asks the
-/// system: only pages in use count, and the column grows without a copy, so that no holes remain in memory.
+/// Number of values for which a column reserves memory. The size is more than 32 MB, so that the allocator of Linux
+/// maps the memory directly from the system. Only pages in use then count as memory, and the column can grow without
+/// being copied, which avoids fragmentation.
 const RESERVED: usize = (1 << 22) + (1 << 10);
 /// Powers of ten that a float64 represents exactly.
 const POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
     1e21, 1e22,
 ];
-/// Digits of an integer that always fit into 64 bits without a sign.
+/// Number of decimal digits that always fit into an unsigned 64-bit integer.
 const DIGITS: usize = 19;
-/// Largest power of ten below 2^64.
+/// Exponent of the largest power of ten below 2^64.
 const LARGEST_DIVISOR: usize = 19;
 
-/// The form of a text table.
+/// Format of a text table.
 #[derive(Clone, Debug)]
 pub struct Form {
-    /// Between two fields; a space stands for any number of spaces and tabs.
+    /// Separator between two fields. A space means any number of spaces and tabs.
     pub separator: u8,
-    /// Decimal point.
+    /// Character of the decimal point.
     pub decimal: u8,
     /// For each field of a line, whether it is a column of the result.
     pub used: Vec<bool>,
 }
 
-/// A column of numbers; of integers if all of them are written without decimal point and exponent.
+/// A column of numbers. It contains integers if all numbers are written without decimal point and exponent.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Column {
     /// Integers that fit into 64 bits.
     Whole(Vec<i64>),
-    /// Other numbers.
+    /// All other numbers.
     Real(Vec<f64>),
 }
 
-/// The text has something other than lines of plain numbers.
+/// Error for a text that contains anything other than lines of plain numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotPlain;
 
-/// The columns of a text given in blocks.
+/// Reader of the columns of a text that is passed in blocks.
 #[derive(Debug)]
 pub struct NumberColumns {
     form: Form,
@@ -70,7 +71,7 @@ impl NumberColumns {
     ///
     /// # Errors
     ///
-    /// [`NotPlain`]; the table is of no use then.
+    /// [`NotPlain`] if the block is not plain. The table must not be used afterwards.
     pub fn add(&mut self, block: &[u8]) -> Result<(), NotPlain> {
         let Some(first) = block.iter().position(|&byte| byte == b'\n') else {
             self.rest.extend_from_slice(block);
@@ -89,7 +90,7 @@ impl NumberColumns {
     ///
     /// # Errors
     ///
-    /// [`NotPlain`], because of a last line without a line end.
+    /// [`NotPlain`] if the last line, which may lack a line end, is not plain.
     pub fn finish(mut self) -> Result<Vec<Column>, NotPlain> {
         let rest = std::mem::take(&mut self.rest);
         self.add_lines(&rest)?;
@@ -116,7 +117,7 @@ impl NumberColumns {
     }
 }
 
-/// Lines in `count` pieces of about the same size.
+/// Divides lines into `count` pieces of about equal size.
 fn split(lines: &[u8], count: usize) -> Vec<&[u8]> {
     let mut pieces = Vec::with_capacity(count);
     let mut rest = lines;
@@ -134,7 +135,8 @@ fn split(lines: &[u8], count: usize) -> Vec<&[u8]> {
 #[derive(Debug)]
 struct Growing {
     numbers: Column,
-    /// Rows of `-0` in a column of integers, which is a number of its own among reals.
+    /// Rows with `-0` in a column of integers. They are stored because -0 differs from 0 if the column is later
+    /// converted to reals.
     negative_zeros: Vec<usize>,
 }
 
@@ -167,11 +169,11 @@ impl Growing {
         }
     }
 
-    /// The column as one of reals.
+    /// The column, converted to reals if necessary.
     fn reals(&mut self) -> &mut Vec<f64> {
         if let Column::Whole(values) = &self.numbers {
             let mut reals: Vec<f64> = Vec::with_capacity(values.capacity());
-            #[allow(clippy::cast_precision_loss)] // Rounded like the text of the number.
+            #[allow(clippy::cast_precision_loss)] // The integer is rounded like the text of the number.
             reals.extend(values.iter().map(|&value| value as f64));
             for row in self.negative_zeros.drain(..) {
                 reals[row] = -0.0;
@@ -192,7 +194,7 @@ enum Number {
 }
 
 impl Number {
-    #[allow(clippy::cast_precision_loss)] // Rounded like the text of the number.
+    #[allow(clippy::cast_precision_loss)] // The integer is rounded like the text of the number.
     fn real(self) -> f64 {
         match self {
             Self::Whole { value: 0, negative: true } => -0.0,
@@ -233,7 +235,7 @@ impl Form {
                 let end = cursor.at;
                 cursor.skip_spaces(self.separator);
                 let is_last = field + 1 == self.used.len();
-                // Two numbers need a space between them.
+                // Two numbers must be separated by a space.
                 if is_spaced && !is_last && cursor.at == end {
                     return Err(NotPlain);
                 }
@@ -253,11 +255,11 @@ struct Cursor<'a> {
 
 impl Cursor<'_> {
     fn peek(&self) -> u8 {
-        // No line contains a zero.
+        // The end of the text is reported as a zero byte, which occurs in no line.
         self.text.get(self.at).copied().unwrap_or(0)
     }
 
-    /// Passes a line end, if there is one here.
+    /// Skips a line end, if there is one at the cursor, and returns whether there was.
     fn line_end(&mut self) -> bool {
         let length = match self.peek() {
             b'\n' => 1,
@@ -295,7 +297,7 @@ impl Cursor<'_> {
         if separator == b' ' && self.at == start { Err(NotPlain) } else { Ok(()) }
     }
 
-    /// Digits here: their number; they are appended to `mantissa`.
+    /// Reads the digits at the cursor, appends them to `mantissa` and returns their number.
     fn digits(&mut self, mantissa: &mut u64) -> usize {
         let start = self.at;
         while let Some(eight) =
@@ -350,7 +352,7 @@ impl Cursor<'_> {
         parsed.ok().filter(|value: &f64| value.is_finite()).map(Number::Real).ok_or(NotPlain)
     }
 
-    /// `e-12`.
+    /// Reads an exponent such as `e-12`.
     fn exponent(&mut self) -> Result<i64, NotPlain> {
         self.at += 1;
         let negative = self.peek() == b'-';
@@ -364,13 +366,14 @@ impl Cursor<'_> {
     }
 }
 
-/// The number that eight bytes represent, if all are digits; all eight are processed at once.
+/// The number that eight bytes represent, if all of them are digits. All eight are processed together.
 fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     const HIGH: u64 = 0xf0f0_f0f0_f0f0_f0f0;
     const ZEROS: u64 = 0x3030_3030_3030_3030;
     let chunk = u64::from_le_bytes(bytes);
     let is_digits = chunk & HIGH == ZEROS && chunk.wrapping_add(0x0606_0606_0606_0606) & HIGH == ZEROS;
-    // Pairs of digits, then the four pairs with their weights, of which the first is in the lowest byte.
+    // Digits are combined to pairs, and the four pairs are then added with their weights. The first digit is in the
+    // lowest byte.
     let pairs = chunk.wrapping_sub(ZEROS);
     let pairs = pairs.wrapping_mul(10).wrapping_add(pairs >> 8);
     let first_and_third = (pairs & 0x0000_00ff_0000_00ff).wrapping_mul(1_000_000 << 32 | 100);
@@ -378,19 +381,20 @@ fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     is_digits.then_some(first_and_third.wrapping_add(second_and_fourth) >> 32)
 }
 
-/// mantissa * 10^exponent, correctly rounded; None for exponents that need a general algorithm.
+/// mantissa * 10^exponent, correctly rounded; `None` for exponents that need a more general algorithm.
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation)] // Each cast is exact, as said there.
 fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     let index = usize::try_from(exponent.unsigned_abs()).ok()?;
     if mantissa <= LARGEST_EXACT {
-        // Both operands are exact, so that the result is rounded once.
+        // Both operands are exact, so the result is rounded only once.
         let power = POWERS.get(index)?;
         return Some(if exponent < 0 { mantissa as f64 / power } else { mantissa as f64 * power });
     }
     if exponent >= 0 || index > LARGEST_DIVISOR {
         return None;
     }
-    // With at least 64 bits, of which 53 remain, the quotient and whether it has a remainder decide the rounding.
+    // The quotient has at least 64 bits, of which 53 are kept. The dropped bits and the remainder determine the
+    // rounding.
     let divisor = 10_u128.pow(index as u32);
     let dividend = u128::from(mantissa) << 64;
     let (quotient, remainder) = (dividend / divisor, dividend % divisor);
@@ -398,7 +402,7 @@ fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     let (kept, half) = (quotient >> excess, 1 << (excess - 1));
     let cut = quotient & ((1 << excess) - 1);
     let is_up = cut > half || (cut == half && (remainder > 0 || kept & 1 == 1));
-    // At most 2^53, which is exact, as is a power of two.
+    // The significand is at most 2^53 and therefore exact, and so is the power of two.
     let significand = (kept + u128::from(is_up)) as f64;
     Some(significand * f64::from_bits((1023 + u64::from(excess) - 64) << 52))
 }
@@ -409,7 +413,7 @@ mod tests {
 
     fn read(text: &str, separator: u8, used: &[bool]) -> Result<Vec<Column>, NotPlain> {
         let mut results = Vec::new();
-        // All positions of the border between two blocks give the same.
+        // The result must be the same for all positions of the border between two blocks.
         for border in 0..=text.len() {
             let decimal = if separator == b';' { b',' } else { b'.' };
             let mut table = NumberColumns::new(Form { separator, decimal, used: used.to_vec() });

@@ -1,4 +1,4 @@
-//! Parameters of a unit: their order among all, and their names in words.
+//! Order and names of the parameters of a unit.
 //!
 //! The order is accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row
 //! by row), then the parameters of the effects, then those of the stand.
@@ -13,11 +13,13 @@ pub(crate) const BASE: usize = 21;
 pub(crate) const ACCEL: Range<usize> = 0..9;
 pub(crate) const GYRO_BIAS: Range<usize> = 9..12;
 pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
-/// Number of parameters of the stand, where it takes part: mount, tilt of the base, angles between its axes.
+/// Number of parameters of a stand whose encoders are used: mount rotation (3), base tilt (2), and angles between the
+/// axes (2).
 pub(crate) const STAND_PARAMETERS: usize = 7;
 
-/// The eighteen parameters that rests and moves determine together: nine of the accelerometer in the order of the
-/// symmetric fit, nine entries of the gyroscope row by row. The gyroscope's bias is what it reads at rest.
+/// Names of the eighteen parameters that rests and moves together determine: nine of the accelerometer in the order of
+/// the symmetric fit, and nine entries of the gyroscope row by row. The gyroscope bias is not among them, because it is
+/// simply the reading at rest.
 pub(crate) const WORDS: [&str; 18] = [
     "bias x",
     "bias y",
@@ -40,12 +42,12 @@ pub(crate) const WORDS: [&str; 18] = [
 ];
 pub(crate) const ACCELEROMETER: usize = 9;
 
-/// The nine parameters of a sensor in words.
+/// Names of the nine parameters of a sensor in words.
 pub(crate) fn words(gyroscope: bool) -> &'static [&'static str] {
     if gyroscope { &WORDS[ACCELEROMETER..] } else { &WORDS[..ACCELEROMETER] }
 }
 
-/// The parameters of a sensor that act on what these of its axes read.
+/// Names of the parameters of a sensor that affect the readings of the selected axes.
 pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
     let acts = |j: usize| match j {
         _ if gyroscope => axes[j / 3],

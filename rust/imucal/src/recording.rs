@@ -8,11 +8,12 @@ use std::ops::Range;
 
 use crate::error::Error;
 
-/// Reference temperature of sensitivities and biases, degC. Effects of temperature are proportional to the difference
-/// from it.
+/// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the difference from
+/// it.
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
-/// Time step that counts as a pause between two runs, s: no inertial sensor that can be calibrated samples more slowly.
+/// Time step from which a step counts as a pause between two runs, s. No inertial sensor that can be calibrated has a
+/// longer sampling interval.
 const PAUSE_S: f64 = 1.0;
 
 /// Unit of a triad's samples. Other physical units (g, deg/s, ...) are converted to SI when a file is read.
@@ -24,7 +25,7 @@ pub enum RawUnit {
     Lsb,
 }
 
-/// Samples of a triad, (N, 3), in the number type of the caller's array, so that no copy is needed.
+/// Samples of a triad, (N, 3). They keep the number type of the caller's array, so that no copy is needed.
 #[derive(Clone, Copy, Debug)]
 pub enum Samples<'a> {
     /// Double precision.
@@ -33,7 +34,7 @@ pub enum Samples<'a> {
     F32(&'a [[f32; 3]]),
     /// 16-bit counts.
     I16(&'a [[i16; 3]]),
-    /// No sensor, for this number of samples. Every value is NaN, so that nothing takes the absent sensor for one that
+    /// No sensor, for this number of samples. Every value is NaN, so that an absent sensor is not mistaken for one that
     /// reads zero.
     Absent(usize),
 }
@@ -81,7 +82,7 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// A range of samples, in the same number type and without a copy.
+    /// A range of samples, with unchanged number type and without a copy.
     #[must_use]
     pub fn slice(self, samples: Range<usize>) -> Self {
         match self {
@@ -104,8 +105,8 @@ impl<'a> Samples<'a> {
         self.iter().map(move |row| row[axis])
     }
 
-    /// Calls `each` with one axis of every two consecutive samples. The number type is selected once, not for each
-    /// sample.
+    /// Calls `each` with the values of one axis in every two consecutive samples. The number type is selected once and
+    /// not for each sample.
     #[inline(always)]
     pub(crate) fn neighbours(self, axis: usize, each: impl FnMut(f64, f64)) {
         match self {
@@ -124,7 +125,7 @@ fn neighbours_of<T: Into<f64> + Copy>(rows: &[[T; 3]], axis: usize, mut each: im
     }
 }
 
-/// Numbers processed together in [`each_step`]: eight rows of three axes, which fill the vector registers.
+/// Number of values processed together in [`each_step`]: eight rows of three axes, which fill the vector registers.
 pub(crate) const SIDE_BY_SIDE: usize = 3 * 8;
 
 /// Calls `each` for every number except those of the last row, with the number of the same axis in the next row. The
@@ -188,8 +189,8 @@ pub struct Recording<'a> {
     pub accel_unit: RawUnit,
     /// Unit of `angular_rate`.
     pub gyro_unit: RawUnit,
-    /// Units of the accelerometer and gyroscope columns in the source, by their names in column names (`g`, `dps`);
-    /// `None` if unknown. Only messages use them.
+    /// Units of the accelerometer and gyroscope columns in the source, as written in column names (`g`, `dps`); `None`
+    /// if unknown. They are used only in messages.
     pub column_units: [Option<&'a str>; 2],
 }
 
@@ -219,7 +220,7 @@ impl<'a> Recording<'a> {
         Ok(recording)
     }
 
-    /// The same recording without its gyroscope.
+    /// This recording without its gyroscope.
     #[must_use]
     pub fn accelerometer_alone(&self) -> Self {
         Self { angular_rate: Samples::Absent(self.len()), gyro_unit: RawUnit::Si, ..*self }
@@ -230,11 +231,11 @@ impl<'a> Recording<'a> {
         self.time_s.len()
     }
 
-    /// Mean sampling rate, Hz: the number of time steps over their sum, without pauses (see `PAUSE_S`); NaN if the
-    /// time does not increase.
+    /// Mean sampling rate, Hz: the number of time steps divided by their sum, without pauses (see `PAUSE_S`). NaN if
+    /// the time does not increase.
     ///
-    /// The median time step is no substitute: if samples come in bursts, or are stamped by a coarse clock, it differs
-    /// from the mean by ten per cent and more.
+    /// The median time step cannot be used instead, because it may differ from the mean by ten per cent or more if
+    /// samples come in bursts or are stamped by a coarse clock.
     pub fn mean_rate_hz(&self) -> f64 {
         let of = |is_counted: &dyn Fn(f64) -> bool| {
             let steps = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| is_counted(*step_s));
@@ -298,7 +299,7 @@ mod tests {
             let time_s: Vec<f64> = (0..3000).map(stamp_s).collect();
             Recording::try_new("r", &time_s, &rows, &rows).unwrap().mean_rate_hz()
         };
-        // Nine steps of 11 ms and one of 1 ms: the median step is 11 ms.
+        // Nine steps are 11 ms and one is 1 ms, so the median step is 11 ms and the mean 10 ms.
         let bursts = rate_hz(&|i| (i / 10) as f64 * 0.1 + (i % 10) as f64 * 0.011);
         assert!((bursts - 100.0).abs() < 0.05, "{bursts}");
         let paused = rate_hz(&|i| i as f64 * 0.01 + if i < 1000 { 0.0 } else { 600.0 });

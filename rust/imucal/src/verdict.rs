@@ -1,7 +1,7 @@
 //! The verdict on a calibration: good, incomplete or poor, with the reasons.
 //!
-//! [`mod@crate::calibrate`] judges a calibration on the recordings from which it is estimated, [`mod@crate::evaluate`]
-//! on control recordings.
+//! [`mod@crate::calibrate`] judges a calibration on the recordings from which it is estimated. [`mod@crate::evaluate`]
+//! judges it on control recordings.
 
 mod group_misfit;
 
@@ -14,8 +14,8 @@ use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
-/// chi2 per degree of freedom above which a calibration is poor: residuals are ten times what sensor noise explains, so
-/// that errors other than noise dominate the result.
+/// chi2 per degree of freedom above which a calibration is poor. At this value, the residuals are ten times as large as
+/// noise explains, so errors other than noise dominate the result.
 pub(crate) const POOR_CHI2_PER_DOF: f64 = 100.0;
 
 /// A set of recordings.
@@ -40,19 +40,20 @@ impl RecordingSet {
 /// Whether a calibration may be used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Noise explains the residuals, or nearly so.
+    /// Noise explains the residuals, or almost explains them.
     Good,
-    /// Usable, but the unit or its motion does something that the model lacks. There is at least one reason.
+    /// The result is usable, but the unit or its motion has an effect that the model lacks. There is at least one
+    /// reason.
     Incomplete(Vec<Reason>),
-    /// Not to be relied on. There is at least one reason; reasons for an incomplete verdict follow those for a poor
-    /// one.
+    /// The result is not reliable. There is at least one reason. Reasons for an incomplete verdict follow those for a
+    /// poor one.
     Poor(Vec<Reason>),
 }
 
 /// Reason for a verdict that is not good. It is displayed as a sentence with its numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
-    /// A fit that makes the estimate has not converged.
+    /// A fit from which the estimate is taken has not converged.
     NotConverged {
         /// Name of the fit in messages.
         fit: &'static str,
@@ -73,7 +74,7 @@ pub enum Reason {
         /// Number of usable rests.
         rests: usize,
     },
-    /// The residuals cannot be compared with noise, so nothing tests the result. The verdict is incomplete.
+    /// The residuals cannot be compared with noise, so the result is not tested. The verdict is incomplete.
     NotTested {
         /// Number of rests that the fit uses.
         rests: usize,
@@ -97,7 +98,7 @@ pub enum Reason {
         /// Root of chi2 per degree of freedom.
         times_noise: f64,
     },
-    /// Noise hides the direction of gravity, so small residuals say nothing about the gyroscope.
+    /// The noise of the direction of gravity is so large that the residuals are no test of the gyroscope.
     UnknownDirection {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -106,7 +107,7 @@ pub enum Reason {
         /// Largest standard deviation with which a gyroscope is judged, deg.
         limit_deg: f64,
     },
-    /// Corrected rates are larger than any such sensor measures.
+    /// Corrected rates are larger than any such sensor can measure.
     ImpossibleRates {
         /// Name of the recording.
         recording: String,
@@ -145,31 +146,31 @@ pub enum Reason {
         /// Number of all rests.
         all: usize,
     },
-    /// The recordings contradict the prior of a held parameter, so that the other parameters are wrong, too.
+    /// The recordings contradict the prior of a held parameter, so the other parameters are wrong, too.
     PriorContradicted {
         /// Name of the parameter.
         parameter: String,
         /// Mean and standard deviation of the prior, in the unit of the parameter.
         prior: [f64; 2],
-        /// Difference of prior and recordings in standard deviations of this difference.
+        /// Difference between prior and recordings in standard deviations of this difference.
         sigmas: f64,
     },
     /// Held parameters that the recordings do not determine have the default prior. The verdict is incomplete.
     ParametersHeld {
         /// Names of the parameters or of their groups.
         parameters: String,
-        /// Errors that the priors leave.
+        /// Errors due to the uncertainty of the priors.
         cost: PriorCost,
     },
-    /// Some kinds of residuals exceed their noise: the model lacks something. The verdict is incomplete.
+    /// Some kinds of residuals exceed their noise, so the model is incomplete. The verdict is incomplete.
     ResidualsAboveNoise {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
         /// The kinds of residuals that exceed their noise; there is at least one.
         groups: Vec<GroupMisfit>,
     },
-    /// Residuals of moves exceed their noise, those of rests do not, and the time stamps of a recording are irregular:
-    /// wrong times falsify what is integrated over a move. The verdict is incomplete.
+    /// Residuals of moves exceed their noise, those of rests do not, and the time stamps of a recording are irregular.
+    /// The probable cause is the clock, because wrong times falsify integrals over a move. The verdict is incomplete.
     IrregularClock {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -180,7 +181,7 @@ pub enum Reason {
     },
 }
 
-/// Samples of a recording that were measured and have no correction.
+/// Samples of a recording that were measured but could not be corrected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UncorrectedSamples {
     /// Name of the recording.
@@ -199,7 +200,8 @@ pub struct UncorrectedSamples {
 }
 
 impl Verdict {
-    /// Verdict for these reasons: poor if one of them makes it poor, incomplete if there are others, otherwise good.
+    /// Verdict for these reasons: poor if any of them makes it poor, incomplete if there are only other reasons, good
+    /// if there are none.
     pub fn of(reasons: Vec<Reason>) -> Self {
         let (mut poor, incomplete): (Vec<Reason>, Vec<Reason>) = reasons.into_iter().partition(Reason::is_poor);
         if poor.is_empty() {
@@ -233,7 +235,7 @@ impl Verdict {
 }
 
 impl Reason {
-    /// Reason code: stable, lower case, for scripts.
+    /// Reason code for scripts, in lower case. It does not change between versions.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NotConverged { .. } => "not_converged",
@@ -255,7 +257,7 @@ impl Reason {
         }
     }
 
-    /// Whether this reason makes a verdict poor; otherwise it makes it incomplete.
+    /// Whether this reason makes a verdict poor. Any other reason makes a verdict incomplete.
     pub fn is_poor(&self) -> bool {
         !matches!(
             self,
@@ -266,8 +268,9 @@ impl Reason {
         )
     }
 
-    /// The reason for an incomplete verdict: the groups that exceed their noise; `None` if there are none. A finding
-    /// about the time stamps explains residuals of moves, but not of rests.
+    /// The reason for an incomplete verdict because of groups that exceed their noise; `None` if there are no such
+    /// groups. If there is a finding about the time stamps and only residuals of moves exceed their noise, the reason
+    /// is an irregular clock.
     pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
         let is_of_move = |misfit: &GroupMisfit| {
@@ -389,7 +392,7 @@ impl fmt::Display for Reason {
                      leaves an error (1 sigma) of {} deg in the direction of gravity",
                     general(*gravity_direction_deg, 2)
                 )?;
-                // An accelerometer alone measures no rotation.
+                // The error of a rotation is omitted for an accelerometer alone, for which it is NaN.
                 if *rotation_deg > 0.0 {
                     write!(f, " and of {} deg in a rotation by 90 deg", general(*rotation_deg, 2))?;
                 }

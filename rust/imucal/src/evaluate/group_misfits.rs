@@ -11,7 +11,7 @@ use crate::recording::Recording;
 use crate::rests::moves::{Ends, Move};
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// The usable rests and moves of control recordings, with the triads by which they are judged.
+/// The usable rests and moves of control recordings, with the triads that are judged.
 pub(super) struct Judged<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     pub(super) triads: [&'a Triad<f64>; 2],
@@ -24,9 +24,9 @@ pub(super) struct Judged<'a> {
 }
 
 impl Judged<'_> {
-    /// Goodness of fit of both kinds of residuals. `changed` returns the triads after one standard deviation along each
-    /// direction of the uncertainty of the calibration; it is asked only if noise alone hardly
-    /// explains the residuals.
+    /// Goodness of fit of both kinds of residuals. `changed` returns the triads after a change by one standard
+    /// deviation along each direction of the uncertainty of the calibration. It is called only if noise alone does not
+    /// clearly explain the residuals.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
@@ -73,7 +73,7 @@ impl Judged<'_> {
         }
     }
 
-    /// Change of |f| at each rest, divided by its noise, if `triad` corrects the accelerometer.
+    /// Difference between |f| at each rest after correction with `triad` and its reported value, divided by its noise.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;
@@ -82,7 +82,7 @@ impl Judged<'_> {
         self.rests.iter().map(change).collect()
     }
 
-    /// Residuals of the moves, divided by their noise, if `triads` correct the samples and give these rotations.
+    /// Residuals of the moves, divided by their noise, for samples corrected with these triads and for these rotations.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();
@@ -101,11 +101,12 @@ impl Judged<'_> {
     }
 }
 
-/// The rests or moves, with `size` residuals each, that do not contradict all others. As in a calibration, a few
-/// disturbed ones are accidents, such as rests detected in a slow part of a move.
+/// Indices of the rests or moves, with `size` residuals each, that do not contradict all others. As in a calibration, a
+/// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
-    // A large but uniform scatter excludes nothing. The median of chi2 is 0.455 and 1.386 for one and two residuals.
+    // The scale prevents exclusions because of a large but uniform scatter. The median of chi2 is 0.455 for one
+    // residual and 1.386 for two.
     let expected = if size == 1 { 0.455 } else { 1.386 };
     let scale = (median(&mut chi2.clone()) / expected).max(1.0);
     let mut order: Vec<usize> = (0..chi2.len()).collect();
@@ -116,14 +117,15 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
 }
 
-/// p-value under noise alone below which the uncertainty of the calibration is computed.
+/// p-value relative to noise alone below which the uncertainty of the calibration is taken into account. Above it,
+/// noise explains the residuals.
 const UNLIKELY: f64 = 0.1;
-/// Maximum share of rests, or of moves, that are outliers; as in a calibration.
+/// Maximum share of rests, or of moves, that are excluded as outliers. It equals the limit of a calibration.
 const MAX_OUTLIER_SHARE: f64 = 0.1;
-/// p-value below which a rest or move contradicts all others; as in a calibration.
+/// p-value below which a rest or move contradicts all others. It equals the limit of a calibration.
 const OUTLIER_SIGNIFICANCE: f64 = 1e-5;
-/// Size of gravity by which a change of the accelerometer's bias becomes a change of the direction of gravity, m/s^2.
-/// Local gravity differs from it by less than 1 %.
+/// Magnitude of gravity with which a change of the accelerometer's bias is converted to a change of the direction of
+/// gravity, m/s^2. Local gravity differs from this value by less than 1 %.
 const GRAVITY_MPS2: f64 = imucal_core::STANDARD_GRAVITY_MPS2;
 
 #[cfg(test)]

@@ -4,10 +4,10 @@
 //! r ~ N(0, N + D C D^T),     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^-1/2 r,  d = N^-1/2 D L,  v = d^T z
 //! ```
 //!
-//! N is the covariance of the noise, C = L L^T that of the parameters of the calibration, and D the derivative of the
-//! residuals with respect to them. A column of D L is the change of the residuals by one column of L. With this chi2
-//! the residuals on a long control recording do not exceed their noise only because the calibration is from a short
-//! one.
+//! N is the covariance of the noise, C = L L^T the covariance of the parameters of the calibration, and D the
+//! derivative of the residuals with respect to these parameters. A column of D L is the change of the residuals due to
+//! one column of L. This chi2 is needed because the residuals on a long control recording would otherwise exceed their
+//! noise merely because the calibration is from a short recording.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -31,8 +31,8 @@ struct Change {
 }
 
 impl Uncertainty {
-    /// `covariance` has the parameters in the order of [`crate::calibrate::parameter_names`] in this body frame;
-    /// further rows and columns, such as those of effects, are not used.
+    /// `covariance` is the covariance of the parameters in the order of [`crate::calibrate::parameter_names`], in the
+    /// body frame `frame`. Further rows and columns, such as those of effects, are not used.
     ///
     /// # Errors
     /// [`Error::Input`] if the covariance has fewer than 21 rows or columns, or values that are not finite.
@@ -41,7 +41,8 @@ impl Uncertainty {
         if covariance.len() < BASE || !covariance[..BASE].iter().all(is_complete) {
             return Err(Error::Input(format!("the covariance of a calibration needs {BASE} rows and columns")));
         }
-        // The units of the parameters differ by orders of magnitude, so the decomposition is that of the correlations.
+        // The correlation matrix is decomposed instead of the covariance, because the units of the parameters differ by
+        // orders of magnitude.
         let sigma: Vec<f64> = (0..BASE).map(|p| covariance[p][p].max(0.0).sqrt()).collect();
         let correlation = DMatrix::from_fn(BASE, BASE, |i, j| {
             let size = sigma[i] * sigma[j];
@@ -55,7 +56,8 @@ impl Uncertainty {
         Ok(Self { changes: (0..BASE).map(change).collect() })
     }
 
-    /// The uncertainty of an accelerometer alone. `covariance` has its nine parameters, in this body frame.
+    /// The uncertainty of an accelerometer alone. `covariance` is the covariance of its nine parameters in the body
+    /// frame `frame`.
     ///
     /// # Errors
     /// As [`try_new`](Self::try_new), for nine rows and columns.
@@ -105,8 +107,9 @@ impl Change {
     }
 }
 
-/// chi2 of residuals that noise and the uncertainty of the calibration explain. `z` are the residuals and each of
-/// `changes` their change by one direction of the uncertainty, all divided by the standard deviations of noise.
+/// chi2 of residuals relative to noise and the uncertainty of the calibration. `z` are the residuals. Each entry of
+/// `changes` is the change of the residuals along one direction of the uncertainty. All are divided by the standard
+/// deviations of noise.
 pub(super) fn chi2_with(z: &[f64], changes: &[Vec<f64>]) -> f64 {
     let z = DVector::from_column_slice(z);
     let d = DMatrix::from_fn(z.len(), changes.len(), |row, k| changes[k][row]);

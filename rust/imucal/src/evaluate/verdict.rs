@@ -7,29 +7,31 @@ use crate::numerics::stats::{median, quantile};
 use crate::recording::Recording;
 use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, UncorrectedSamples};
 
-/// Standard deviation of the gravity direction after a move, from noise alone, above which a gyroscope is not judged,
-/// deg. Errors of scale and alignment that matter are below it; consumer sensors reach 0.1 deg.
+/// Limit of the standard deviation of the gravity direction after a move, from noise alone, deg. Above it a gyroscope
+/// is not judged, because noise would hide relevant errors of scale and alignment. Consumer sensors have about 0.1 deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
-/// Corrected rate above which a calibration is in wrong units, deg/s: range of the fastest MEMS gyroscopes on the
-/// market (ADXRS649).
+/// Corrected rate above which a calibration is considered to have wrong units, deg/s. It is the range of the fastest
+/// MEMS gyroscopes on the market (ADXRS649).
 const FASTEST_DEGPS: f64 = 20_000.0;
-/// Share of samples that may exceed [`FASTEST_DEGPS`]: single wrong samples say nothing about a calibration.
+/// Maximum share of samples that may exceed [`FASTEST_DEGPS`]. It is not zero because single wrong samples are no
+/// evidence against a calibration.
 const MAX_FAST_SHARE: f64 = 1e-3;
-/// Minimum number of usable rests for a judgement on an accelerometer alone: the two ends of a move, which judge both
-/// sensors together.
+/// Minimum number of usable rests for judging an accelerometer alone. With both sensors, a single move, which has two
+/// rests, is sufficient as well.
 const MIN_RESTS: usize = 2;
-/// Ratio of the residuals with a calibration to those without above which the calibration makes a unit worse. Below it
-/// both are equally far from the truth, as for a unit with a calibration of its own.
+/// Ratio of the residuals with a calibration to those without it, above which the calibration is reported to make the
+/// unit worse. With a smaller ratio both are about equally far from the truth, for example for a unit that was
+/// calibrated by its manufacturer.
 const WORSE: f64 = 1.1;
 
 impl Figures {
-    /// Whether the calibration is poor by these figures, or is not judged at all.
+    /// Whether these figures make the verdict poor, which includes the case that they do not permit a judgement.
     pub fn is_poor(&self) -> bool {
         self.reason(RecordingSet::Calibration, Vec::new).is_some()
     }
 
-    /// Why these figures make a verdict poor; `None` if they do not. `uncorrected` finds the samples without a
-    /// correction.
+    /// The reason why these figures make a verdict poor; `None` if they do not. `uncorrected` returns the samples
+    /// without a correction.
     pub fn reason(&self, set: RecordingSet, uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>) -> Option<Reason> {
         if self.moves == 0 {
             return Some(Reason::NoUsableMove { set, rests: self.rests });
@@ -37,7 +39,8 @@ impl Figures {
         self.reason_of_residuals(set, uncorrected)
     }
 
-    /// Why these figures of an accelerometer alone, which has no moves, make a verdict poor.
+    /// The reason why these figures of an accelerometer alone make a verdict poor; `None` if they do not. No moves are
+    /// needed.
     pub fn reason_of_accelerometer(&self, set: RecordingSet) -> Option<Reason> {
         if self.rests < MIN_RESTS {
             return Some(Reason::TooFewRests { set, rests: self.rests });
@@ -58,7 +61,7 @@ impl Figures {
     }
 }
 
-/// The reason if noise hides the gravity direction after most moves.
+/// The reason for a poor verdict if noise hides the gravity direction after most moves; otherwise `None`.
 pub(crate) fn unknown_direction(set: RecordingSet, moves: &[MoveReport]) -> Option<Reason> {
     let used = moves.iter().filter(|m| m.excluded.is_none()).map(|m| m.direction_sigma_deg);
     let sigma_deg = median(&mut used.collect::<Vec<f64>>());
@@ -66,8 +69,7 @@ pub(crate) fn unknown_direction(set: RecordingSet, moves: &[MoveReport]) -> Opti
     (sigma_deg > limit_deg).then_some(Reason::UnknownDirection { set, sigma_deg, limit_deg })
 }
 
-/// A reason for each recording whose corrected rates are larger than any sensor measures. `gyroscope` corrects its
-/// samples.
+/// A reason for each recording whose rates, corrected by `gyroscope`, are larger than any sensor can measure.
 pub(super) fn impossible_rates(recordings: &[Recording<'_>], gyroscope: &Triad<f64>) -> Vec<Reason> {
     let of_recording = |recording: &Recording<'_>| {
         let rates = (0..recording.len()).map(|k| gyroscope.correct(recording.angular_rate.at(k).into()).norm());
@@ -79,7 +81,8 @@ pub(super) fn impossible_rates(recordings: &[Recording<'_>], gyroscope: &Triad<f
     recordings.iter().filter_map(of_recording).collect()
 }
 
-/// The reasons if a calibration makes a unit worse: its residuals exceed their noise, and those without calibration.
+/// The reasons if a calibration makes a unit worse, that is, if its residuals exceed both their noise and the residuals
+/// without calibration.
 pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason> {
     let reason = |after: &GroupMisfit| {
         let before = before.iter().find(|before| before.group == after.group)?;
@@ -90,7 +93,7 @@ pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason
     after.iter().filter_map(reason).collect()
 }
 
-/// Samples that were measured and have no correction, by recording.
+/// Samples, by recording, that were measured but could not be corrected.
 pub(super) fn uncorrected_samples(
     recordings: &[Recording<'_>],
     corrected: &[Recording<'_>],

@@ -1,7 +1,7 @@
-//! An accelerometer that is already calibrated, as a prior of the calibration of its gyroscope.
+//! Prior for calibrating the gyroscope of a unit whose accelerometer is already calibrated.
 //!
-//! The covariance C = S V L V^T S of the nine parameters p, with the standard deviations in S and the correlations
-//! V L V^T, gives nine uncorrelated combinations with a standard deviation of 1,
+//! The covariance of the nine parameters p is C = S V L V^T S, with the standard deviations in S and the correlations V
+//! L V^T. It defines nine uncorrelated combinations with a standard deviation of 1:
 //!
 //! ```text
 //! h = L^-1/2 V^T S^-1 (p - value)
@@ -21,13 +21,14 @@ pub struct KnownAccelerometer {
     pub covariance: [[f64; 9]; 9],
 }
 
-/// Smallest eigenvalue of the correlations that is taken as it is. A smaller one is an effect of rounding.
+/// Lower limit of the eigenvalues of the correlation matrix. Smaller eigenvalues are rounding errors and are set to
+/// this limit.
 const LEAST_EIGENVALUE: f64 = 1e-9;
 /// Name of a combination in messages.
 const CALIBRATED: &str = "the accelerometer of the given calibration";
 
 impl KnownAccelerometer {
-    /// The nine combinations as held parameters.
+    /// The nine uncorrelated combinations as held parameters.
     ///
     /// # Errors
     /// [`Error::Input`] for a covariance without positive variances.

@@ -1,25 +1,26 @@
-//! The parameters to hold: models of fewer parameters, requests for single parameters, and the standard deviations of
-//! their priors.
+//! Selection of the parameters to hold: models with fewer parameters, requests for single parameters, and the standard
+//! deviations of the priors.
 
 use super::{GROUPS, HeldParameter, KnownAccelerometer, PriorSource, Quantity};
 use crate::error::Error;
 use crate::parameters::{GYRO_BIAS, GYRO_SENSITIVITY};
 
-/// Default standard deviation of a misalignment of the accelerometer, rad. Datasheets give cross-axis sensitivities of
-/// 2 % (MPU-6050), 1 % (ICM-42688-P) and 0.5 % (BMI088). The symmetric frame contains half of the sum of two of them.
+/// Default standard deviation of a misalignment of the accelerometer, rad. Datasheets specify cross-axis sensitivities
+/// of 2 % (MPU-6050), 1 % (ICM-42688-P) and 0.5 % (BMI088). In the symmetric frame, a misalignment is half the sum of
+/// two cross-axis sensitivities.
 const ACCEL_MISALIGNMENT: f64 = 0.01;
-/// Default standard deviation of a misalignment of the gyroscope, rad. Datasheets give cross-axis sensitivities of 2 %
-/// (MPU-6050), 1.25 % (ICM-42688-P) and 1 % (BMI088). The frame of the accelerometer adds half of the difference of two
-/// of its cross-axis sensitivities.
+/// Default standard deviation of a misalignment of the gyroscope, rad. Datasheets specify cross-axis sensitivities of 2
+/// % (MPU-6050), 1.25 % (ICM-42688-P) and 1 % (BMI088). Because the frame is fixed to the accelerometer, half the
+/// difference of two cross-axis sensitivities of the accelerometer is added.
 const GYRO_MISALIGNMENT: f64 = 0.015;
-/// Default standard deviation of a scale as a fraction of the nominal scale. Datasheets give 3 % (MPU-6050), 1 %
+/// Default standard deviation of a scale as a fraction of the nominal scale. Datasheets specify 3 % (MPU-6050), 1 %
 /// (LSM6DSO, BMI088) and 0.5 % (ICM-42688-P).
 const SCALE: f64 = 0.03;
-/// Default standard deviation of a bias of the accelerometer, m/s^2. Datasheets give 50 mg (MPU-6050) and 20 mg
+/// Default standard deviation of a bias of the accelerometer, m/s^2. Datasheets specify 50 mg (MPU-6050) and 20 mg
 /// (ICM-42688-P, BMI088, LSM6DSO).
 const ACCEL_BIAS: f64 = 0.5;
-/// Default standard deviation of a bias of the gyroscope, rad/s. Datasheets give 20 deg/s (MPU-6050) and 0.5 to 1 deg/s
-/// (ICM-42688-P, BMI088, LSM6DSO).
+/// Default standard deviation of a bias of the gyroscope, rad/s. Datasheets specify 20 deg/s (MPU-6050) and 0.5 to 1
+/// deg/s (ICM-42688-P, BMI088, LSM6DSO).
 const GYRO_BIAS_SIGMA: f64 = 0.35;
 
 /// Parameters that a calibration estimates without a prior.
@@ -28,14 +29,14 @@ pub enum ParameterModel {
     /// All 21 parameters.
     #[default]
     Full,
-    /// Biases and scales. The misalignments of both sensors are held.
+    /// Biases and scales are estimated. The misalignments of both sensors are held.
     Orthogonal,
-    /// Biases. The misalignments and the scales of both sensors are held.
+    /// Biases are estimated. The misalignments and the scales of both sensors are held.
     Bias,
 }
 
 impl ParameterModel {
-    /// All models, that with the most free parameters first.
+    /// All models, in the order of decreasing number of free parameters.
     pub const ALL: [Self; 3] = [Self::Full, Self::Orthogonal, Self::Bias];
 
     /// Name of the model in options and documents.
@@ -47,10 +48,10 @@ impl ParameterModel {
         }
     }
 
-    /// The model of this name.
+    /// The model with this name.
     ///
     /// # Errors
-    /// [`Error::Input`] lists the names.
+    /// [`Error::Input`] for an unknown name. The message lists the names.
     pub fn named(name: &str) -> Result<Self, Error> {
         Self::ALL.into_iter().find(|model| model.name() == name).ok_or_else(|| {
             let names = Self::ALL.map(Self::name).join(", ");
@@ -73,9 +74,9 @@ impl ParameterModel {
 pub struct Hold {
     /// Name of the parameter, such as `accel_misalignment_xy`, or of the group, such as `accel_misalignment`.
     pub name: String,
-    /// Mean of the prior; `None` for that of a perfect sensor: bias 0, scale 1, misalignment 0.
+    /// Mean of the prior. `None` means the value of a perfect sensor: bias 0, scale 1, misalignment 0.
     pub value: Option<f64>,
-    /// Standard deviation of the prior; `None` for that of the unit's profile, or else for the default.
+    /// Standard deviation of the prior. `None` means the value of the unit's profile or, without one, the default.
     pub sigma: Option<f64>,
 }
 
@@ -84,24 +85,25 @@ pub struct Hold {
 pub struct Priors {
     /// Parameters that are estimated without a prior.
     pub model: ParameterModel,
-    /// Parameters held in addition to those of the model. They replace those of the model with the same name.
+    /// Parameters that are held in addition to those that the model holds. A request replaces the prior of the model
+    /// for that parameter.
     pub hold: Vec<Hold>,
-    /// Standard deviations of the unit's profile: name of the group, and the value of each parameter of the group (one
-    /// for all, or three for x, y and z). Biases in SI units, scales relative, misalignments in rad.
+    /// Standard deviations from the unit's profile: the name of each group, and either one value for all its parameters
+    /// or three values for x, y and z. Biases are in SI units, scales are relative, and misalignments are in rad.
     pub profile: Vec<(String, Vec<f64>)>,
     /// An accelerometer that is already calibrated. It replaces all other priors of the accelerometer.
     pub accelerometer: Option<KnownAccelerometer>,
 }
 
-/// Nominal sensitivity of each sensor in raw units per SI unit, accelerometer first: 1 in SI units, `None` if it is not
-/// known for counts.
+/// Nominal sensitivity of each sensor in raw units per SI unit, accelerometer first. It is 1 in SI units, and `None`
+/// for counts with unknown sensitivity.
 pub(super) type Nominal = [Option<f64>; 2];
 
 /// A parameter that can be held.
 struct Holdable {
     name: String,
     group: &'static str,
-    /// Index of its axis, for figures of a profile by axis.
+    /// Index of the axis of the parameter, for profiles with one value per axis.
     axis: usize,
     /// Value of a perfect sensor, and default standard deviation, in SI units.
     standard: (f64, f64),
@@ -154,11 +156,11 @@ impl Priors {
         self.model == ParameterModel::Full && self.hold.is_empty() && self.accelerometer.is_none()
     }
 
-    /// The held parameters in the order of the parameters. `nominal` is the nominal sensitivity of each sensor.
+    /// The held parameters in the order of all parameters. `nominal` is the nominal sensitivity of each sensor.
     ///
     /// # Errors
-    /// [`Error::Input`] for an unknown name, with the possible ones, for values out of range, and if the nominal
-    /// sensitivity is needed and not known.
+    /// [`Error::Input`] for an unknown name (the message lists the known names), for values out of range, and if the
+    /// nominal sensitivity is needed but not known.
     pub(crate) fn held(&self, nominal: Nominal) -> Result<Vec<HeldParameter>, Error> {
         if self.is_empty() {
             return Ok(Vec::new());
@@ -179,7 +181,7 @@ impl Priors {
         let requests: Vec<Option<&Hold>> = all
             .iter()
             .map(|p| {
-                // A request for the parameter precedes one for its group.
+                // A request for the parameter takes precedence over a request for its group.
                 let of = |name: &str| self.hold.iter().rev().find(|hold| hold.name == name);
                 of(&p.name).or_else(|| of(p.group))
             })
@@ -218,7 +220,8 @@ impl Priors {
         let given = request.and_then(|request| request.sigma);
         let (sigma_si, source) =
             of_profile.map_or((default, PriorSource::Default), |sigma| (sigma, PriorSource::Profile));
-        // Biases are given in the raw unit, but profile and default are in SI units.
+        // The standard deviation of a bias is requested in the raw unit, but profile and default are in SI units and
+        // must be converted.
         let mut usual = Some(default);
         let (quantity, sigma) = match p.kind {
             Kind::Bias(parameter) => {

@@ -4,8 +4,9 @@
 //! ratio = sqrt(chi2 / dof),   p = P(chi2 of dof degrees of freedom is larger)
 //! ```
 //!
-//! A ratio above two alone would be frequent by chance for few residuals, and a small p-value alone would flag every
-//! small imperfection in a long recording. Residuals therefore exceed their noise only if both hold.
+//! With few residuals, a ratio above two is frequent by chance. With many residuals, a small p-value flags even a
+//! negligible imperfection. Residuals therefore count as exceeding their noise only if the ratio is above two and the
+//! p-value is small.
 
 use std::fmt;
 
@@ -14,19 +15,20 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 use crate::finding::general;
 use crate::numerics::stats::p_value_of;
 
-/// Ratio of the residuals to their noise above which an error other than noise dominates them, dimensionless. Two is
-/// beyond what the estimated noise of a sensor is wrong by, and leaves three quarters of the variance unexplained.
+/// Ratio of the residuals to their noise above which an error other than noise dominates the residuals, dimensionless.
+/// The noise of a sensor is estimated far better than to a factor of two, and at this ratio noise explains only a
+/// quarter of the variance.
 const EXCESS_RATIO: f64 = 2.0;
-/// p-value below which an excess is significant. A calibration with a control set compares seven groups, so noise alone
-/// exceeds this limit in fewer than one of 10 000 calibrations, however few residuals there are.
+/// p-value below which an excess is significant. A calibration with a control set tests seven groups, so noise alone
+/// exceeds this limit in fewer than one of 10 000 calibrations, for any number of residuals.
 const SIGNIFICANCE: f64 = 1e-5;
 
-/// Kind of residuals that are compared with their noise together.
+/// Kind of residuals. Residuals of one kind are compared with their noise together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualGroup {
     /// Norm of the specific force at the rests minus local gravity.
     RestNorms,
-    /// Direction of gravity after the moves: propagated by the gyroscope, minus measured.
+    /// Direction of gravity after the moves, as propagated by the gyroscope, minus the measured direction.
     MoveDirections,
     /// Mean angular rates at the rests, minus the bias.
     RestRates,
@@ -37,7 +39,8 @@ pub enum ResidualGroup {
 }
 
 impl ResidualGroup {
-    /// Name in documents, as those of the factors by which the fit widens standard deviations.
+    /// Name in documents. It equals the name of the factor by which the fit widens the standard deviations of this
+    /// kind.
     pub fn name(self) -> &'static str {
         match self {
             Self::RestNorms => "norms",
@@ -48,7 +51,7 @@ impl ResidualGroup {
         }
     }
 
-    /// Unit of the residuals in datasheets, in which they are displayed.
+    /// Unit in which the residuals are displayed, as in datasheets.
     pub fn unit(self) -> &'static str {
         match self {
             Self::RestNorms | Self::MoveForces => "mg",
@@ -77,32 +80,32 @@ impl ResidualGroup {
     }
 }
 
-/// Goodness of fit of the residuals of one kind under noise alone.
+/// Goodness of fit of the residuals of one kind relative to noise alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroupMisfit {
     /// Kind of the residuals.
     pub group: ResidualGroup,
     /// RMS of the residuals in SI units: m/s^2, rad, or rad/s.
     pub rms: f64,
-    /// Sum of the squared residuals, each divided by the standard deviation of its noise.
+    /// Sum of squares of the residuals, after each residual is divided by the standard deviation of its noise.
     pub chi2: f64,
-    /// Number of residuals minus the number of parameters that they determine; not a whole number, because the groups
+    /// Number of residuals minus the number of parameters that they determine. It is not an integer, because the groups
     /// of a fit determine the parameters together.
     pub degrees_of_freedom: f64,
 }
 
 impl GroupMisfit {
-    /// Ratio of the residuals to what noise explains; 1 if noise explains them.
+    /// Ratio of the residuals to their expected size from noise. It is 1 if noise explains the residuals.
     pub fn ratio(&self) -> f64 {
         (self.chi2 / self.degrees_of_freedom).sqrt()
     }
 
-    /// RMS of the residuals, in SI units, that noise explains.
+    /// Expected RMS of the residuals from noise, SI units.
     pub fn noise(&self) -> f64 {
         self.rms / self.ratio()
     }
 
-    /// Probability of a larger chi2 under noise alone.
+    /// Probability of a larger chi2 if only noise acts.
     pub fn p_value(&self) -> f64 {
         p_value_of(self.chi2, self.degrees_of_freedom)
     }
@@ -114,7 +117,7 @@ impl GroupMisfit {
         format!("{words} {}", self.group.unit())
     }
 
-    /// Whether the residuals exceed twice their noise, and significantly so.
+    /// Whether the residuals exceed their noise by more than a factor of two, and the excess is significant.
     pub fn exceeds_noise(&self) -> bool {
         self.ratio() > EXCESS_RATIO && self.is_significant()
     }
@@ -143,7 +146,7 @@ mod tests {
     #[test]
     fn an_excess_is_large_and_significant() {
         assert!(misfit(90.0, 20.0).exceeds_noise());
-        // Four residuals at 2.2 times their noise happen once in a thousand runs.
+        // Four residuals at 2.2 times their noise occur in one of a thousand runs.
         assert!(!misfit(20.0, 4.0).exceeds_noise());
         // In a long recording even 10 % more than noise is significant.
         let long = misfit(12_100.0, 10_000.0);
