@@ -1,0 +1,368 @@
+//! Reasons for an incomplete or a poor verdict, each with its code and its sentence.
+
+use std::fmt;
+
+use imucal_core::STANDARD_GRAVITY_MPS2;
+
+use super::group_misfit::{GroupMisfit, ResidualGroup};
+use super::{POOR_CHI2_PER_DOF, RecordingSet};
+use crate::finding::{Finding, general};
+use crate::held::PriorCost;
+use crate::numerics::fit_report::FitReport;
+
+/// Reason for a verdict that is not good. It is displayed as a sentence with its numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reason {
+    /// A fit from which the estimate is taken has not converged.
+    NotConverged {
+        /// Name of the fit in messages.
+        fit: &'static str,
+        /// Report of the fit, with the reason for its end.
+        report: FitReport,
+    },
+    /// No move can be used, so the gyroscope is not judged.
+    NoUsableMove {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Number of usable rests.
+        rests: usize,
+    },
+    /// There are too few usable rests to judge an accelerometer alone.
+    TooFewRests {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Number of usable rests.
+        rests: usize,
+    },
+    /// The residuals cannot be compared with noise, so the result is not tested. The verdict is incomplete.
+    NotTested {
+        /// Number of rests that the fit uses.
+        rests: usize,
+        /// Number of parameters that the rests determine.
+        parameters: usize,
+        /// RMS of the norms of gravity at the rests, m/s^2, from which the noise was estimated; `None` if the rests
+        /// determine the parameters exactly.
+        noise_mps2: Option<f64>,
+    },
+    /// chi2 has no value because some samples could not be corrected.
+    NotCorrected {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// The samples without a correction, by recording; empty if they are not known.
+        samples: Vec<UncorrectedSamples>,
+    },
+    /// Residuals are far larger than sensor noise explains.
+    LargeResiduals {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Root of chi2 per degree of freedom.
+        times_noise: f64,
+    },
+    /// The noise of the direction of gravity is so large that the residuals are no test of the gyroscope.
+    UnknownDirection {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Median standard deviation of the gravity direction after a move, from noise, deg.
+        sigma_deg: f64,
+        /// Largest standard deviation with which a gyroscope is judged, deg.
+        limit_deg: f64,
+    },
+    /// Corrected rates are larger than any such sensor can measure.
+    ImpossibleRates {
+        /// Name of the recording.
+        recording: String,
+        /// Corrected rate that one sample in a thousand exceeds, deg/s.
+        rate_degps: f64,
+        /// Range of the fastest sensors, deg/s.
+        limit_degps: f64,
+    },
+    /// Residuals exceed their noise and are larger than those of the uncalibrated unit.
+    WorseThanUncalibrated {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// The residuals with the calibration.
+        after: GroupMisfit,
+        /// The residuals of the uncalibrated unit.
+        before: GroupMisfit,
+    },
+    /// Many rests contradict the others.
+    ContradictingRests {
+        /// Number of rests that contradict the others.
+        count: usize,
+        /// Number of all rests.
+        all: usize,
+    },
+    /// Many moves contradict the others.
+    ContradictingMoves {
+        /// Number of moves that contradict the others.
+        count: usize,
+        /// Number of all moves.
+        all: usize,
+    },
+    /// Many rests have mean angular rates far from those of the others.
+    MovingRests {
+        /// Number of rests with a mean angular rate far from those of the others.
+        count: usize,
+        /// Number of all rests.
+        all: usize,
+    },
+    /// The recordings contradict the prior of a held parameter, so the other parameters are wrong, too.
+    PriorContradicted {
+        /// Name of the parameter.
+        parameter: String,
+        /// Mean and standard deviation of the prior, in the unit of the parameter.
+        prior: [f64; 2],
+        /// Difference between prior and recordings in standard deviations of this difference.
+        sigmas: f64,
+    },
+    /// Held parameters that the recordings do not determine have the default prior. The verdict is incomplete.
+    ParametersHeld {
+        /// Names of the parameters or of their groups.
+        parameters: String,
+        /// Errors due to the uncertainty of the priors.
+        cost: PriorCost,
+    },
+    /// Some kinds of residuals exceed their noise, so the model is incomplete. The verdict is incomplete.
+    ResidualsAboveNoise {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// The kinds of residuals that exceed their noise; there is at least one.
+        groups: Vec<GroupMisfit>,
+    },
+    /// Residuals of moves exceed their noise, those of rests do not, and the time stamps of a recording are irregular.
+    /// The probable cause is the clock, because wrong times falsify integrals over a move. The verdict is incomplete.
+    IrregularClock {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// The kinds of residuals that exceed their noise; there is at least one.
+        groups: Vec<GroupMisfit>,
+        /// The finding about the time stamps.
+        clock: Finding,
+    },
+}
+
+/// Samples of a recording that were measured but could not be corrected.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UncorrectedSamples {
+    /// Name of the recording.
+    pub recording: String,
+    /// Number of samples without a correction.
+    pub count: usize,
+    /// Number of samples of the recording.
+    pub all: usize,
+    /// Index of the first sample without a correction.
+    pub first: usize,
+    /// Time of this sample, s.
+    pub time_s: f64,
+    /// Whether the temperature of this sample is missing (not a number). Otherwise the effects are too large to be
+    /// removed.
+    pub is_temperature_missing: bool,
+}
+
+impl Reason {
+    /// Reason code for scripts, in lower case. It does not change between versions.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::NotConverged { .. } => "not_converged",
+            Self::NoUsableMove { .. } => "no_usable_move",
+            Self::TooFewRests { .. } => "too_few_rests",
+            Self::NotTested { .. } => "residuals_not_tested",
+            Self::NotCorrected { .. } => "not_corrected",
+            Self::LargeResiduals { .. } => "large_residuals",
+            Self::UnknownDirection { .. } => "unknown_direction",
+            Self::ImpossibleRates { .. } => "impossible_rates",
+            Self::WorseThanUncalibrated { .. } => "worse_than_uncalibrated",
+            Self::ContradictingRests { .. } => "contradicting_rests",
+            Self::ContradictingMoves { .. } => "contradicting_moves",
+            Self::MovingRests { .. } => "moving_rests",
+            Self::PriorContradicted { .. } => "prior_contradicted",
+            Self::ParametersHeld { .. } => "parameters_held",
+            Self::ResidualsAboveNoise { .. } => "residuals_above_noise",
+            Self::IrregularClock { .. } => "irregular_clock",
+        }
+    }
+
+    /// Whether this reason makes a verdict poor. Any other reason makes a verdict incomplete.
+    pub fn is_poor(&self) -> bool {
+        !matches!(
+            self,
+            Self::ResidualsAboveNoise { .. }
+                | Self::ParametersHeld { .. }
+                | Self::NotTested { .. }
+                | Self::IrregularClock { .. }
+        )
+    }
+
+    /// The reason for an incomplete verdict because of groups that exceed their noise; `None` if there are no such
+    /// groups. If there is a finding about the time stamps and only residuals of moves exceed their noise, the reason
+    /// is an irregular clock.
+    pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
+        let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
+        let is_of_move = |misfit: &GroupMisfit| {
+            matches!(
+                misfit.group,
+                ResidualGroup::MoveDirections | ResidualGroup::MoveForces | ResidualGroup::StandAttitudes
+            )
+        };
+        let clock =
+            findings.iter().find(|finding| finding.is_about_time_stamps()).filter(|_| groups.iter().all(is_of_move));
+        match clock.cloned() {
+            _ if groups.is_empty() => None,
+            Some(clock) => Some(Self::IrregularClock { set, groups, clock }),
+            None => Some(Self::ResidualsAboveNoise { set, groups }),
+        }
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let of_calibration = RecordingSet::Calibration.name();
+        match self {
+            Self::NotConverged { fit, report } => f.write_str(&report.reason(fit).unwrap_or_default()),
+            Self::NoUsableMove { set, rests } => write!(
+                f,
+                "{}: {rests} usable rests and no usable move: the gyroscope is not judged, record rests in different poses \
+                 with moves between them",
+                set.name()
+            ),
+            Self::TooFewRests { set, rests } => write!(
+                f,
+                "{}: {rests} usable rests: the accelerometer is not judged, record rests in different poses",
+                set.name()
+            ),
+            Self::NotTested { rests, parameters, noise_mps2: None } => write!(
+                f,
+                "{of_calibration}: {rests} rests determine {parameters} parameters exactly, so no residual tests the \
+                 result: add rests in other poses, or judge it on a control recording"
+            ),
+            Self::NotTested { rests, noise_mps2: Some(noise), .. } => write!(
+                f,
+                "{of_calibration}: the noise of the means is not known and was estimated from the residuals of the \
+                 {rests} rests, {} mg rms, so they do not test the result: give the standard deviation of the means",
+                general(noise / STANDARD_GRAVITY_MPS2 * 1e3, 3)
+            ),
+            Self::NotCorrected { set, samples } => {
+                write!(f, "{}: chi2 per degree of freedom has no value, nothing is judged: ", set.name())?;
+                if samples.is_empty() {
+                    return f.write_str("some of its samples have no correction");
+                }
+                f.write_str(&samples.iter().map(UncorrectedSamples::to_string).collect::<Vec<_>>().join("; "))
+            }
+            Self::LargeResiduals { set, times_noise } => {
+                write!(
+                    f,
+                    "{}: residuals are {} times what noise explains (more than {}): the linear model does not describe this \
+                     unit or this motion",
+                    set.name(),
+                    general(*times_noise, 3),
+                    general(POOR_CHI2_PER_DOF.sqrt(), 3)
+                )?;
+                match set {
+                    RecordingSet::Calibration => Ok(()),
+                    RecordingSet::Control => {
+                        f.write_str(", or the calibration is another unit's, or the recording is in wrong units")
+                    }
+                }
+            }
+            Self::UnknownDirection { set, sigma_deg, limit_deg } => write!(
+                f,
+                "{}: noise alone gives the gravity direction after a move a standard deviation of {} deg (more than {}): the \
+                 gyroscope is not judged; the calibration or the recording is in wrong units, or the moves are too slow for \
+                 this sensor",
+                set.name(),
+                general(*sigma_deg, 3),
+                general(*limit_deg, 3)
+            ),
+            Self::ImpossibleRates { recording, rate_degps, limit_degps } => write!(
+                f,
+                "{}: corrected rates of {recording} reach {rate_degps:.0} deg/s, more than the {limit_degps:.0} deg/s of the \
+                 fastest sensors: the calibration or the recording is in wrong units",
+                RecordingSet::Control.name()
+            ),
+            Self::WorseThanUncalibrated { set, after, before } => {
+                let uncalibrated = before.size(before.rms);
+                write!(
+                    f,
+                    "{}: {after}, but {uncalibrated} without a calibration: this calibration makes the unit worse; it is \
+                     another unit's, or the unit has changed since",
+                    set.name()
+                )
+            }
+            Self::ContradictingRests { count, all } => write!(
+                f,
+                "{of_calibration}: {count} of {all} rests contradict the others: the linear model does not describe this unit \
+                 or this motion"
+            ),
+            Self::ContradictingMoves { count, all } => write!(
+                f,
+                "{of_calibration}: {count} of {all} moves contradict the others: the linear model does not describe this unit \
+                 or this motion"
+            ),
+            Self::MovingRests { count, all } => write!(
+                f,
+                "{of_calibration}: {count} of {all} rests are left out because their mean rates are far from those of the \
+                 others: the unit was not still, its bias has jumped, as it may when power is lost, or these rests are of \
+                 another unit"
+            ),
+            Self::PriorContradicted { parameter, prior: [value, sigma], sigmas } => write!(
+                f,
+                "{of_calibration}: the recordings contradict the prior of {parameter}, {value} +- {sigma}, by {} standard \
+                 deviations: hold it with a larger width, at another value, or not at all",
+                general(sigmas.abs(), 3)
+            ),
+            Self::ParametersHeld { parameters, cost: PriorCost { gravity_direction_deg, rotation_deg } } => {
+                write!(
+                    f,
+                    "{of_calibration}: the recordings do not determine {parameters}, which have the default prior: this \
+                     leaves an error (1 sigma) of {} deg in the direction of gravity",
+                    general(*gravity_direction_deg, 2)
+                )?;
+                // The error of a rotation is omitted for an accelerometer alone, for which it is NaN.
+                if *rotation_deg > 0.0 {
+                    write!(f, " and of {} deg in a rotation by 90 deg", general(*rotation_deg, 2))?;
+                }
+                Ok(())
+            }
+            Self::IrregularClock { set, groups, clock } => {
+                write!(f, "{}: residuals exceed their noise: {}: ", set.name(), list(groups))?;
+                write!(
+                    f,
+                    "those of the moves alone, as with wrong time stamps, and {} [{}] of {}: {}",
+                    clock.message, clock.code, clock.recording, clock.way_out
+                )
+            }
+            Self::ResidualsAboveNoise { set, groups } => {
+                write!(f, "{}: residuals exceed their noise: {}: ", set.name(), list(groups))?;
+                f.write_str(match set {
+                    RecordingSet::Calibration => {
+                        "the unit or its motion does something that the model lacks; `imucal gap FILE --control CONTROL` \
+                         searches for it"
+                    }
+                    RecordingSet::Control => {
+                        "the unit has changed since its calibration, or does something that the model lacks; `imucal gap \
+                         FILE --control CONTROL` searches for it"
+                    }
+                })
+            }
+        }
+    }
+}
+
+fn list(groups: &[GroupMisfit]) -> String {
+    groups.iter().map(GroupMisfit::to_string).collect::<Vec<_>>().join(", ")
+}
+
+impl fmt::Display for UncorrectedSamples {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { recording, count, all, first, time_s, is_temperature_missing } = self;
+        let cause = if *is_temperature_missing {
+            "temp_degc is not a number there: repair it, or leave the effects of temperature out"
+        } else {
+            "the effects are too large there to be undone: estimate them again, or leave them out"
+        };
+        write!(
+            f,
+            "no correction for {count} of {all} samples of {recording}, the first one {first} at {time_s:.2} s: {cause}"
+        )
+    }
+}
