@@ -152,7 +152,7 @@ pub(crate) fn checkpoint() {
         is_requested
     });
     if is_cancelled || is_polled {
-        // Unlike a panic, this prints no message.
+        // Unlike `panic!`, `resume_unwind` prints no message.
         resume_unwind(Box::new(Cancelled));
     }
 }

@@ -143,7 +143,8 @@ impl Place {
     }
 }
 
-/// Counts affected samples and stores the first interval of consecutive ones. Samples must be added in ascending order.
+/// Counts affected samples and stores the first interval of consecutive affected samples. Samples must be added in
+/// ascending order.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     samples: usize,

@@ -8,9 +8,9 @@
 //! h = T_ij / T_ii     misalignment: angle by which sensitive axis i is tilted towards body axis j, rad
 //! ```
 //!
-//! Each held parameter adds one residual r to the joint fit. A held parameter is not fixed, because the recordings
-//! change it as far as they determine it. The covariance of the result includes the uncertainty of the prior. Held
-//! parameters refer to the symmetric body frame.
+//! Each held parameter adds one residual r to the joint fit. A held parameter is not fixed: it changes as far as the
+//! recordings determine it. The covariance of the result includes the uncertainty of the prior. Held parameters refer
+//! to the symmetric body frame.
 
 mod known;
 mod priors;

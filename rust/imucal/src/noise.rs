@@ -102,7 +102,8 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let has_repeats = findings.iter().any(|finding| finding.code == "samples_duplicated");
     let stretch = stretch::longest(recording, has_repeats);
     if stretch.lost == 0 {
-        // The general check also reports samples that are only stamped late. `stretch` tells them from missing samples.
+        // The general check also reports samples that are only stamped late. The module `stretch` distinguishes these
+        // samples from missing ones, so its findings replace this one.
         findings.retain(|finding| finding.code != "samples_missing");
     }
     let is_whole = stretch.samples.len() == recording.len();

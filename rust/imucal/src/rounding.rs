@@ -36,7 +36,7 @@ const NOISES: usize = 31;
 const MEANS: usize = 24;
 /// Maximum distance between the true mean and the mean of the samples that is tried, in steps.
 const REACH: f64 = 0.75;
-/// Decrease of the log-likelihood from its maximum below which the likelihood is neglected.
+/// Decrease of the log-likelihood from its maximum at which the likelihood becomes negligible.
 const NEGLIGIBLE: f64 = 12.0;
 /// Prior standard deviation of the logarithm of the noise ratio of two axes of a triad. It determines how much the
 /// levels of one axis contribute to the noise of another.

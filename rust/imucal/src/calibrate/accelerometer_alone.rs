@@ -60,9 +60,11 @@ pub struct AccelerometerOutcome {
     /// Share of the variance of each parameter that comes from the priors of the held parameters, in the order of
     /// `names`; empty if none is held.
     pub prior_shares: Vec<f64>,
-    /// Errors due to the uncertainty of the priors, without errors of a rotation; `None` if no parameter is held.
+    /// Errors due to the uncertainty of the priors, of which the error of a rotation is NaN; `None` if no parameter is
+    /// held.
     pub prior_cost: Option<PriorCost>,
-    /// Goodness of fit of the norms of gravity at the rests under noise alone; empty without degrees of freedom.
+    /// Goodness of fit of the norms of gravity at the rests relative to noise alone; empty if there are no degrees of
+    /// freedom.
     pub groups: Vec<GroupMisfit>,
     /// Figures of merit on the calibration recordings. They contain no figures of moves.
     pub figures: Figures,
@@ -134,7 +136,7 @@ pub(super) fn of_accelerometer(held: Vec<HeldParameter>) -> Vec<HeldParameter> {
 }
 
 impl AccelerometerOutcome {
-    /// The result of a fit to `rests` with these reports. The thresholds, the noise and the findings are empty.
+    /// The result of a fit to rests with the reports `rests`. The thresholds, the noise and the findings remain empty.
     pub(super) fn of_fit(
         fit: &AccelerometerFit,
         rests: &[&Rest],

@@ -36,7 +36,7 @@ pub struct Checked<'a> {
     recordings: Vec<Recording<'a>>,
     /// All options except those of the model.
     options: Options<'static>,
-    /// Rests, noise and findings. It contains no recordings, because they are owned by this structure.
+    /// Rests, noise and findings. The list of recordings in it is empty, because `Checked` owns the recordings.
     data: UnitData<'static>,
     accelerometer: AccelerometerFit,
     moves: Vec<Move>,
@@ -247,7 +247,8 @@ impl<'a> Checked<'a> {
     }
 
     /// Whether the noise of the accelerometer is so far below a step of its converter that rounding errors inside the
-    /// moves are not white. They are not white where the force changes so slowly that it stays within one step.
+    /// moves are not white. Rounding errors are not white while the force changes so slowly that it stays within one
+    /// step.
     pub(crate) fn has_coarse_accelerometer(&self) -> bool {
         let is_coarse = |segments: &Segments| segments.rounding[3..].iter().any(Rounding::is_not_white_in_moves);
         self.data.segments.iter().any(is_coarse)

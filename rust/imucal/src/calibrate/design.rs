@@ -1,5 +1,6 @@
-//! The design matrix of the joint fit, computed before any fit. It states which parameters the rests and moves together
-//! determine. It also yields least-squares values of these parameters, from which a fit can start (model.md (12)).
+//! The design matrix of the joint fit, computed before any fit. The matrix shows which parameters the rests and moves
+//! together determine. It also yields least-squares values of these parameters, from which a fit can start (model.md
+//! (12)).
 
 use std::ops::Range;
 
@@ -63,8 +64,8 @@ impl Design {
         let mut design = Self::at(prepared, terms, &parameters, sizes)?;
         for _ in 0..STEPS {
             let step = design.step()?;
-            // If the parameters deviate from nominal by more than this, the unit has wrong axes or other faults, and
-            // the design at the nominal parameters is more informative.
+            // If a parameter deviates from nominal by more than [`FAR_OFF`], the unit has wrong axes or other faults,
+            // and the design at the nominal parameters is more informative.
             if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
                 break;
             }

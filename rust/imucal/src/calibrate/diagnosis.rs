@@ -132,7 +132,7 @@ fn effect_of(outcome: &Outcome, p: usize) -> Option<(&TermEstimate, usize)> {
     outcome.effects.iter().find_map(|e| Some((e, e.parameter_names.iter().position(|name| *name == outcome.names[p])?)))
 }
 
-/// Usual size of parameter `p`, in its own unit; `None` for user-defined effects and for time constants.
+/// Usual size of parameter `p`, in the unit of the parameter; `None` for user-defined effects and for time constants.
 fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     let scale = |triad: &imucal_core::sensor::Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
     let (accelerometer, gyroscope) = (scale(&outcome.calibration.accelerometer), scale(&outcome.calibration.gyroscope));
@@ -152,7 +152,7 @@ fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     }
 }
 
-/// The motion that would separate these parameters from all others.
+/// The motion that would make these parameters distinguishable from all others.
 fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     let free = outcome.frame.free_entries();
     const AXES: [&str; 3] = ["x", "y", "z"];

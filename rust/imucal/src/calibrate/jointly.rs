@@ -20,8 +20,8 @@ use crate::rests::moves::{Ends, Move, Unusable, between, direction_error_rad};
 use crate::rests::unit_rest::ranges_of_rests;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// Maximum share of rests or moves that a search excludes as outliers. If more of them contradict the others, the model
-/// itself is likely to be wrong, and the search uses all of them.
+/// Maximum share of rests or moves that a search excludes as outliers. If a larger share contradicts the others, the
+/// model itself is likely to be wrong, and the search uses all rests and moves.
 const OUTLIERS: f64 = 0.1;
 /// Maximum bias instability, estimated from the scatter of the rates between rests, that counts as noise of the
 /// gyroscope, deg/h. Consumer sensors have 5 to 60 deg/h. A larger estimate means that the bias depends on a quantity
@@ -112,8 +112,8 @@ impl UnitData<'_> {
         Selection { used, moves, left_out }
     }
 
-    /// The rests and moves for a search for effects. If so many contradict the fit that its model must be wrong, all of
-    /// them are used.
+    /// The rests and moves for a search for effects. If more than the share [`OUTLIERS`] contradicts the fit, the model
+    /// is probably wrong, and all rests and moves are used.
     pub(super) fn for_search(&self, selection: Selection) -> Selection {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =

@@ -24,7 +24,7 @@ impl Outcome {
     /// The verdict: good, or incomplete or poor with reasons. Control recordings have a separate verdict, see
     /// [`evaluate`](mod@crate::evaluate).
     pub fn verdict(&self) -> Verdict {
-        // The order of the reasons is that of the output.
+        // The reasons are collected in the order in which they are displayed.
         let mut reasons = self.fits_not_converged();
         reasons.extend(self.figures.reason(RecordingSet::Calibration, Vec::new));
         let contradicts = |excluded: &Option<&str>| excluded.is_some_and(|reason| reason.starts_with("contradicts"));

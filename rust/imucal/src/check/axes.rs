@@ -81,7 +81,7 @@ impl SignedPermutation {
         (0..3).find(|&axis| self.in_order() && (0..3).all(|k| (self.sign_of[k] > 0.0) == (k == axis)))
     }
 
-    /// The axis whose sign is reversed, if the permutation reverses exactly one axis and keeps their order.
+    /// The axis whose sign is reversed, if the permutation reverses exactly one axis and keeps the order of the axes.
     pub(super) fn reversed_axis(&self) -> Option<usize> {
         self.negated().half_turn()
     }

@@ -73,8 +73,8 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     // 80 % of a normal distribution lie within +-1.2816 standard deviations. These quantiles are used instead of the
     // median absolute deviation, which is zero if most steps are equal, as with stamps in bursts.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
-    // Gaps are searched only below this spread. A clock with a larger spread is so irregular that long time steps are
-    // no evidence of lost samples.
+    // Gaps are searched for only up to this spread. A clock with a larger spread is so irregular that long time steps
+    // are no evidence of lost samples.
     let gaps = if spread <= SPREAD[1] {
         // Alternating steps of stamps with coarse resolution (2 ms and 3 ms) are not gaps. Therefore a gap must exceed
         // the 90 % quantile of the steps by half a median step.

@@ -102,7 +102,7 @@ fn ask() -> String {
 /// Cause of a reading of -g on z, as determined from the motor angles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Axes {
-    /// Both sensors have z down: x forward, y right.
+    /// The axes of both sensors are x forward, y right, z down.
     ZDown,
     /// The accelerometer reads -g on the axis that points up.
     Reversed,

@@ -17,8 +17,8 @@ use crate::finding::Finding;
 /// Correlation from which two recordings count as having the same noise, in standard deviations of the correlation of
 /// independent noise.
 const COPY_SIGMAS: f32 = 14.0;
-/// Minimum ratio of the largest correlation to the largest one at distant lags for a copy. It excludes periodic
-/// vibration that two recordings share, which correlates at many lags.
+/// Minimum ratio of the largest correlation to the largest correlation at distant lags for two recordings to count as
+/// copies. It excludes periodic vibration that two recordings share, because such vibration correlates at many lags.
 const UNIQUE: f32 = 2.0;
 /// Number of templates of a recording, one in each third. If at least half of a recording is contained in another one,
 /// at least one template is contained in it.
@@ -144,7 +144,7 @@ fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl 
     tape.parts.iter().filter(is_searched).map(|(_, range)| range.end).max().unwrap_or(0)
 }
 
-/// First samples of the templates of a recording: the starts of the longest rest of each third.
+/// First samples of the templates of a recording. In each third, the template begins with the longest rest.
 fn starts(at_rest: &AtRest<'_>, samples: usize) -> Vec<usize> {
     let length = at_rest.recording.len();
     let latest = length.saturating_sub(samples);

@@ -26,8 +26,9 @@ const LAGS: usize = BLOCK - TEMPLATE;
 /// Share of a block or template at each end that is tapered, so that its edges do not spread periodic vibration over
 /// all frequencies.
 const TAPER: f64 = 0.05;
-/// Minimum distance between the largest correlation and another large one for the latter to contradict a copy, in
-/// samples. With lost samples, a copy has several lags within this distance. Periodic signals correlate at every lag.
+/// Distance from the largest correlation, in samples, within which other large correlations are ignored. A copy with
+/// lost samples has large correlations at several lags within this distance. Large correlations at a greater distance
+/// are evidence of a periodic signal and not of a copy.
 const NEAR: usize = 64;
 
 /// Index ranges of the two groups of signals that are correlated separately: three signals that depend on the order of

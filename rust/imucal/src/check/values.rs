@@ -222,7 +222,7 @@ impl Extremes {
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         for (ends, rows) in self.ends.iter_mut().zip(part.triads()) {
-            // Four rows per step allow the compiler to vectorise; this is valid only if no value is NaN.
+            // Four rows per step allow the compiler to vectorise; plain comparisons are valid only if no value is NaN.
             let (fours, others) = if part.is_finite { rows.as_chunks::<4>() } else { (&[][..], rows) };
             let (mut low, mut high) = ([[f64::INFINITY; 3]; 4], [[f64::NEG_INFINITY; 3]; 4]);
             for four in fours {

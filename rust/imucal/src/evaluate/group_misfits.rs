@@ -24,9 +24,9 @@ pub(super) struct Judged<'a> {
 }
 
 impl Judged<'_> {
-    /// Goodness of fit of both kinds of residuals. `changed` returns the triads after a change by one standard
-    /// deviation along each direction of the uncertainty of the calibration. It is called only if noise alone does not
-    /// clearly explain the residuals.
+    /// Goodness of fit of both kinds of residuals (norms and directions). `changed` returns the triads after a change
+    /// by one standard deviation along each direction of the uncertainty of the calibration. It is called only if noise
+    /// alone does not clearly explain the residuals.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
@@ -73,7 +73,8 @@ impl Judged<'_> {
         }
     }
 
-    /// Difference between |f| at each rest after correction with `triad` and its reported value, divided by its noise.
+    /// Difference between |f| at each rest after correction with `triad` and the reported |f|, divided by the noise of
+    /// |f|.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;

@@ -20,8 +20,8 @@ const MAX_FAST_SHARE: f64 = 1e-3;
 /// rests, is sufficient as well.
 const MIN_RESTS: usize = 2;
 /// Ratio of the residuals with a calibration to those without it, above which the calibration is reported to make the
-/// unit worse. With a smaller ratio both are about equally far from the truth, for example for a unit that was
-/// calibrated by its manufacturer.
+/// unit worse. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal size, for
+/// example if the manufacturer has already calibrated the unit.
 const WORSE: f64 = 1.1;
 
 impl Figures {

@@ -70,8 +70,8 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
 }
 
-/// A Jacobian column counts as zero if ten typical sizes of its parameter change every whitened residual by less than
-/// this.
+/// A Jacobian column counts as zero if a change of its parameter by ten typical sizes changes every whitened residual
+/// by less than this limit.
 const SEEN: f64 = 1e-3;
 
 /// Largest error of each column, compared with a central difference, as a share of the largest entry of the column.
@@ -152,8 +152,8 @@ fn derivatives_meet_central_differences() {
     }
 }
 
-/// Whitened rows computed move by move equal those computed in one matrix, also after a first-order update of the
-/// linearisation.
+/// Whitened rows that are computed move by move equal those that are computed in one matrix, even after a first-order
+/// update of the linearisation.
 #[test]
 fn what_stands_apart_is_whitened_alike() {
     let kinds = Kinds { in_motion: true, encoders: false };

@@ -34,8 +34,8 @@ use directions::directions;
 /// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error of such a
 /// difference is of the order of the square of the step, 1e-8.
 const STEP_RAD: f64 = 1e-4;
-/// Changes of a reading below this limit are rounding errors of the stored numbers and not encoder counts, rad. It is
-/// far below the count of any real encoder.
+/// Changes of a reading below this limit are rounding errors of the stored numbers and not encoder counts, rad. The
+/// limit is far below the count of any real encoder.
 const LEAST_COUNT_RAD: f64 = 1e-11;
 /// Number of fixed-point iterations for the motor angles. The iteration is needed because the effects of the encoders
 /// depend on the true motor angles and rates, which are known only after the correction.

@@ -1,5 +1,5 @@
-//! Residuals inside a move: the specific force, rotated to the body frame at the start of the move, minus gravity there
-//! (model.md (20)).
+//! Residuals inside a move: the specific force, rotated to the body frame at the start of the move, minus gravity in
+//! this frame (model.md (20)).
 //!
 //! ```text
 //! z_j = d . (mean_j(R f) - g u),   z_j = x_j + white,   x_(j+1) = x_j + random walk

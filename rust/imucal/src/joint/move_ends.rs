@@ -1,8 +1,8 @@
 //! A move at given parameters: its integrated rotation, the gravity directions at its ends, and the attitude after it.
 //!
-//! Gravity gives roll and pitch at every rest, and the gyroscope gives the change of heading between rests. The heading
-//! of the first rest is unknown. It is defined by the smallest rotation that makes the gravity direction of that rest
-//! vertical.
+//! Gravity determines roll and pitch at every rest, and the gyroscope determines the change of heading between rests.
+//! The heading of the first rest is unknown. By definition, the attitude of the first rest is the smallest rotation
+//! that makes its gravity direction vertical.
 
 use std::sync::Arc;
 

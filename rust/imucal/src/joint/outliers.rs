@@ -4,13 +4,13 @@
 //! d = (A^T P r)^T (A^T P A)^-1 (A^T P r),   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
 //! ```
 //!
-//! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again. A
-//! has one column per free residual of a move, of the norm or of the mean rates of a rest; or its columns are the
-//! effect of an error of the mean force of a rest on the norm and on the adjacent moves. Under the null hypothesis d
-//! has a chi2 distribution with as many degrees of freedom as A has columns, for any correlation of the residuals. C
-//! contains only sensor noise. Excess scatter that is common to all residuals of a kind is taken into account by the
-//! median of their d. The item with the smallest p-value is excluded and all others are judged again, until no p-value
-//! is below `SIGNIFICANCE`.
+//! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again. The
+//! columns of A either select the residuals of a move, the norm of a rest, or the mean rates of a rest, or they
+//! describe the effect of an error of the mean force of a rest on its norm and on the adjacent moves. Under the null
+//! hypothesis d has a chi2 distribution with as many degrees of freedom as A has columns, for any correlation of the
+//! residuals. C contains only sensor noise. Excess scatter that is common to all residuals of a kind is taken into
+//! account by the median of their d. The item with the smallest p-value is excluded and all others are judged again,
+//! until no p-value is below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -37,8 +37,8 @@ use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 /// Significance level: an item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), an item of
 /// a clean run is excluded with a probability of 0.4 %.
 const SIGNIFICANCE: f64 = 1e-5;
-/// Smallest one-minus-leverage of a direction that can be judged: the share of the variance of the direction that the
-/// fit leaves in the residual (model.md (25)).
+/// Minimum share of the variance of a direction that the fit leaves in the residual (one minus the leverage) for this
+/// direction to be judged (model.md (25)).
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Smallest diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. Columns with a smaller
 /// entry are linearly dependent on the others; the limit is far above rounding.
@@ -153,15 +153,15 @@ pub(crate) fn outliers(
         let (Item::Rest(k) | Item::Move(k)) = item;
         used[k] = false;
         found.push(item);
-        // All residuals of the rest or move are excluded, whichever of them was significant.
+        // All residuals of the rest or move are excluded, even if only one of them was significant.
         let all = groups.iter().filter(|group| group.item == item).flat_map(|group| &group.columns);
         all.for_each(|&column| without.leave_out(column));
     }
 }
 
 /// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. Only the moves predict
-/// such a norm, so it is judged with the excess scatter of the moves. The rows are divided by the model errors of
-/// model.md (12), and the prior of that section is added.
+/// such a norm, so it is judged with the excess scatter of the moves. The rows of the design matrix of the norms are
+/// divided by the model errors of model.md (12), and the prior of that section is appended.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -197,8 +197,8 @@ fn groups(linear: &Linear) -> Vec<Group> {
     let mut groups: Vec<Group> =
         (0..linear.moves.len()).map(|k| Group::new(Item::Move(k), Vec::new(), Kind::Move, false)).collect();
     let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
-    // The moves at a hand-held rest do not depend on its mean force, because the directions at its ends are used
-    // instead.
+    // The moves at a hand-held rest do not depend on the mean force of the rest, because the directions at its two ends
+    // are used instead.
     let mut in_moves = vec![false; norm_of.len()];
     for (row, line) in lines.iter().enumerate() {
         match line.source {

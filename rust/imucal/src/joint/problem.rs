@@ -136,8 +136,8 @@ impl<'a> Joint<'a> {
         self.priors = priors;
     }
 
-    /// Adds priors for the time constants about their values in `parameters`. Without a prior, the time constant is not
-    /// determined if its effect is absent or cannot be distinguished from a drift.
+    /// Adds priors for the time constants, centred at their values in `parameters`. Without a prior, the time constant
+    /// is not determined if its effect is absent or cannot be distinguished from a drift.
     pub(crate) fn hold_shapes(&mut self, parameters: &[f64]) {
         let place = |term: &Term<'_>| BASE + term.first + term.linear;
         let shapes = self.terms.all.iter().filter(|term| term.has_shape());

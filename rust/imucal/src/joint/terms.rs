@@ -38,7 +38,7 @@ pub struct UserField<'a> {
 }
 
 /// Step of the central difference with respect to a shape parameter, as a fraction of its value. The relative error of
-/// the derivative is of the order of its square.
+/// the derivative is of the order of the square of this step.
 const SHAPE_STEP: f64 = 1e-4;
 /// One effect of a fit, from the catalogue or user-defined.
 #[derive(Clone, Debug)]

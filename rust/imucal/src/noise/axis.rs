@@ -33,7 +33,7 @@ const LONGEST_SHARE: usize = 3;
 /// Estimate of one noise parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Maximum-likelihood estimate; `None` if the record does not show this kind of noise.
+    /// Maximum-likelihood estimate; `None` if this kind of noise is not significant in the record.
     pub value: Option<f64>,
     /// Standard deviation of the estimate.
     pub std: Option<f64>,

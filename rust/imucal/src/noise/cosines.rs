@@ -275,7 +275,8 @@ mod tests {
             let square: f64 = values.map(|v| (v - mean) * (v - mean)).sum();
             let mut weighted = 0.0;
             for power in &powers {
-                // White noise with a variance of one per sample has 1 / length per value, so the factor is length.
+                // White noise with unit variance per sample has the variance 1 / length per value. Dividing by this
+                // expected power makes all stages comparable.
                 weighted += power.value * power.dof / power.expected[WHITE];
             }
             assert!((weighted / square - 1.0).abs() < 1e-9, "{samples}: {weighted} {square}");

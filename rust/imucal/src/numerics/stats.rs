@@ -42,9 +42,9 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
 /// values between these limits are stored. If the quantile is outside the limits, all values are stored (after Floyd
 /// and Rivest, Communications of the ACM 18, 1975, 165-172).
 pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
-    // For fewer values, storing all of them is faster.
+    // Number of values below which all values are stored, because this is faster.
     const FEWEST: usize = 2000;
-    // From this number of values on, storing all of them must be avoided.
+    // Number of values from which storing all of them must be avoided.
     const MANY: usize = 100_000;
     let of_all = || {
         let mut all = vec![f64::NAN; count];

@@ -6,7 +6,7 @@
 //! propagation   d' = d - C theta + noise of covariance Q;   d is then eliminated
 //! ```
 //!
-//! The direction at a rest is correlated only through the previous and the next direction. Directions are therefore
+//! The direction at a rest is directly coupled only to the previous and the next direction. Directions are therefore
 //! eliminated one after the other, and the computing time is proportional to the number of rests.
 
 use faer::Mat;

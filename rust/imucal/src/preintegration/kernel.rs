@@ -25,8 +25,8 @@ pub(super) struct Block<'a> {
 }
 
 /// Map from raw readings to rates, in a frame in which the matrix of the map is upper triangular. The triangular form
-/// saves a third of the multiplications. The rates are in rad/s. For equal time steps, their unit is instead a sixth of
-/// the rotation vector of a step.
+/// saves a third of the multiplications. The rates are in rad/s or, for equal time steps, multiplied by a sixth of the
+/// time step.
 #[derive(Clone, Copy)]
 pub(super) struct Map {
     pub(super) upper: Matrix3<f64>,

@@ -27,9 +27,9 @@ const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 const OF_ENDS: f64 = 1.0 / 24.0;
 /// Weight in D of the difference between the end samples. With this weight, the coefficient of D is b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
-/// Factor of the difference of the half sums in D, for rates in units of a sixth of the rotation in a step.
+/// Factor of the difference between the half sums in D, for rates that are multiplied by a sixth of the time step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
-/// Factor of the difference of the end samples in D, for rates in units of a sixth of the rotation in a step.
+/// Factor of the difference between the end samples in D, for rates that are multiplied by a sixth of the time step.
 pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// Contribution of a sample to the sums.

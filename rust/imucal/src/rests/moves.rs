@@ -21,8 +21,8 @@ const LONGEST_STEP: f64 = 2.5;
 /// Duration of the part of an unsteady rest, adjacent to the move, from which the direction of gravity is computed, s
 /// (model.md (13)).
 const SPAN_S: f64 = 1.0;
-/// Number of sub-means of this part of a rest; their scatter gives the variance of the gravity direction (model.md
-/// (13)).
+/// Number of sub-means over the last or first second of an unsteady rest. Their scatter determines the variance of the
+/// gravity direction (model.md (13)).
 const TENTHS: usize = 10;
 /// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope for a rest to be hand-held. The
 /// margin allows for the uncertainty of the estimated noise.

@@ -15,7 +15,7 @@ use crate::rounding::{Levels, Rounding};
 
 /// Maximum difference between two readings, next to each other in ascending order, whose samples are pooled, in
 /// quantisation steps. The gyroscope has nearly equal readings at all rests. If these readings were treated as separate
-/// means, a wide transition between two levels, and thus large noise, would be overestimated in likelihood.
+/// means, the likelihood of a wide transition between two levels, and thus of large noise, would be overestimated.
 const SAME_READING: f64 = 0.15;
 /// Minimum share of the samples at a level that is more than 1.5 steps from the mean. A level with fewer samples is
 /// omitted, because they come from a jolt or a faulty transmission, and a single one of them would dominate the
@@ -75,13 +75,14 @@ pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Round
     })
 }
 
-/// Samples of a rest without its ends.
+/// Sample range of a rest without the parts that [`EDGE`] excludes.
 fn inner(rest: &Rest) -> Range<usize> {
     let edge = (EDGE * (rest.end - rest.first) as f64) as usize;
     rest.first + edge..rest.end - edge
 }
 
-/// The samples of the sensor of a channel, in the order gyroscope x, y, z, accelerometer x, y, z, and its axis.
+/// The samples of the sensor to which a channel belongs, and the axis of the channel. Channels are in the order
+/// gyroscope x, y, z, accelerometer x, y, z.
 pub(super) fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samples<'a>, usize) {
     let rows = if channel < 3 { recording.angular_rate } else { recording.specific_force };
     (rows, channel % 3)
@@ -103,7 +104,7 @@ fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64
         })
         .collect();
     readings.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // The last mean of each group, and its levels.
+    // The last mean of each group of rests, and the number of samples at each level.
     let mut groups: Vec<(f64, BTreeMap<i64, f64>)> = Vec::new();
     for (mean, counts) in readings {
         match groups.last_mut().filter(|(last, _)| mean - last < SAME_READING) {

@@ -18,8 +18,8 @@ use crate::error::Error;
 /// Faults of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Share of the samples that are lost, independently of each other; their rows are missing. The first sample is
-    /// never lost.
+    /// Share of lost samples. Samples are lost independently of each other, and their rows are missing in the
+    /// recording. The first sample is never lost.
     pub missing_share: f64,
     /// Share of the samples that repeat the measured values of the previous sample with a new time stamp. This happens
     /// when a sensor is read before it has a new sample.

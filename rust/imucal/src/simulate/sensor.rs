@@ -20,7 +20,7 @@ use super::unit::Sensor;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     pub(super) value: [f64; 3],
-    /// Whether the unit moves at this step; this scales the white noise.
+    /// Whether the unit moves at this step. In motion, the white noise is multiplied by `noise_in_motion`.
     pub(super) moving: bool,
 }
 

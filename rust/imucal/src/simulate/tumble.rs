@@ -76,7 +76,7 @@ impl Tumble {
             (0..moves.poses).map(|_| (attitude(&mut generator), place(&mut generator) * moves.translation_m)).collect();
         let poses = (0..moves.poses).map(|k| {
             let (rotation, place_m) = places[k];
-            // No move follows the last pose, so its stored move leads to the same pose.
+            // No move follows the last pose, so the move that is stored with it ends at the last pose itself.
             let (next_rotation, next_place_m) = places[(k + 1).min(moves.poses - 1)];
             Pose {
                 rotation,

@@ -37,8 +37,8 @@ pub(crate) struct AccelerometerFit {
     /// Derivative of the parameters with respect to the error of |f| at each rest in m/s^2, 9 x number of rests. The
     /// columns of unused rests are zero.
     pub(crate) gain: Mat<f64>,
-    /// Derivative of the parameters with respect to the error of each prior in its standard deviations, 9 x number of
-    /// priors.
+    /// Derivative of the parameters with respect to the error of each prior, in standard deviations of the prior, 9 x
+    /// number of priors.
     pub(crate) prior_gain: Mat<f64>,
     pub(crate) report: FitReport,
     /// Whether the rests alone determine all parameters without a prior. If not, the moves determine the remaining

@@ -1,4 +1,4 @@
-//! Scatter of the residuals of one kind, compared with what noise explains.
+//! Scatter of the residuals of one kind, compared with their expected scatter from noise.
 //!
 //! ```text
 //! ratio = sqrt(chi2 / dof),   p = P(chi2 of dof degrees of freedom is larger)

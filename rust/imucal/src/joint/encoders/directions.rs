@@ -201,8 +201,8 @@ mod tests {
         for backlash_rad in [1e-3, -1e-3, 4e-4, -4e-4] {
             assert_eq!(harm(backlash_rad), 0.0, "{backlash_rad}");
         }
-        // Backlash of half the encoder noise and equal to it. Wrong signs of one or two samples are accepted, because
-        // they cause errors no larger than the noise.
+        // The backlash is half the encoder noise, or equal to the encoder noise. Wrong signs of one or two samples are
+        // accepted, because they cause errors no larger than the noise.
         for backlash_rad in [5e-5, -5e-5, 1e-4, -1e-4] {
             let harm = harm(backlash_rad);
             assert!(harm < 10.0 * TURNS as f64, "{backlash_rad}: {harm}");

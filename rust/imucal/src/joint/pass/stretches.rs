@@ -51,7 +51,7 @@ impl Stretches {
 impl Route<'_> {
     /// Segments of `size` samples. One segment begins after the first sample of the move. `freed` are the corrected
     /// samples. If it is `None`, the raw samples are averaged, which is sufficient if all effects are zero. The angular
-    /// acceleration is computed if `wants_slopes` is set and the samples do not have it.
+    /// acceleration is computed if `wants_slopes` is set and `freed` does not contain it.
     pub(super) fn stretches(
         &self,
         model: &Model,

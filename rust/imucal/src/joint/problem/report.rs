@@ -42,7 +42,7 @@ pub(crate) struct JointFit {
 }
 
 /// Ratio of scatter to noise for each kind of residuals. The standard deviations of the residuals are multiplied by
-/// this factor. It is 1 if noise explains the residuals or if there are none.
+/// this ratio. It is 1 if noise explains the residuals, or if there are no residuals of a kind.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
     /// Norms of the specific force at the rests.

@@ -26,7 +26,7 @@ const QUIET: f64 = 0.8;
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
 /// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
-/// model.md (28), and of the errors that rounding leaves in the means of the rests, model.md (37).
+/// model.md (28), and for the covariance of the rounding errors of the means of the rests, model.md (37).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the biases and errors. D contains the whitened
     /// derivatives with respect to the bias at each rest, or to the errors of its mean rate and mean force.
@@ -34,11 +34,11 @@ pub(crate) struct Wandering {
 }
 
 impl Wandering {
-    /// `None` if the biases are constant and rounding leaves no error.
+    /// `None` if the biases are constant and the means have no rounding errors. If there are too many rests to factor
+    /// their covariance, rounding errors and pose errors are neglected.
     ///
     /// # Errors
-    /// [`Error::Input`] if the biases vary and there are too many rests to factor their covariance. The errors of
-    /// rounding are then neglected.
+    /// [`Error::Input`] if the biases vary and there are too many rests to factor their covariance.
     pub(crate) fn new(joint: &Joint<'_>, linear: &Linear, unit: Option<&UnitWander>) -> Result<Option<Self>, Error> {
         let rows = linear.lines.len() + 3 * linear.rates.len();
         let is_rounded = rows <= MOST_ROWS && joint.is_rounded();
@@ -189,8 +189,8 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Derivatives of the whitened residuals with respect to the errors that rounding leaves in the mean rate and in
-    /// the mean force at each rest, three columns per rest.
+    /// Derivatives of the whitened residuals with respect to the rounding errors of the mean rate and of the mean force
+    /// at each rest, three columns per rest.
     ///
     /// These errors are multiplied by the widening factors of norms and moves, too. Otherwise the whitened residuals
     /// would barely depend on the factors wherever rounding is the dominant error, and the factors would not settle.
@@ -230,8 +230,8 @@ impl Joint<'_> {
         [by_rate, by_force]
     }
 
-    /// Derivatives of the two components of a move with respect to the errors of rounding in the rates at the rests
-    /// before and after it. These errors change the rotation over the quiet ends of the move. In the middle of a move,
+    /// Derivatives of the two components of a move with respect to the rounding errors of the rates at the rests before
+    /// and after the move. These errors change the rotation over the quiet ends of the move. In the middle of a move,
     /// the rate passes through many quantisation steps and rounding errors average out.
     fn by_quiet_ends(&self, m: &Move, at_move: &AtMove, model: &Model) -> [(usize, Matrix2x3<f64>); 2] {
         let AtMove { pass, before, after } = at_move;

@@ -122,7 +122,8 @@ pub(super) fn onset(
     const REACH: usize = 2 * WINDOW_BLOCKS;
     // The angle is evaluated where its chi2 reaches this value, at ten times its noise.
     const CHI2_AT_END: f64 = 100.0;
-    // Time assigned to the move, in units of angle / rate: five sixths of the time since its start, 3 angle / rate.
+    // Time assigned to the move, in units of angle / rate. It is five sixths of the time since the start of the move,
+    // which is 3 angle / rate.
     const ASSIGNED: f64 = 3.0 * 5.0 / 6.0;
     if range.len() < 2 * WINDOW_BLOCKS {
         return range;

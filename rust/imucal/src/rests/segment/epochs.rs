@@ -17,9 +17,9 @@ pub(crate) const LONG_REST_S: f64 = 120.0;
 /// Maximum duration of an epoch, s. The Allan deviation of MEMS sensors ceases to decrease after 10 to 100 s, where
 /// bias instability exceeds white noise, so a longer mean is not more accurate.
 const EPOCH_S: f64 = 60.0;
-/// Maximum change of the temperature within an epoch, K. Over 2 K, the bias of a MEMS sensor is close to linear in
-/// temperature. Linear and quadratic effects alone would permit a larger change, because they are averaged over the
-/// temperatures within an epoch.
+/// Maximum change of the temperature within an epoch, K. A fit averages the effects over the temperatures within an
+/// epoch. For linear and quadratic effects, the average is exact for any change. For other effects, the change must be
+/// so small that the effect is close to linear, as the bias of a MEMS sensor is over 2 K.
 const EPOCH_K: f64 = 2.0;
 /// Minimum duration of an epoch, s, however fast the temperature changes. It equals the duration of typical rests in
 /// calibration runs. Over this duration, noise averages down far enough for a mean to determine the direction of

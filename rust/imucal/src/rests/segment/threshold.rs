@@ -47,7 +47,7 @@ pub(super) fn window_statistic(
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
         let limit = 2.0 * quantile_of(statistic.len(), write, 0.05);
         let quiet = runs_up_to(&statistic, limit);
-        // The floor has converged: the same windows would give the same floor.
+        // The floor has converged, because the set of quiet windows has not changed.
         if quiet == before {
             break;
         }
