@@ -200,7 +200,7 @@ pub(crate) fn triad_of(parameters: &[f64]) -> Result<Triad<f64>, Error> {
     Triad::try_new(sensitivity, bias).map_err(|error| Error::Fit(format!("accelerometer: {error}")))
 }
 
-/// f| for one mean, and its derivative with respect to the nine parameters.
+/// The norm |f| for one mean, and its derivative with respect to the nine parameters.
 pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64, SVector<f64, 9>) {
     let f = triad.correct(*mean);
     let norm = f.norm();

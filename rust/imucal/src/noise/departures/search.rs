@@ -26,7 +26,7 @@ pub(super) struct Search<'a> {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// Components with their amplitudes, and the noise parameters after they are subtracted.
+/// Components with their amplitudes, and the noise parameters after the components are subtracted.
 struct Explained {
     shapes: Vec<Shape>,
     columns: Vec<Vec<f64>>,
