@@ -283,8 +283,8 @@ mod _core {
 
     /// Findings of all checks that need no fit, and the rests of the recording.
     ///
-    /// `grows` states that the recording has not ended yet. In this case, a recording that is too short for a calibration
-    /// is not reported as a finding.
+    /// `grows` states that the recording has not ended yet. In this case, a recording that is still too short for a
+    /// calibration is not reported as a finding.
     #[pyfunction]
     #[pyo3(signature = (recording, gravity_mps2, min_rest_s, grows = false))]
     fn inspect(
