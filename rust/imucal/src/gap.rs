@@ -1,21 +1,21 @@
-//! Search for the missing effect: all candidate effects are scored, and the effect with the largest evidence is added
-//! to the model, until noise explains the residuals (docs/model.md (23), (24)).
+//! Search for the missing effect. All candidate effects are scored, and the effect with the largest evidence is added
+//! to the model. This step is repeated until noise explains the residuals (docs/model.md (23), (24)).
 //!
 //! * `evidence`: evidence of a model, with priors at the typical sizes of effects, and the scatter of each kind of
 //!   residual.
 //! * `forward_search`, `score`, `revise`: steps of the forward search.
-//! * `generic`, `pattern`: hypotheses about variations that no effect of the catalogue describes; they are compared
-//!   with the selected effects.
+//! * `generic`, `pattern`: hypotheses about variations that no effect of the catalogue describes. They compete with the
+//!   selected effects.
 //! * `predict`: cross-validation of a candidate on held-out rests and moves.
 //! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
-//! * `forward_search::beside_patterns`: effects judged with generic hypotheses in the model, for known effects beside
-//!   unknown ones.
+//! * `forward_search::beside_patterns`: effects of the catalogue are judged with generic hypotheses in the model, so
+//!   that they are found even if an unknown variation is present as well.
 //! * `detect`: detection limit of each effect.
 //! * `fits`, `acceptance`: an effect is accepted if it does not make the prediction of control recordings, or of
 //!   held-out rests and moves, worse.
 //! * `mount`, `clock`: faults of the data that prevent conclusions about effects.
-//! * `verdict`, `remainder`: conclusion of a search, and what the accepted effects leave unexplained.
-//! * `session`: biases that moved between the calibration recordings and the control recordings.
+//! * `verdict`, `remainder`: conclusion of a search, and the part of the gap that the accepted effects do not explain.
+//! * `session`: biases that changed between the calibration recordings and the control recordings.
 //! * `residuals_by_place`, `predicted_error`: residuals by kind, rest and move, and errors of corrected signals.
 //!
 //! [`find_gap()`] performs the complete search. [`search()`] selects effects without validation on unseen data.
@@ -92,17 +92,18 @@ pub struct Search {
     pub not_the_earth: Option<(f64, f64)>,
     /// Name of each effect that is not observable in these recordings, and the data that it requires.
     pub not_observable: Vec<(String, String)>,
-    /// Detection limit of each effect: name, smallest rms size per parameter that is detected with 90 % probability,
-    /// and its unit. The limit is relative to the final model; for effects in the final model it is relative to the
-    /// model without effects.
+    /// Detection limit of each effect: the name, the smallest rms size per parameter that is detected with 90 %
+    /// probability, and the unit of this size. The limit is relative to the final model; for effects in the final model
+    /// it is relative to the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
     /// Residuals that each effect of typical size would cause.
     pub traces: Vec<Trace>,
     /// The kind of residual at rests whose scatter under the final model exceeds noise most, if the excess is
     /// significant. If effects were selected, only residuals of their sensors are tested.
     pub scattering_rests: Option<Scattering>,
-    /// Whether accelerometer samples inside moves are not used: the unit was translated by hand, so that the specific
-    /// force is not gravity alone, or the noise of the accelerometer is far below a step of its converter.
+    /// Whether accelerometer samples inside moves are not used. This is the case if the unit was moved by hand, so that
+    /// the specific force contains more than gravity, or if the noise of the accelerometer is far below a step of its
+    /// converter.
     pub is_hand_moved: bool,
     /// The final fit of the search, as start values for later fits with the selected effects.
     pub warm_start: WarmStart,
@@ -136,7 +137,7 @@ pub struct Trace {
     pub name: String,
     /// Kind of residual, and the rms of these residuals divided by their noise.
     pub times_noise: Vec<(&'static str, f64)>,
-    /// Share, 0 to 1, of the chi2 that the effect causes and that a refit of the base parameters removes.
+    /// Share (0 to 1) of the chi2 due to the effect that a refit of the base parameters removes.
     pub taken_up: f64,
 }
 
@@ -162,7 +163,8 @@ pub struct GenericFinding {
     pub kernel: Kernel,
     /// Log Bayes factor relative to the model without the variation, nats.
     pub log_bayes_factor: f64,
-    /// Upper bound of its p-value: the probability of a Bayes factor as large under noise alone.
+    /// Upper bound of the p-value of the variation, that is, of the probability that noise alone leads to a Bayes
+    /// factor at least as large.
     pub p_value: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
@@ -177,7 +179,7 @@ pub struct GenericFinding {
 pub struct Linearised {
     /// Residuals divided by their standard deviation from sensor noise.
     pub residual: Vec<f64>,
-    /// Derivatives with respect to the base parameters: a row for each residual, a column for each parameter.
+    /// Derivatives with respect to the base parameters, with one row per residual and one column per parameter.
     pub base: Vec<Vec<f64>>,
     /// Name of each effect and derivatives with respect to its parameters, shaped like `base`. An effect with a time
     /// constant has one entry for each trial value of the time constant.
