@@ -1,4 +1,4 @@
-//! Residuals of gravity and attitude against the encoders of a stand (model.md (21)).
+//! Residuals of gravity and attitude relative to the encoders of a stand (model.md (21)).
 //!
 //! ```text
 //! rests        perpendicular to u_k:  R_wb(q_k)^T e_z - u_k

@@ -97,7 +97,8 @@ impl Field {
 }
 
 impl Joint<'_> {
-    /// Whitened derivatives of all residuals, except those against the stand, with respect to the columns of a field.
+    /// Whitened derivatives of all residuals, except those relative to the stand, with respect to the columns of a
+    /// field.
     pub(crate) fn by_field(&self, linear: &Linear, ways: &[MoveSegments], field: &Field) -> Mat<f64> {
         let mut all = Mat::zeros(self.rows(), field.width);
         let mut lines = Mat::zeros(linear.lines.len(), field.width);

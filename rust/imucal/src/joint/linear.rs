@@ -108,7 +108,7 @@ impl Linear {
     }
 
     /// Source and row range of each group of whitened residuals after the mean rates. The groups are the force inside
-    /// each move, each rest against the stand, and each move against the stand.
+    /// each move, each rest relative to the stand, and each move relative to the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
         let mut row = self.lines.len() + 3 * self.rates.len();
         let mut found = Vec::new();
@@ -147,9 +147,9 @@ impl Linear {
 
 /// Index of a kind of residuals, see [`Linear::groups_of_rows`]: the force inside the moves.
 pub(crate) const INSIDE: usize = 5;
-/// Index of a kind of residuals: gravity directions at the rests against the stand.
+/// Index of a kind of residuals: gravity directions at the rests relative to the stand.
 pub(crate) const STAND_RESTS: usize = 6;
-/// Index of a kind of residuals: attitudes inside the moves against the stand.
+/// Index of a kind of residuals: attitudes inside the moves relative to the stand.
 pub(crate) const STAND_MOVES: usize = 7;
 /// Index of a kind of residuals: norms at the epochs of long rests after their first ones. These norms scatter only
 /// because the biases drift within a rest, so they are kept out of the scatter of the norms at different poses.

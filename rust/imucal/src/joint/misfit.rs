@@ -156,7 +156,8 @@ struct Parts {
     /// Whitened rows of norms, moves and mean rates, whose errors are correlated before whitening: Jacobian columns
     /// scaled to length one, and the residual.
     shared: Mat<f64>,
-    /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move (inside moves, against the stand).
+    /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move (inside moves, relative to the
+    /// stand).
     others: Vec<(Source, Mat<f64>)>,
     /// Gram matrix `[J r]^T [J r]` of the priors.
     given: Mat<f64>,

@@ -302,7 +302,7 @@ impl LeaveOut {
     }
 
     /// Residual of one row divided by its standard deviation after the fit, and one minus its leverage. `None` if the
-    /// leverage is so close to one that the fit follows the residual whatever its value.
+    /// leverage is so close to one that the fit follows the residual regardless of its value.
     pub(super) fn standardised(&self, row: usize) -> Option<(f64, f64)> {
         let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))

@@ -61,7 +61,7 @@ pub(crate) struct Pass {
     pub(crate) blocks: Vec<Block>,
     /// Derivatives of attitude and force in each block.
     pub(super) changes: Changes,
-    /// Rotation from every sample to the start of the move. Filled only for residuals against the encoders.
+    /// Rotation from every sample to the start of the move. Filled only for residuals relative to the encoders.
     pub(super) attitudes: Vec<Matrix3<f64>>,
 }
 

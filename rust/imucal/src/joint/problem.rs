@@ -228,8 +228,8 @@ impl<'a> Joint<'a> {
         lines.chain(rates).map(white).collect()
     }
 
-    /// Whitened residuals and Jacobian. Rows: norms and moves, mean rates, force inside the moves, residuals against
-    /// the stand, held parameters, priors of effects.
+    /// Whitened residuals and Jacobian. Rows: norms and moves, mean rates, force inside the moves, residuals relative
+    /// to the stand, held parameters, priors of effects.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
@@ -254,7 +254,7 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened rows of norms, moves and mean rates. With encoders, the rows against the stand and inside the moves
+    /// Whitened rows of norms, moves and mean rates. With encoders, the rows relative to the stand and inside the moves
     /// follow.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
@@ -335,7 +335,7 @@ impl<'a> Joint<'a> {
 }
 
 impl Joint<'_> {
-    /// Residuals against the stand and of the force inside the moves. `push` receives each row with its standard
+    /// Residuals relative to the stand and of the force inside the moves. `push` receives each row with its standard
     /// deviation.
     fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(About, &[f64], f64)) {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);

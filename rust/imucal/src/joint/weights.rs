@@ -2,8 +2,8 @@
 //!
 //! White noise is estimated from the rests of the recording. If residuals scatter significantly more than noise
 //! explains, the excess is estimated from the residuals. The excess of mean rates is modelled as a covariance between
-//! rests. The excess of norms, moves, the force inside moves, and residuals against the stand is modelled as one factor
-//! per kind.
+//! rests. The excess of norms, moves, the force inside moves, and residuals relative to the stand is modelled as one
+//! factor per kind.
 
 mod whiten;
 mod widening;
@@ -211,7 +211,7 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
         .collect()
 }
 
-/// Standard deviation of the gravity direction at a rest against the stand, rad: noise of the accelerometer (median
+/// Standard deviation of the gravity direction at a rest relative to the stand, rad: noise of the accelerometer (median
 /// over all ends of moves) and of the encoders.
 fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let mut shared: Vec<f64> =

@@ -16,8 +16,8 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
     (0..residuals.nrows() / size)
         .map(|item| {
             let rows = item * size..(item + 1) * size;
-            // A leverage near one means that the fit follows the residual whatever its value, so the residual is not
-            // judged.
+            // A leverage near one means that the fit follows the residual regardless of its value, so the residual is
+            // not judged.
             rows.map(|row| {
                 let free = (1.0 - hat_rows[row]).max(0.0);
                 if free > 0.05 { residuals[(row, 0)].powi(2) / free } else { 0.0 }

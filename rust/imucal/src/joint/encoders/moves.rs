@@ -5,9 +5,9 @@
 //! force   as inside a move without encoders          = random walk + direction error at the start + force noise
 //! ```
 //!
-//! The residual against the stand is a random walk (integrated gyroscope noise) measured with encoder noise. The force
-//! residuals contain the same random walk, so one filter whitens both. The gravity direction at the end of the move is
-//! not used, because the residuals of the rests against the stand contain it.
+//! The residual relative to the stand is a random walk (integrated gyroscope noise) measured with encoder noise. The
+//! force residuals contain the same random walk, so one filter whitens both. The gravity direction at the end of the
+//! move is not used, because the residuals of the rests relative to the stand contain it.
 
 use imucal_core::so3;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
@@ -27,7 +27,7 @@ pub(crate) enum About {
     Stand,
 }
 
-/// One move, with the encoder angles from which its residuals against the stand are computed.
+/// One move, with the encoder angles from which its residuals relative to the stand are computed.
 pub(crate) struct EncoderMove<'a> {
     /// Corrected encoder angles of the samples of the move.
     pub(crate) angles: &'a Angles,
@@ -36,7 +36,7 @@ pub(crate) struct EncoderMove<'a> {
     pub(crate) stand: &'a StandModel,
 }
 
-/// Number of residuals of a move against the stand.
+/// Number of residuals of a move relative to the stand.
 pub(crate) fn count(pass: &Pass) -> usize {
     3 * pass.blocks.len()
 }

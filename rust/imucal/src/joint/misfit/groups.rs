@@ -16,8 +16,8 @@ use crate::numerics::lsq;
 use crate::numerics::stats::rms;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// Minimum degrees of freedom for a kind of residuals to be judged. With fewer, the fit follows the residuals whatever
-/// their values.
+/// Minimum degrees of freedom for a kind of residuals to be judged. With fewer, the fit follows the residuals
+/// regardless of their values.
 const MIN_FREEDOM: f64 = 1.0;
 
 /// Goodness of fit of each kind of residuals. `white` contains the residuals and the Jacobian of the linearisation,
@@ -48,8 +48,8 @@ pub(super) fn group_misfits(
     let [inside, rests, encoders] = [INSIDE, STAND_RESTS, STAND_MOVES].map(|kind| of(&|own| own == kind));
     let inverse = linear.model.gyroscope.inverse();
     let rate = |lines: &[Line; 3]| <[f64; 3]>::from(inverse * Vector3::from_fn(|axis, _| lines[axis].residual));
-    // A whitened residual inside a move or against the stand is dimensionless. Its size in SI units follows from the
-    // standard deviation of its noise.
+    // A whitened residual inside a move or relative to the stand is dimensionless. Its size in SI units follows from
+    // the standard deviation of its noise.
     let of_noise = |(chi2, free): (f64, f64), sigma: f64| sigma * (chi2 / free).sqrt();
     let force_sigma = rms(noise.inside.iter().map(|noise| (noise.force / BLOCK_S).sqrt()));
     let against_stand = [(rests, noise.stand_sigma_rad), (encoders, noise.reading.sqrt())];

@@ -88,9 +88,9 @@ impl Joint<'_> {
         Ok(is_moved)
     }
 
-    /// First-order update of the last linearisation, if these parameters are near it and no residuals against the stand
-    /// exist. With residuals inside the moves, the distance is computed from the whitened Jacobian `jacobian`, and
-    /// there is no update if it is `None`.
+    /// First-order update of the last linearisation, if these parameters are near it and no residuals relative to the
+    /// stand exist. With residuals inside the moves, the distance is computed from the whitened Jacobian `jacobian`,
+    /// and there is no update if it is `None`.
     ///
     /// There is also no update for time constants. The derivative with respect to a time constant is zero while its
     /// effect is zero, so the distance would be underestimated.

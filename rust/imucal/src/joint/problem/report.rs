@@ -51,7 +51,7 @@ pub struct ResidualScales {
     pub moves: f64,
     /// Force inside the moves.
     pub inside: f64,
-    /// Attitudes against the encoders of the stand: the larger of the factors for rests and for moves.
+    /// Attitudes relative to the encoders of the stand: the larger of the factors for rests and for moves.
     pub stand: f64,
 }
 
