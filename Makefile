@@ -5,6 +5,7 @@
 #   make lint      formatting, clippy, rustdoc, ruff, import-linter, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and write a page to demo/
 #   make bench     speed compared with SciPy, start time, growth and memory, simulation, and Allan deviations
+#   make comparison  accuracy and speed compared with other programs, to docs/comparison.md; needs crates.io and PyPI
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make six-positions  coverage of bias and scale from six positions, to docs/results/six-positions.md
 #   make rounding  coverage of the intervals with noise below a step of the converter, to docs/results/rounding.md
@@ -193,7 +194,7 @@ docs: $(VENV)/.installed
 # --- what it can do ----------------------------------------------------------------------------------------------
 
 .PHONY: demo bench accuracy rounding faces six-positions gap-benchmark laws-benchmark plan traps signals stand first-steps
-.PHONY: docs-figures docs-pictures fleet stand-driver firmware
+.PHONY: docs-figures docs-pictures fleet stand-driver firmware comparison
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -207,6 +208,9 @@ bench: $(VENV)/.installed
 	$(PY) benches/gap_speed.py
 	$(PY) benches/simulate.py
 	$(PY) benches/allan.py
+
+comparison: $(VENV)/.installed
+	$(PY) benches/comparison.py
 
 accuracy: $(VENV)/.installed
 	$(call say,Accuracy)

@@ -1,8 +1,9 @@
 """Processing of the pages by `make docs`; mkdocs.yml names this file twice.
 
 As a hook of mkdocs it completes the navigation, adds the source files to which pages link and the page of the
-commands, and adds public names that the page of the Python interface does not list. As an extension of
-mkdocstrings it converts aligned columns in docstrings, which describe arguments and fields, to lists.
+commands, adds public names that the page of the Python interface does not list, typesets formulas, and weights the
+pages of the search. As an extension of mkdocstrings it converts aligned columns in docstrings, which describe
+arguments and fields, to lists.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 import griffe
+from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -34,6 +36,16 @@ COMMANDS_HEAD = """# Commands
 
 The help of every command as `imucal COMMAND --help` prints it, written when the site is built.
 """
+# Page whose formulas, in LaTeX between dollar signs, are typeset. On other pages a dollar sign is a prompt.
+WITH_FORMULAS = "formulas.md"
+FORMULA = re.compile(r"\$\$(.+?)\$\$|\$([^$]+)\$", re.DOTALL)
+# Weight of the pages of a folder in the search: a page for users, with the weight 1, comes before a page of
+# results or decisions in which the searched words are as frequent.
+SEARCH_WEIGHTS = {"results/": 0.1, "decisions/": 0.03}
+# Pages of more than one subject, in which most words occur: they come after the page of a subject.
+SEARCH_WEIGHTS |= {"api.md": 0.1, "model.md": 0.2, "commands.md": 0.3, "effects.md": 0.5, "faq.md": 0.5}
+# Pages of a special case, which have the words of the page of the usual case.
+SEARCH_WEIGHTS |= {"few-poses.md": 0.5, "external-stand.md": 0.7}
 LANGUAGES = {".py": "python", ".rs": "rust", ".sh": "sh", ".c": "c", ".toml": "toml", ".json": "json"}
 
 
@@ -97,11 +109,41 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             return f"{text}({up}{source_page(path)}{anchor})"
         return link[0]
 
+    _weight(page)
     if page.file.src_uri.startswith("source/"):
         return markdown
+    if page.file.src_uri == WITH_FORMULAS:
+        return FORMULA.sub(_mark, like_github(LINK.sub(lead, markdown)))
     if page.file.src_uri == "api.md":
         markdown += _unlisted(markdown)
     return like_github(LINK.sub(lead, markdown))
+
+
+def _weight(page: Page) -> None:
+    """Give the page its weight in the search; source files are left out of it."""
+    name = page.file.src_uri
+    if name.startswith("source/"):
+        page.meta["search"] = {"exclude": True}
+    for start, weight in SEARCH_WEIGHTS.items():
+        if name.startswith(start):
+            page.meta["search"] = {"boost": weight}
+
+
+def _mark(formula: re.Match[str]) -> str:
+    """A formula in a form that Markdown leaves as it is."""
+    kind = "block" if formula[1] else "inline"
+    return f"@{kind} {(formula[1] or formula[2]).encode().hex()}@"
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Typeset the formulas as MathML, which browsers draw without a script."""
+    if page.file.src_uri != WITH_FORMULAS:
+        return html
+    return re.sub(
+        r"@(block|inline) ([0-9a-f]+)@",
+        lambda mark: convert(bytes.fromhex(mark[2]).decode(), display=mark[1]),
+        html,
+    )
 
 
 def like_github(markdown: str) -> str:

@@ -6,7 +6,8 @@ value in SI units = value in the unit * UNITS[si_unit][unit]
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+import re
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,6 +21,9 @@ __all__ = [
     "TEMPERATURE_UNITS",
     "TICKS_PER_S",
     "UNITS",
+    "Scale",
+    "datasheet",
+    "si",
     "to_degc",
     "units_of",
 ]
@@ -93,6 +97,53 @@ SHOWN: Final[dict[str, tuple[float, str]]] = {
     "s^2/rad^2": (1e6 * _DEG**2, "% per (100 deg/s)^2"),
     "m": (1e3, "mm"),
 }
+# SI unit: (factor, unit) in which tables show a value with the unit that datasheets use for it.
+DATASHEET: Final[dict[str, tuple[float, str]]] = {
+    **SHOWN,
+    "lsb/(m/s^2)": (_G, "lsb/g"),
+    "lsb/(rad/s)": (_DEG, "lsb/(deg/s)"),
+    "rad/s/sqrt(Hz)": (60.0 / _DEG, "deg/sqrt(h)"),
+    "m/s^2/sqrt(Hz)": (1e6 / _G, "ug/sqrt(Hz)"),
+    "rad/s/s/sqrt(Hz)": (3600.0 * 60.0 / _DEG, "deg/h/sqrt(h)"),
+    "m/s^2/s/sqrt(Hz)": (1e6 * 60.0 / _G, "ug/sqrt(h)"),
+}
+# Parameters whose unit is not that of other quantities with the same SI unit.
+_SENSITIVITY: Final = re.compile(r"(?:accel|gyro)_sensitivity_([xyz])([xyz])")
+_DIAGONAL: Final = (1e6, "ppm")
+_OFF_DIAGONAL: Final = (1e3, "mrad")
+# The bias instability, which is smaller than a bias.
+_INSTABILITY: Final = {"rad/s": (3600.0 / _DEG, "deg/h"), "m/s^2": (1e6 / _G, "ug")}
+
+
+class Scale(NamedTuple):
+    """The unit in which a table shows a quantity: shown value = factor (SI value - zero)."""
+
+    factor: float
+    unit: str
+    zero: float = 0.0
+
+    def shown(self, value: float) -> float:
+        """The value as a table shows it."""
+        return self.factor * (value - self.zero)
+
+
+def si(name: str, unit: str) -> Scale:
+    """The scale of a table in SI units."""
+    return Scale(1.0, unit)
+
+
+def datasheet(name: str, unit: str) -> Scale:
+    """The scale of a table in the units of datasheets.
+
+    name   the parameter; the diagonal of a sensitivity in SI units is shown as its difference from 1
+    unit   its SI unit, or one in counts (lsb)
+    """
+    entry = _SENSITIVITY.fullmatch(name)
+    if entry is not None and unit == "1":
+        return Scale(*_DIAGONAL, zero=1.0) if entry[1] == entry[2] else Scale(*_OFF_DIAGONAL)
+    if name.endswith("bias_instability"):
+        return Scale(*_INSTABILITY.get(unit, (1.0, unit)))
+    return Scale(*DATASHEET.get(unit, (1.0, unit)))
 
 
 def units_of(si_unit: str) -> dict[str, float]:

@@ -111,6 +111,7 @@ def test_readme_runs(tmp_path):
         ("thermal.md", 14),
         ("plan.md", 8),
         ("faces.md", 5),
+        ("phone.md", 3),
     ],
 )
 def test_page_prints_what_it_shows(page, number_of_steps, tmp_path):

@@ -12,6 +12,7 @@ import pytest
 
 import effects_gallery
 import imucal
+from site_search import SiteSearch
 
 pytestmark = pytest.mark.slow
 
@@ -19,6 +20,43 @@ ROOT = Path(__file__).resolve().parents[2]
 SPEC = importlib.util.spec_from_file_location("site_hooks", ROOT / "docs/site_hooks.py")
 site_hooks = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(site_hooks)
+
+
+# What people search for, and the page that answers it.
+QUERIES = {
+    "C header": "embedded",
+    "firmware": "embedded",
+    "apply in Python": "index",
+    "install": "index",
+    "why refused": "codes",
+    "incomplete": "codes",
+    "gyro_units": "codes",
+    "datasheet units": "faq",
+    "how accurate": "faq",
+    "chi2": "faq",
+    "g-sensitivity": "faq",
+    "phone recording": "phone",
+    "accelerometer alone": "one-sensor",
+    "compare with Kalibr": "comparison",
+    "imu_tk": "comparison",
+    "500 units": "fleet",
+    "production line": "production-line",
+    "temperature": "thermal",
+    "which poses": "plan",
+    "box": "faces",
+    "frames": "frames",
+    "FRD": "frames",
+    "raw counts": "raw-counts",
+    "OpenVINS": "estimators",
+    "VINS": "estimators",
+    "inflate noise": "estimators",
+    "Allan deviation": "noise",
+    "bias instability": "noise",
+    "ROS bag": "formats",
+    "stand": "stand",
+    "formulas": "formulas",
+    "own effect": "own-effect",
+}
 
 
 def build(folder, *options):
@@ -49,6 +87,26 @@ def test_nothing_is_loaded_from_elsewhere(site):
         assert not loaded.search(path.read_text(encoding="utf-8")), path
     for path in site.rglob("*.css"):
         assert not imported.search(path.read_text(encoding="utf-8")), path
+
+
+@pytest.fixture(scope="module")
+def search(site):
+    return SiteSearch(site)
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_the_first_result_of_a_search_is_the_page_that_answers_it(query, search):
+    first = search.pages(query)[:1]
+    assert [found.split(".html")[0] for found in first] == [QUERIES[query]]
+
+
+def test_formulas_are_typeset_without_a_script(site):
+    page = (site / "formulas.html").read_text(encoding="utf-8")
+    text = re.sub(r"<(code|script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
+    assert page.count('display="block"') > 10
+    assert page.count('display="inline"') > 20
+    assert "$" not in text
+    assert "@block" not in text
 
 
 def test_every_public_name_is_explained(site):

@@ -177,7 +177,8 @@ def test_inspect_shows_predicted_sigmas(command, tmp_path):
     first = seen["predicted_sigma"][0]
     assert (first["name"], first["unit"]) == ("accel_bias_x", "m/s^2")
     assert 1e-4 < first["std"] < 1e-2
-    assert f"{first['std']:.2e}" in done.stdout
+    milli_g = first["std"] / 9.80665e-3
+    assert f"accel_bias_x {milli_g:.2g} mg" in " ".join(done.stdout.split())
 
 
 @pytest.mark.slow

@@ -770,7 +770,7 @@ def test_command_names_the_formats_and_the_faults(tmp_path, capsys):
     listed = capsys.readouterr().out
     assert all(f"{name}: " in listed for name in READERS)
     assert main(["import", str(written(tmp_path, "x.txt", "hello"))]) == 1
-    assert "-o CAL.JSON" in capsys.readouterr().err
+    assert "-o PATH" in capsys.readouterr().err
     assert main(["import", str(tmp_path / "x.txt"), "-o", str(tmp_path / "o.json")]) == 1
     assert "no calibration that imucal reads" in capsys.readouterr().err
     numbers = [

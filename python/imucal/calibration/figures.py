@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import imucal._core as _core
+from imucal.calibration.parameter_text import Units
 from imucal.document.plain import plain
+from imucal.units import datasheet
 
 __all__ = ["Figures", "figures_text", "poor_figures", "saved_reasons"]
 
-# Figure: its words and its unit.
+# Figure: its words, and its unit, which is that of its field.
 FIGURE_TEXT: Final = {
-    "gravity_norm_rms_mps2": ("|f| - g", "m/s^2 rms"),
-    "gravity_direction_rms_deg": ("gravity direction per move", "deg rms"),
+    "gravity_norm_rms_mps2": ("|f| - g", "m/s^2"),
+    "gravity_direction_rms_deg": ("gravity direction per move", "deg"),
     "chi2_per_dof": ("chi2 per degree of freedom", ""),
 }
 
@@ -39,17 +41,19 @@ class Figures:
     moves: int
 
 
-def figures_text(figures: object) -> str:
+def figures_text(figures: object, units: Units = datasheet) -> str:
     """The figures in words, with their units.
 
     figures   Figures, HeldOut, or a mapping from a file
     """
     fields = plain(figures)
-    parts = [
-        f"{words} {fields[name]:.4g} {unit}".rstrip()
-        for name, (words, unit) in FIGURE_TEXT.items()
-        if fields.get(name) is not None
-    ]
+    parts = []
+    for name, (words, unit) in FIGURE_TEXT.items():
+        if fields.get(name) is not None:
+            scale = units(name, unit)
+            parts.append(
+                f"{words} {scale.shown(fields[name]):.3g} {scale.unit}{' rms' if unit else ''}".rstrip()
+            )
     return ", ".join(parts)
 
 

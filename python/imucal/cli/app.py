@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
 
 import click
 from click.exceptions import Exit
@@ -32,37 +32,82 @@ COMPLETE = "_IMUCAL_COMPLETE"
 # Messages longer than this number of characters are broken at "; " into one item per line.
 MOST_ON_A_LINE = 300
 
-# Commands in the order of the help: name, and first sentence of the command's own help.
-SUMMARIES = {
-    "convert": "Convert files of other programs to a recording.",
-    "inspect": "Show sampling rate, faults and rests of recordings, and the parameters that they determine.",
-    "capture": "Record a unit that you hold in your hand, guided pose by pose, and calibrate it.",
-    "calibrate": "Calibrate one unit from its recordings.",
-    "evaluate": "Evaluate a calibration on recordings of the same unit that were not used for its fit.",
-    "gap": "Find a missing effect from the residuals of a calibration, and add it to the model.",
-    "apply": "Correct a recording: SI units, body frame, the same column names; effects are compensated.",
-    "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
-    "import": "Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or ArduPilot.",
-    "compose": "Combine two calibrations of a unit, the second of data that the first has corrected, into "
-    "one.",
-    "diff": "Compare two calibrations of a unit: difference of each parameter in standard deviations.",
-    "simulate": "Simulate a unit: on a stand, turned by hand, or at rest.",
-    "plan": "Plan a motion, and predict what it determines before anything moves.",
-    "noise": "Estimate noise density, bias instability and random walk of a unit at rest by the Allan "
-    "deviation.",
-    "soak": "Find how the biases of a unit at rest in one pose depend on temperature: polynomial, lag, "
-    "hysteresis.",
-    "effects": "List the errors beyond bias, scale and misalignment that imucal models: effects, noise and "
-    "faults.",
-    "demo": "Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",
-    "limits": "Limits for units: write a first limits file from good units, and check units against it.",
-    "stand": "Move a stand, record the unit on it, and calibrate.",
-    "fleet": "Many units: calibrate all recordings into one store, and ask it.",
+# Commands by task, in the order of the help: name, and first sentence of the command's own help.
+TASKS: Final[dict[str, dict[str, str]]] = {
+    "Start here": {
+        "demo": "Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",
+        "help": "Show the help of a command, the cause and cure of a reason code, or all commands.",
+    },
+    "Calibrate one unit": {
+        "capture": "Record a unit that you hold in your hand, guided pose by pose, and calibrate it.",
+        "inspect": "Show sampling rate, faults and rests of recordings, and the parameters that they "
+        "determine.",
+        "calibrate": "Calibrate one unit from its recordings.",
+        "evaluate": "Evaluate a calibration on recordings of the same unit that were not used for its fit.",
+        "gap": "Find a missing effect from the residuals of a calibration, and add it to the model.",
+        "plan": "Plan a motion, and predict what it determines before anything moves.",
+        "stand": "Move a stand, record the unit on it, and calibrate.",
+    },
+    "Use a calibration": {
+        "apply": "Correct a recording: SI units, body frame, the same column names; effects are compensated.",
+        "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
+        "import": "Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or "
+        "ArduPilot.",
+        "compose": "Combine two calibrations of a unit, the second of data that the first has corrected, "
+        "into one.",
+        "diff": "Compare two calibrations of a unit: difference of each parameter in standard deviations.",
+    },
+    "Many units": {
+        "fleet": "Many units: calibrate all recordings into one store, and ask it.",
+        "limits": "Limits for units: write a first limits file from good units, and check units against it.",
+    },
+    "Noise and temperature": {
+        "noise": "Estimate noise density, bias instability and random walk of a unit at rest by the "
+        "Allan deviation.",
+        "soak": "Find how the biases of a unit at rest in one pose depend on temperature: polynomial, "
+        "lag, hysteresis.",
+    },
+    "Files, effects and simulation": {
+        "convert": "Convert files of other programs to a recording.",
+        "effects": "List the errors beyond bias, scale and misalignment that imucal models: effects, "
+        "noise and faults.",
+        "simulate": "Simulate a unit: on a stand, turned by hand, or at rest.",
+    },
 }
-# Commands whose module and function have another name, as theirs is a word of Python.
-OTHER_NAMES = {"import": "import_calibration"}
+# Commands whose module and function have another name, as theirs means something else in Python.
+OTHER_NAMES = {"import": "import_calibration", "help": "help_command"}
 # Commands whose module has a group, `app`, instead of a function.
 GROUPS = ("demo", "fleet", "limits", "stand")
+# Words that people try, and the commands that do what they mean.
+OTHER_WORDS: Final = {
+    "batch": "fleet run",
+    "record": "capture",
+    "allan": "noise",
+    "correct": "apply",
+    "validate": "evaluate",
+    "header": "export --to c-header",
+}
+START: Final = """\
+imucal calibrates accelerometers and gyroscopes with gravity as the only reference.
+
+See it work, without hardware:
+  imucal demo
+
+Calibrate a unit from a recording with rests in many poses, and judge the result on a second recording:
+  imucal inspect run.csv
+  imucal calibrate run.csv --control control.csv -o unit.json --report report.html
+
+Record and calibrate a unit in your hand, guided pose by pose:
+  imucal capture --help
+
+Use the calibration:
+  imucal apply unit.json log.csv -o corrected.csv
+  imucal export unit.json --to c-header -o unit.h
+
+Many units at once:
+  imucal fleet run --help
+
+All commands: imucal help. One command: imucal help calibrate. A code in a message: imucal help gyro_units."""
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -88,13 +133,16 @@ def _flag(name: str, callback: Callable[..., None], help: str) -> click.Option:
 app = Commands(
     "imucal",
     {
-        name: Lazy(f"imucal.cli.commands.{module}", "app" if name in GROUPS else module, summary)
-        for name, summary in SUMMARIES.items()
+        name: Lazy(f"imucal.cli.commands.{module}", "app" if name in GROUPS else module, summary, task)
+        for task, summaries in TASKS.items()
+        for name, summary in summaries.items()
         for module in (OTHER_NAMES.get(name, name),)
     },
     help="Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.",
     epilog="Exit codes: 0 good or incomplete, 1 bad input or no result, 2 finished with a poor verdict, "
     "130 interrupted.",
+    start=START,
+    other_words=OTHER_WORDS,
     options=[
         _flag("--version", _print_version, "Print the version."),
         _flag("--install-completion", _completion, "Install completion for the current shell."),

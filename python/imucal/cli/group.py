@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import click
 from click.exceptions import Exit
@@ -13,13 +13,18 @@ from click.exceptions import Exit
 from imucal.cli.examples import pasteable
 from imucal.cli.failure import no_result_told, refusal_told
 from imucal.cli.output import NO_RESULT
-from imucal.cli.parameters import Argument, call_with, parameters_of
+from imucal.cli.parameters import Argument, Option, call_with, parameters_of
 
 __all__ = ["Command", "Commands", "Lazy"]
 
 # Maximum length of the summary of a command in the list of commands, characters.
 LONGEST_SUMMARY = 200
-HELP_NAMES = {"help_option_names": ["-h", "--help"]}
+# The help is as wide as the terminal, but lines of more than this number of characters are hard to read.
+WIDEST_HELP = 110
+SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": WIDEST_HELP}
+# Headings of options that several commands have; they come after those of the command's own options.
+OPTIONS: Final = "Options"
+LAST_PANELS: Final = ("Output", "Files of other programs")
 
 
 class Lazy(NamedTuple):
@@ -28,15 +33,17 @@ class Lazy(NamedTuple):
     module     its module
     attribute  the function of a command, or a group
     summary    first sentence of its help, for the list of commands
+    task       heading of the list of commands under which it stands
     """
 
     module: str
     attribute: str
     summary: str
+    task: str = "Commands"
 
 
 class _Help(click.Command):
-    """Writes the arguments of a command before its options."""
+    """Writes the arguments of a command, and then its options in groups."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         rows = [
@@ -47,7 +54,20 @@ class _Help(click.Command):
         if rows:
             with formatter.section("Arguments"):
                 formatter.write_dl(rows)
-        super().format_options(ctx, formatter)
+        panels: dict[str, list[tuple[str, str]]] = {OPTIONS: []}
+        for item in self.get_params(ctx):
+            record = item.get_help_record(ctx)
+            if record is not None and not isinstance(item, Argument):
+                panel = item.panel if isinstance(item, Option) else None
+                panels.setdefault(panel or OPTIONS, []).append(record)
+        # `sorted` keeps the order of panels with the same key.
+        for panel in sorted(
+            panels, key=lambda name: LAST_PANELS.index(name) + 1 if name in LAST_PANELS else 0
+        ):
+            with formatter.section(panel):
+                formatter.write_dl(panels[panel])
+        if isinstance(self, click.Group):
+            self.format_commands(ctx, formatter)
 
 
 class Command(_Help):
@@ -62,7 +82,7 @@ class Command(_Help):
             help=pasteable(inspect.cleandoc(function.__doc__ or "")),
             callback=call_with(function),
             params=parameters_of(function),
-            context_settings=dict(HELP_NAMES),
+            context_settings=dict(SETTINGS),
         )
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -79,8 +99,10 @@ class Command(_Help):
 class Commands(_Help, click.Group):
     """A group of commands. Its own function, if it has one, also runs without a subcommand.
 
-    lazy      commands by name, in the order of the list of commands
-    function  the command without a subcommand, or None, if the help is shown then
+    lazy         commands by name, in the order of the list of commands
+    function     the command without a subcommand, or None, if `start` or the help is shown then
+    start        text that is shown without a subcommand instead of the help
+    other_words  words that people try, and the commands that do what they mean
     """
 
     def __init__(
@@ -92,6 +114,8 @@ class Commands(_Help, click.Group):
         epilog: str | None = None,
         function: Callable[..., None] | None = None,
         options: list[click.Parameter] | None = None,
+        start: str | None = None,
+        other_words: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__(
             name,
@@ -101,9 +125,11 @@ class Commands(_Help, click.Group):
             params=[*(options or []), *([] if function is None else parameters_of(function))],
             invoke_without_command=function is not None,
             no_args_is_help=False,
-            context_settings=dict(HELP_NAMES),
+            context_settings=dict(SETTINGS),
         )
         self._lazy = dict(lazy or {})
+        self._start = start
+        self._other_words = dict(other_words or {})
 
     def list_commands(self, ctx: click.Context | None) -> list[str]:
         """The names of the commands, in the order of the help."""
@@ -118,16 +144,31 @@ class Commands(_Help, click.Group):
         return self.commands.get(cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List each command with its whole first sentence."""
-        rows = [(name, lazy.summary) for name, lazy in self._lazy.items()]
-        rows += [(name, item.get_short_help_str(LONGEST_SUMMARY)) for name, item in self.commands.items()]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
+        """List each command with its whole first sentence, by tasks."""
+        tasks: dict[str, list[tuple[str, str]]] = {}
+        for name, lazy in self._lazy.items():
+            tasks.setdefault(lazy.task, []).append((name, lazy.summary))
+        for name, item in self.commands.items():
+            tasks.setdefault("Commands", []).append((name, item.get_short_help_str(LONGEST_SUMMARY)))
+        # One width for the names of all tasks.
+        widest = max((len(name) for rows in tasks.values() for name, _ in rows), default=0)
+        for task, rows in tasks.items():
+            with formatter.section(task):
+                formatter.write_dl([(name.ljust(widest), summary) for name, summary in rows])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command of the first word; for a word that people try, an error that names the command."""
+        if args and args[0] in self._other_words and not ctx.resilient_parsing:
+            offered = f"{ctx.command_path} {self._other_words[args[0]]}"
+            raise click.UsageError(f"there is no command {args[0]!r}: use `{offered}`")
+        return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the command line; without any word, show the help and end with exit code 1."""
         if not args and not self.invoke_without_command and not ctx.resilient_parsing:
-            click.echo(ctx.get_help(), err=True)
+            click.echo(ctx.get_help() if self._start is None else self._start, err=True)
             raise Exit(NO_RESULT)
         return super().parse_args(ctx, args)
 

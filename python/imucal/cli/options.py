@@ -11,14 +11,18 @@ from collections.abc import Callable
 from dataclasses import fields
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, Final, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_type_hints
 
 import imucal.cli.completion as completion
 from imucal.cli.parameters import option
 
+if TYPE_CHECKING:
+    from imucal.calibration.parameter_text import Units
+
 __all__ = [
     "MAX_ITERATIONS",
     "MIN_REST_S",
+    "MODEL",
     "Control",
     "ExcludeSaturated",
     "Gravity",
@@ -31,6 +35,8 @@ __all__ = [
     "ReportPath",
     "Require",
     "Required",
+    "UnitSystem",
+    "UnitsOption",
     "Verbose",
     "effect_option",
     "options_of",
@@ -38,13 +44,18 @@ __all__ = [
     "writing_option",
 ]
 
+# Heading in the help of options for what a command prints and writes.
+OUTPUT: Final = "Output"
+# Heading of the options for the parameters to estimate.
+MODEL: Final = "Model and start values"
 # Default of --min-rest-s, s. It is the MIN_REST_S of the compiled library, which --help does not load.
 MIN_REST_S: Final = 1.0
 # Default of --max-iterations. It is the MAX_ITERATIONS of the compiled library, which --help does not load.
 MAX_ITERATIONS: Final = 1000
 
 JsonPath = Annotated[
-    str | None, option("--json", metavar="PATH", help="JSON file to write; - is standard output.")
+    str | None,
+    option("--json", metavar="PATH", help="JSON file to write; - is standard output.", panel=OUTPUT),
 ]
 Control = Annotated[
     list[Path] | None,
@@ -66,6 +77,7 @@ ModelOption = Annotated[
         metavar="MODEL",
         help="Parameters without a prior: full, orthogonal (biases and scales) or bias. The others are held "
         "at nominal values within usual tolerances.",
+        panel=MODEL,
     ),
 ]
 HoldOption = Annotated[
@@ -75,6 +87,7 @@ HoldOption = Annotated[
         metavar="NAME[=VALUE][+-SIGMA]",
         help="Hold a parameter by a prior, such as accel_misalignment_xy=0+-0.005, or a group of them, "
         "such as accel_misalignment; may be repeated.",
+        panel=MODEL,
     ),
 ]
 
@@ -90,17 +103,42 @@ Require = Annotated[
     Required,
     option("--require", help="Worst verdict that ends with exit code 0; with a worse one it is 2."),
 ]
-Verbose = Annotated[bool, option("--verbose", "-v", help="Also print intermediate results.")]
+
+
+class UnitSystem(str, Enum):
+    """The units of the tables that a command prints."""
+
+    datasheet = "datasheet"
+    si = "si"
+
+    @property
+    def units(self) -> Units:
+        """The function that gives the scale of a parameter."""
+        import imucal.units
+
+        return imucal.units.datasheet if self is UnitSystem.datasheet else imucal.units.si
+
+
+UnitsOption = Annotated[
+    UnitSystem,
+    option(
+        "--units",
+        help="Units of printed tables: those of datasheets (mg, deg/s, ppm, mrad), or SI. Files and --json "
+        "are always in SI units.",
+        panel=OUTPUT,
+    ),
+]
+Verbose = Annotated[bool, option("--verbose", "-v", help="Also print intermediate results.", panel=OUTPUT)]
 ReportPath = Annotated[
     Path | None,
-    option("--report", metavar="PAGE", help="HTML report with figures to write; needs plotly."),
+    option("--report", metavar="PAGE", help="HTML report with figures to write; needs plotly.", panel=OUTPUT),
 ]
 RecordingPath = Annotated[Path, option("--output", "-o", help="Recording to write, .csv or .parquet.")]
 
 
 def writing_option(help: str, metavar: str = "PATH") -> Any:
     """The option --output of a command."""
-    return option("--output", "-o", metavar=metavar, help=help)
+    return option("--output", "-o", metavar=metavar, help=help, panel=OUTPUT)
 
 
 def effect_option(help: str, autocompletion: Callable[..., Any], panel: str | None = None) -> Any:
@@ -108,9 +146,9 @@ def effect_option(help: str, autocompletion: Callable[..., Any], panel: str | No
     return option("--effect", metavar="NAME", help=help, completion=autocompletion, panel=panel)
 
 
-def unit_option(help: str) -> Any:
+def unit_option(help: str, panel: str | None = None) -> Any:
     """The option --unit of a command: a profile by its name or its file."""
-    return option("--unit", metavar="NAME|FILE", help=help, completion=completion.units)
+    return option("--unit", metavar="NAME|FILE", help=help, completion=completion.units, panel=panel)
 
 
 def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:

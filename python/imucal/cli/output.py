@@ -7,10 +7,11 @@ import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from click.exceptions import Exit
 
+from imucal.cli.options import UnitSystem
 from imucal.cli.streams import printable
 from imucal.cli.text_table import table_lines
 from imucal.document.name import shown
@@ -20,6 +21,18 @@ if TYPE_CHECKING:
     from imucal.calibration.triad import Parameter
     from imucal.finding import Finding
     from imucal.limits.judgement import Judgement
+
+
+class _Predicted(Protocol):
+    """A parameter with its standard deviation, which is None if it is not determined."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def std(self) -> float | None: ...
+    @property
+    def unit(self) -> str: ...
+
 
 __all__ = [
     "Output",
@@ -32,6 +45,15 @@ NO_RESULT = 1
 POOR_VERDICT = 2
 # Bytes of a file name that Linux, macOS and Windows allow.
 LONGEST_FILE_NAME = 255
+# Codes of styles in a terminal (ECMA-48, SGR), and the styles of verdicts and severities.
+BOLD = "1"
+STYLES = {
+    "good": "1;32",
+    "incomplete": "1;33",
+    "poor": "1;31",
+    "warning": "33",
+    "error": "1;31",
+}
 
 
 def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str | Path | None]) -> None:
@@ -89,17 +111,19 @@ class Output:
     With `json_path` "-", only the document goes to standard output, and the summary to standard error.
 
     json_path   value of --json, or None
+    units       units of parameters and figures
     """
 
     # Number of documents written in this process; if it is 0, the file of --json may be from an earlier run.
     documents: ClassVar[int] = 0
 
-    def __init__(self, json_path: str | None) -> None:
+    def __init__(self, json_path: str | None, units: UnitSystem = UnitSystem.datasheet) -> None:
         # Characters that the console cannot encode must not end the command with an error.
         for output in (sys.stdout, sys.stderr):
             if isinstance(output, io.TextIOWrapper):
                 output.reconfigure(errors="backslashreplace")
         self._json_path = json_path
+        self._units = units
         self._stream = sys.stderr if json_path == "-" else sys.stdout
 
     def document(self, document: Mapping[str, Any]) -> None:
@@ -114,12 +138,20 @@ class Output:
             write_json(document, self._json_path)
         Output.documents += 1
 
-    def line(self, text: str) -> None:
-        """Print a line of text without wrapping it, with options as they are typed."""
+    def line(self, text: str, highlighted: str | None = None) -> None:
+        """Print a line of text without wrapping it, with options as they are typed.
+
+        highlighted   a verdict or a severity, of which the first occurrence is coloured in a terminal
+        """
         from imucal.cli.as_typed import as_typed
 
+        printed = printable(as_typed(text))
+        if highlighted is not None:
+            printed = printed.replace(
+                highlighted, self._styled(highlighted, STYLES.get(highlighted, BOLD)), 1
+            )
         # Flushed, so that messages on standard error stay in order.
-        print(printable(as_typed(text)), file=self._stream, flush=True)
+        print(printed, file=self._stream, flush=True)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """Print a table, with the first column aligned left and the others right."""
@@ -127,19 +159,40 @@ class Output:
             print(line, file=self._stream, flush=True)
 
     def _bold(self, text: str) -> str:
+        return self._styled(text, BOLD)
+
+    def _styled(self, text: str, code: str) -> str:
+        """The text in this style if the output is a terminal and NO_COLOR (no-color.org) is not set."""
         is_terminal = self._stream.isatty() and os.environ.get("TERM", "") not in ("", "dumb", "unknown")
-        return f"\x1b[1m{text}\x1b[0m" if is_terminal else text
+        return f"\x1b[{code}m{text}\x1b[0m" if is_terminal and not os.environ.get("NO_COLOR") else text
 
     def parameters(self, parameters: Sequence[Parameter], truth: Mapping[str, float] | None = None) -> None:
         """The table of parameters, with true values if they are known."""
+        from imucal.calibration.parameter_text import difference_text, parameter_row
+
         headings = ["parameter", "value", "1 sigma", *(["truth", "error / sigma"] if truth else []), "unit"]
         rows = []
         for p in parameters:
-            row = [p.name, f"{p.value:.7g}", "-" if p.std is None else f"{p.std:.2e}"]
+            row = parameter_row(p, self._units.units)
+            compared = []
             if truth:
-                row += [f"{truth[p.name]:.7g}", f"{(p.value - truth[p.name]) / p.std:+.1f}" if p.std else "-"]
-            rows.append([*row, p.unit])
+                scale = self._units.units(p.name, p.unit)
+                std = None if p.std is None else scale.factor * p.std
+                error = f"{(p.value - truth[p.name]) / p.std:+.1f}" if p.std else "-"
+                compared = [difference_text(scale.shown(truth[p.name]), std), error]
+            rows.append([row.name, row.value, row.sigma, *compared, row.unit])
         self.table(headings, rows)
+
+    def predicted(self, parameters: Iterable[_Predicted]) -> None:
+        """The table of predicted standard deviations."""
+        from imucal.calibration.parameter_text import sigma_text
+
+        rows = []
+        for p in parameters:
+            scale = self._units.units(p.name, p.unit)
+            std = "not determined" if p.std is None else sigma_text(scale.factor * p.std)
+            rows.append([p.name, std, scale.unit])
+        self.table(["parameter", "predicted 1 sigma", "unit"], rows)
 
     def figures(self, rows: Mapping[str, object]) -> None:
         """The figures of merit, one line per set of recordings."""
@@ -147,12 +200,12 @@ class Output:
 
         for name, figures in rows.items():
             if figures is not None:
-                self.line(f"{name}: {figures_text(figures)}")
+                self.line(f"{name}: {figures_text(figures, self._units.units)}")
 
     def findings(self, findings: Sequence[Finding]) -> None:
         """One line per finding."""
         for finding in findings:
-            self.line(finding.line)
+            self.line(finding.line, finding.severity)
 
     def judgement(self, judgement: Judgement | None, verbose: bool) -> None:
         """The failed checks against limits, the worst first, and with `verbose` all checks."""
@@ -170,6 +223,6 @@ class Output:
 
     def verdict(self, verdict: str, reasons: Sequence[str], require: str = "incomplete") -> None:
         """The verdict with its reasons; one that is poor, or worse than required, ends with its exit code."""
-        self.line("; ".join((f"verdict: {verdict}", *reasons)))
+        self.line("; ".join((f"verdict: {verdict}", *reasons)), verdict)
         if verdict == "poor" or (verdict == "incomplete" and require == "good"):
             raise Exit(POOR_VERDICT)

@@ -20,9 +20,19 @@ from typing import Any, Final
 
 import click
 
-__all__ = ["Declared", "argument", "call_with", "option", "parameters_of"]
+__all__ = ["Argument", "Declared", "Option", "argument", "call_with", "option", "parameters_of"]
 
 _TYPES: Final[dict[Any, Any]] = {str: click.STRING, int: click.INT, float: click.FLOAT}
+# Metavars of options with these endings, which give the unit of their value; and those of types.
+_ENDINGS: Final = {
+    "_s": "S",
+    "_hz": "HZ",
+    "_deg": "DEG",
+    "_dps": "DPS",
+    "_degc": "DEGC",
+    "minutes": "MINUTES",
+}
+_METAVARS: Final[dict[Any, str]] = {str: "TEXT", int: "N", float: "NUMBER", Path: "PATH"}
 _MISSING: Final = inspect.Parameter.empty
 
 
@@ -94,6 +104,14 @@ class Argument(click.Argument):
         self.described = help
 
 
+class Option(click.Option):
+    """An option that belongs to a group of the help."""
+
+    def __init__(self, *declarations: Any, panel: str | None, **settings: Any) -> None:
+        super().__init__(*declarations, **settings)
+        self.panel = panel
+
+
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
     """The parser's parameters for the annotated parameters of a function, in their order."""
     return [_parameter(name, *rest) for name, *rest in _signature(function)]
@@ -138,10 +156,26 @@ def _parameter(name: str, kind: Any, declared: Declared, default: Any) -> click.
     if plain is bool:
         del settings["type"], settings["metavar"]
         settings |= {"is_flag": True, "default": default}
+    elif settings["metavar"] is None:
+        settings["metavar"] = _metavar(name, plain)
     shown = default not in (_MISSING, None, "", False)
-    return click.Option(
-        [name, *declared.names], help=declared.help, show_default=shown, multiple=is_list, **settings
+    return Option(
+        [name, *declared.names],
+        panel=declared.panel,
+        help=declared.help,
+        show_default=shown,
+        multiple=is_list,
+        **settings,
     )
+
+
+def _metavar(name: str, kind: Any) -> str | None:
+    """The word for the value of an option in the help; None for one of several given values."""
+    if kind in (int, float):
+        for ending, metavar in _ENDINGS.items():
+            if name.endswith(ending):
+                return metavar
+    return _METAVARS.get(kind)
 
 
 def _type_of(kind: Any) -> Any:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures, figures_text
+from imucal.calibration.parameter_text import parameter_row
 from imucal.calibration.provenance import Provenance
 from imucal.calibration.triad import Parameter
 from imucal.calibration.verdict import RESIDUALS, ResidualFit, Verdict
@@ -171,9 +172,8 @@ class CalibrationResult:
     def summary(self) -> str:
         """The parameters, the figures and the verdict as plain text."""
         lines = ["parameter                        value        1 sigma  unit"]
-        for parameter in self.parameters:
-            std = "not known" if parameter.std is None else f"{parameter.std:.2e}"
-            lines.append(f"{parameter.name:<24} {parameter.value:>13.7g} {std:>14}  {parameter.unit}")
+        for row in map(parameter_row, self.parameters):
+            lines.append(f"{row.name:<24} {row.value:>13} {row.sigma:>14}  {row.unit}")
         lines.append(self.used)
         for name, figures in (
             ("calibration set", self.calibration_set),

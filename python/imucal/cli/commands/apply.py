@@ -29,7 +29,7 @@ BEYOND: Final = 0.05
 
 @reading_options
 def apply(
-    calibration: Annotated[Path, argument(metavar="CAL.JSON", help="Calibration file.")],
+    calibration: Annotated[Path, argument(metavar="CAL", help="Calibration file.")],
     recording: Annotated[
         list[Path], argument(metavar="REC", help="The file, or the two files, of one recording.")
     ],

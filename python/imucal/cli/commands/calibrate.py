@@ -10,6 +10,7 @@ from imucal.cli.calibration_summary import show_calibration
 from imucal.cli.options import (
     MAX_ITERATIONS,
     MIN_REST_S,
+    MODEL,
     Control,
     ExcludeSaturated,
     HoldOption,
@@ -20,6 +21,8 @@ from imucal.cli.options import (
     ReportPath,
     Require,
     Required,
+    UnitsOption,
+    UnitSystem,
     Verbose,
     effect_option,
     unit_option,
@@ -31,6 +34,9 @@ from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
 __all__ = ["calibrate"]
+
+# Heading of the options in the help.
+REFERENCES = "Gravity and clock"
 
 
 @reading_options
@@ -45,6 +51,7 @@ def calibrate(
             "--gravity",
             metavar="MPS2",
             help="Local gravity, m/s^2; 9.80665 is assumed without it and without --latitude.",
+            panel=REFERENCES,
         ),
     ] = None,
     gravity_sigma: Annotated[
@@ -53,14 +60,21 @@ def calibrate(
             "--gravity-sigma",
             metavar="MPS2",
             help="Standard deviation of local gravity, included in those of the accelerometer scales.",
+            panel=REFERENCES,
         ),
     ] = None,
     latitude: Annotated[
         float | None,
-        option("--latitude", metavar="DEG", help="Latitude, for normal gravity instead of --gravity."),
+        option(
+            "--latitude",
+            metavar="DEG",
+            help="Latitude, for normal gravity instead of --gravity.",
+            panel=REFERENCES,
+        ),
     ] = None,
     height: Annotated[
-        float | None, option("--height", metavar="M", help="Height of the place, with --latitude.")
+        float | None,
+        option("--height", metavar="M", help="Height of the place, with --latitude.", panel=REFERENCES),
     ] = None,
     clock_ppm: Annotated[
         float | None,
@@ -68,18 +82,25 @@ def calibrate(
             "--clock-ppm",
             metavar="PPM",
             help="Standard deviation of the clock's rate, included in those of the gyroscope scales.",
+            panel=REFERENCES,
         ),
     ] = None,
-    frame: Annotated[str, option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
+    frame: Annotated[
+        str, option("--frame", help="Body frame: symmetric or triangular.", panel=MODEL)
+    ] = "symmetric",
     min_rest_s: MinRest = MIN_REST_S,
     exclude_saturated: ExcludeSaturated = False,
     accel_nominal: Annotated[
         float | None,
-        option("--accel-nominal", help="Nominal sensitivity, lsb per m/s^2; estimated if not given."),
+        option(
+            "--accel-nominal", help="Nominal sensitivity, lsb per m/s^2; estimated if not given.", panel=MODEL
+        ),
     ] = None,
     gyro_nominal: Annotated[
         float | None,
-        option("--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; estimated if not given."),
+        option(
+            "--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; estimated if not given.", panel=MODEL
+        ),
     ] = None,
     effect: Annotated[
         list[str] | None,
@@ -87,6 +108,7 @@ def calibrate(
             "Also estimate this effect (see `imucal effects`; NAME:full for the full form), or a formula "
             "such as 'gyro: k * (supply_v - 3.3)'; may be repeated.",
             completion.effects_to_estimate,
+            MODEL,
         ),
     ] = None,
     model: ModelOption = "full",
@@ -95,7 +117,8 @@ def calibrate(
         str | None,
         unit_option(
             "Unit file; its bias instability and random walk are included in the standard deviations, and "
-            "its spread is the prior of held parameters."
+            "its spread is the prior of held parameters.",
+            MODEL,
         ),
     ] = None,
     folds: Annotated[
@@ -107,6 +130,7 @@ def calibrate(
         option(
             "--max-iterations",
             help="Maximum number of iterations of the fit; one that ends there before its optimum is poor.",
+            panel=MODEL,
         ),
     ] = MAX_ITERATIONS,
     serial_number: Annotated[
@@ -119,6 +143,7 @@ def calibrate(
             metavar="PATH",
             help="Calibration of the accelerometer: with its covariance the prior of its parameters, so that "
             "the gyroscope's moves suffice.",
+            panel=MODEL,
         ),
     ] = None,
     means: Annotated[
@@ -139,6 +164,7 @@ def calibrate(
     require: Require = Required.incomplete,
     verbose: Verbose = False,
     report: ReportPath = None,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Calibrate one unit from its recordings.
@@ -189,6 +215,6 @@ def calibrate(
         from imucal.report import write_calibration_page
 
         write_calibration_page(report, result)
-    out = Output(json)
+    out = Output(json, units)
     out.document(result.to_dict())
     show_calibration(out, result, output, require, verbose=verbose)

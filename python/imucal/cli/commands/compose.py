@@ -13,12 +13,12 @@ __all__ = ["compose"]
 
 
 def compose(
-    first: Annotated[Path, argument(metavar="FIRST.JSON", help="Calibration file of the raw samples.")],
+    first: Annotated[Path, argument(metavar="FIRST", help="Calibration file of the raw samples.")],
     second: Annotated[
         Path,
-        argument(metavar="SECOND.JSON", help="Calibration file of recordings that the first has corrected."),
+        argument(metavar="SECOND", help="Calibration file of recordings that the first has corrected."),
     ],
-    output: Annotated[Path, option("--output", "-o", metavar="CAL.JSON", help="Calibration file to write.")],
+    output: Annotated[Path, option("--output", "-o", metavar="PATH", help="Calibration file to write.")],
     json: JsonPath = None,
 ) -> None:
     """Combine two calibrations of a unit, the second of data that the first has corrected, into one.

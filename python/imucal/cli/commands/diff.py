@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from click.exceptions import Exit
 
-from imucal.cli.options import JsonPath
+from imucal.cli.options import JsonPath, UnitsOption, UnitSystem
 from imucal.cli.output import POOR_VERDICT, Output, require_apart
 from imucal.cli.parameters import argument, option
+
+if TYPE_CHECKING:
+    from imucal.calibration.difference import Change
+    from imucal.calibration.parameter_text import Units
 
 __all__ = ["diff"]
 
 
 def diff(
-    before: Annotated[Path, argument(metavar="A.JSON", help="Calibration file.")],
-    after: Annotated[Path, argument(metavar="B.JSON", help="Later calibration file of the same unit.")],
+    before: Annotated[Path, argument(metavar="BEFORE", help="Calibration file.")],
+    after: Annotated[Path, argument(metavar="AFTER", help="Later calibration file of the same unit.")],
     sigmas: Annotated[
         float,
         option(
@@ -25,6 +29,7 @@ def diff(
             "that of a normal variable beyond this number of standard deviations.",
         ),
     ] = 3.0,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Compare two calibrations of a unit: difference of each parameter in standard deviations.
@@ -38,23 +43,11 @@ def diff(
 
     require_apart([before, after], {"--json": json})
     found = imucal.diff(imucal.Calibration.load(before), imucal.Calibration.load(after), sigmas=sigmas)
-    out = Output(json)
+    out = Output(json, units)
     out.document(found.to_dict())
     out.table(
         ("parameter", "before", "after", "difference", "1 sigma", "sigmas", "unit", ""),
-        (
-            (
-                c.name,
-                f"{c.before:.7g}",
-                f"{c.after:.7g}",
-                f"{c.difference:+.2e}",
-                "-" if c.std is None else f"{c.std:.2e}",
-                "-" if c.sigmas is None else f"{c.sigmas:+.1f}",
-                c.unit,
-                "MOVED" if c.moved else "",
-            )
-            for c in found.changes
-        ),
+        (_row(change, units.units) for change in found.changes),
     )
     if found.p_value is not None:
         tested = sum(c.std is not None for c in found.changes)
@@ -67,3 +60,24 @@ def diff(
     out.line("; ".join((f"verdict: {found.verdict}", *found.reasons)))
     if found.reasons:
         raise Exit(POOR_VERDICT)
+
+
+def _row(change: Change, units: Units) -> tuple[str, ...]:
+    from imucal.calibration.parameter_text import parameter_row, sigma_text
+    from imucal.calibration.triad import Parameter
+
+    before, after = (
+        parameter_row(Parameter(change.name, value, change.std, change.unit), units)
+        for value in (change.before, change.after)
+    )
+    difference = units(change.name, change.unit).factor * change.difference
+    return (
+        before.name,
+        before.value,
+        after.value,
+        f"{'+' if difference >= 0 else '-'}{sigma_text(abs(difference))}",
+        before.sigma,
+        "-" if change.sigmas is None else f"{change.sigmas:+.1f}",
+        before.unit,
+        "MOVED" if change.moved else "",
+    )

@@ -15,6 +15,8 @@ from imucal.cli.options import (
     ReportPath,
     Require,
     Required,
+    UnitsOption,
+    UnitSystem,
     Verbose,
 )
 from imucal.cli.output import Output, prepare_report, require_apart
@@ -30,7 +32,7 @@ __all__ = ["evaluate"]
 
 @reading_options
 def evaluate(
-    calibration: Annotated[Path, argument(metavar="CAL.JSON", help="Calibration file.")],
+    calibration: Annotated[Path, argument(metavar="CAL", help="Calibration file.")],
     recordings: Files,
     reading: Reading,
     min_rest_s: MinRest = MIN_REST_S,
@@ -38,6 +40,7 @@ def evaluate(
     require: Require = Required.incomplete,
     verbose: Verbose = False,
     report: ReportPath = None,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Evaluate a calibration on recordings of the same unit that were not used for its fit.
@@ -60,7 +63,7 @@ def evaluate(
         from imucal.report import write_evaluation_page
 
         write_evaluation_page(report, judged, title=f"Evaluation of {calibration.name}")
-    out = Output(json)
+    out = Output(json, units)
     out.document(judged.to_dict())
     if verbose:
         show_rests_and_moves(out, judged.rests, judged.moves)

@@ -24,7 +24,7 @@ __all__ = ["export"]
 @reading_options
 def export(
     reading: Reading,
-    calibration: Annotated[Path | None, argument(metavar="CAL.JSON", help="Calibration file.")] = None,
+    calibration: Annotated[Path | None, argument(metavar="CAL", help="Calibration file.")] = None,
     to: Annotated[
         str | None, option("--to", metavar="FORMAT", help="Format; --list shows all formats.")
     ] = None,

@@ -92,7 +92,7 @@ def run(
     recordings: Annotated[
         list[str] | None,
         argument(
-            metavar="PATTERN|MANIFEST.CSV",
+            metavar="PATTERN|MANIFEST",
             help="Recordings, folders or patterns such as 'day/*.csv'; or a manifest with the columns "
             "serial, date, station, operator, batch, files (separated by ;), control and role.",
         ),

@@ -40,7 +40,7 @@ def gap(
     control: Control = None,
     calibration: Annotated[
         Path | None,
-        option("--calibration", metavar="CAL.JSON", help="Calibration to examine; made if not given."),
+        option("--calibration", metavar="CAL", help="Calibration to examine; made if not given."),
     ] = None,
     output: Annotated[Path | None, writing_option("Improved calibration to write.")] = None,
     gravity: Annotated[

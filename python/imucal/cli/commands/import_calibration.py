@@ -23,7 +23,7 @@ def import_calibration(
         ),
     ] = None,
     output: Annotated[
-        Path | None, option("--output", "-o", metavar="CAL.JSON", help="Calibration file to write.")
+        Path | None, option("--output", "-o", metavar="PATH", help="Calibration file to write.")
     ] = None,
     format: Annotated[
         str | None,
@@ -88,7 +88,7 @@ def import_calibration(
         return
     if not files or output is None:
         raise InputError(
-            "give the file of a calibration and -o CAL.JSON: `imucal import --list` shows the formats"
+            "give the file of a calibration and -o PATH: `imucal import --list` shows the formats"
         )
     require_apart(files, {"--output": output, "--json": json})
     calibration = imucal.read_calibration(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from click.exceptions import Exit
 
-from imucal.cli.options import MIN_REST_S, Gravity, JsonPath, MinRest
+from imucal.cli.options import MIN_REST_S, Gravity, JsonPath, MinRest, UnitsOption, UnitSystem
 from imucal.cli.output import POOR_VERDICT, Output, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
@@ -19,6 +19,7 @@ def inspect(
     reading: Reading,
     gravity: Gravity = STANDARD_GRAVITY_MPS2,
     min_rest_s: MinRest = MIN_REST_S,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Show sampling rate, faults and rests of recordings, and the parameters that they determine.
@@ -41,7 +42,7 @@ def inspect(
         for recording in unit_data:
             inspections.append(imucal.inspect(recording, gravity_mps2=gravity, min_rest_s=min_rest_s))
             stage.step()
-    out = Output(json)
+    out = Output(json, units)
     out.document({"recordings": [inspection.to_dict() for inspection in inspections]})
     for seen in inspections:
         out.line(
@@ -79,12 +80,6 @@ def inspect(
             if seen.through_moves:
                 out.line(only_moves_determine(seen.through_moves))
         if seen.usable and seen.predicted_sigma:
-            out.table(
-                ["parameter", "predicted 1 sigma", "unit"],
-                (
-                    [p.name, "not determined" if p.std is None else f"{p.std:.2e}", p.unit]
-                    for p in seen.predicted_sigma
-                ),
-            )
+            out.predicted(seen.predicted_sigma)
     if not all(seen.usable and seen.missing is None for seen in inspections):
         raise Exit(POOR_VERDICT)

@@ -31,9 +31,7 @@ app = Commands(
     epilog="Example: imucal limits check limits.json unit-*.json --csv day.csv",
 )
 
-Calibrations = Annotated[
-    list[Path], argument(metavar="CAL.JSON...", help="Calibration files, one for each unit.")
-]
+Calibrations = Annotated[list[Path], argument(metavar="CAL...", help="Calibration files, one for each unit.")]
 
 
 @app.subcommand
@@ -67,7 +65,7 @@ def template(
 
 @app.subcommand
 def check(
-    limits: Annotated[Path, argument(metavar="LIMITS.JSON", help="Limits file.")],
+    limits: Annotated[Path, argument(metavar="LIMITS", help="Limits file.")],
     calibrations: Calibrations,
     csv: Annotated[Path | None, option("--csv", metavar="PATH", help="Also write the table as CSV.")] = None,
     require: Require = Required.incomplete,

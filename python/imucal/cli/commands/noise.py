@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from imucal.cli.decisions import show_noise_fits
-from imucal.cli.options import MIN_REST_S, JsonPath, MinRest, ReportPath, Verbose
+from imucal.cli.options import MIN_REST_S, JsonPath, MinRest, ReportPath, UnitsOption, UnitSystem, Verbose
 from imucal.cli.output import Output, prepare_report, require_apart
 from imucal.cli.parameters import argument, option
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
+from imucal.units import DEGREE_RAD, STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
+    from imucal.calibration.parameter_text import Units
     from imucal.noise_analysis.noise import NoiseFigure, NoiseResult
 
 __all__ = ["noise"]
+
+# Columns of the table of white noise, and their units: SI unit of the density: (factor, unit) of each column.
+# The density is two-sided and equals the random walk of the integral; a one-sided density is larger by
+# sqrt(2).
+WHITE_NOISE = ("two-sided (filters)", "one-sided (datasheets)", "random walk")
+WHITE_NOISE_UNITS = {
+    "rad/s/sqrt(Hz)": (
+        (1.0, "rad/s/sqrt(Hz)"),
+        (math.sqrt(2.0) / DEGREE_RAD, "deg/s/sqrt(Hz)"),
+        (60.0 / DEGREE_RAD, "deg/sqrt(h)"),
+    ),
+    "m/s^2/sqrt(Hz)": (
+        (1.0, "m/s^2/sqrt(Hz)"),
+        (math.sqrt(2.0) * 1e6 / STANDARD_GRAVITY_MPS2, "ug/sqrt(Hz)"),
+        (60.0, "m/s/sqrt(h)"),
+    ),
+}
 
 
 @reading_options
@@ -41,6 +61,7 @@ def noise(
     ] = False,
     min_rest_s: MinRest = MIN_REST_S,
     verbose: Verbose = False,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Estimate noise density, bias instability and random walk of a unit at rest by the Allan deviation.
@@ -75,29 +96,30 @@ def noise(
         write_text(kalibr, yaml)
     if unit_profile is not None and profile is not None:
         profile.write(unit_profile)
-    out = Output(json)
+    out = Output(json, units)
     out.document(found.to_dict())
     if verbose:
         show_noise_fits(out, found)
-    _print(out, found)
+    _print(out, found, units.units)
     for path in (report, kalibr, unit_profile):
         if path is not None:
             out.line(f"written to {path}")
     out.verdict(found.verdict, found.reasons)
 
 
-def _print(out: Output, found: NoiseResult) -> None:
+def _print(out: Output, found: NoiseResult, units: Units) -> None:
     out.line(found.heading())
 
     def row(axis: str, name: str, figure: NoiseFigure) -> list[str]:
-        known = figure.value is not None and figure.std is not None
+        scale = units(name, figure.unit)
+        value, std = figure.value, figure.std
         return [
             f"{axis} {name}",
-            f"{figure.value:.4e}" if known else "not detected",
-            f"{figure.std:.1e}" if known else "-",
-            f"{figure.low:.3e}",
-            f"{figure.high:.3e}",
-            figure.unit,
+            "not detected" if value is None or std is None else f"{scale.factor * value:.4g}",
+            "-" if value is None or std is None else f"{scale.factor * std:.2g}",
+            f"{scale.factor * figure.low:.4g}",
+            f"{scale.factor * figure.high:.4g}",
+            scale.unit,
         ]
 
     out.table(
@@ -109,4 +131,15 @@ def _print(out: Output, found: NoiseResult) -> None:
             if figure != "quantisation" or estimate.value is not None
         ),
     )
+    rows = list(filter(None, (_white_noise(name, axis.noise_density) for name, axis in found.axes.items())))
+    if rows:
+        out.table(["white noise", *WHITE_NOISE], rows)
     out.findings(found.findings)
+
+
+def _white_noise(axis: str, density: NoiseFigure) -> list[str] | None:
+    """The white noise as filters and datasheets state it; None if it is not known or in counts."""
+    scales = WHITE_NOISE_UNITS.get(density.unit)
+    if density.value is None or scales is None:
+        return None
+    return [axis, *(f"{factor * density.value:.4g} {unit}" for factor, unit in scales)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from click.exceptions import Exit
 
@@ -12,6 +12,8 @@ from imucal.cli.options import (
     HoldOption,
     JsonPath,
     ModelOption,
+    UnitsOption,
+    UnitSystem,
     effect_option,
     unit_option,
     writing_option,
@@ -20,6 +22,10 @@ from imucal.cli.output import POOR_VERDICT, Output, require_apart
 from imucal.cli.parameters import argument, option
 from imucal.cli.working import working
 from imucal.errors import InputError
+
+if TYPE_CHECKING:
+    from imucal.calibration.parameter_text import Units
+    from imucal.planning.groups import Size
 
 __all__ = ["plan"]
 
@@ -120,6 +126,7 @@ def plan(
     step_deg: Annotated[float | None, option("--step-deg", help="grid: step, deg.", panel=NAMED)] = None,
     move_s: Annotated[float | None, option("--move-s", help="Duration of a move, s.", panel=NAMED)] = None,
     hold_s: Annotated[float | None, option("--hold-s", help="Duration of a rest, s.", panel=NAMED)] = None,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Plan a motion, and predict what it determines before anything moves.
@@ -176,17 +183,14 @@ def plan(
         planned.program.write(output)
     if card is not None:
         write_card(planned.program, card)
-    out = Output(json)
+    out = Output(json, units)
     out.document(planned.to_dict())
     out.line(headline(planned))
-    out.table(
-        ("parameter", "predicted 1 sigma", "unit"),
-        [[p.name, "not determined" if p.std is None else f"{p.std:.2e}", p.unit] for p in planned.parameters],
-    )
+    out.predicted(planned.parameters)
     if planned.detection_limits:
         out.table(
             ("effect", "smallest detectable size", "unit"),
-            [[name, f"{size.value:.2e}", size.unit] for name, size in planned.detection_limits.items()],
+            [_limit(name, size, units.units) for name, size in planned.detection_limits.items()],
         )
     for effect_row in planned.not_observable:
         out.line(f"not observable: {effect_row.name} (needs {effect_row.needs})")
@@ -206,6 +210,11 @@ def plan(
     if not planned.reached:
         out.line("targets not reached: allow more time (--minutes), or relax the targets (--target)")
         raise Exit(POOR_VERDICT)
+
+
+def _limit(name: str, size: Size, units: Units) -> list[str]:
+    scale = units(name, size.unit)
+    return [name, f"{scale.factor * size.value:.3g}", scale.unit]
 
 
 def _target(text: str) -> tuple[str, str]:

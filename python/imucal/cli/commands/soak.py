@@ -25,9 +25,7 @@ def soak(
     reading: Reading,
     calibration: Annotated[
         Path | None,
-        option(
-            "--calibration", metavar="CAL.JSON", help="Calibration of the unit, to correct the readings with."
-        ),
+        option("--calibration", metavar="CAL", help="Calibration of the unit, to correct the readings with."),
     ] = None,
     report: ReportPath = None,
     json: JsonPath = None,

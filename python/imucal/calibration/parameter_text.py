@@ -1,0 +1,62 @@
+"""Rows of a table of parameters: value and standard deviation in the units of datasheets or in SI units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple, TypeAlias
+
+from imucal.calibration.triad import Parameter
+from imucal.units import Scale, datasheet
+
+__all__ = ["ParameterRow", "Units", "difference_text", "parameter_row", "sigma_text"]
+
+# Gives the scale in which a table shows a parameter with this name and SI unit: `datasheet` or `si` of
+# imucal.units.
+Units: TypeAlias = Callable[[str, str], Scale]
+# Significant digits of a standard deviation; its parameter has as many decimals. Further digits may
+# differ between processors, because a fit ends at another point well within the standard deviations.
+SIGMA_DIGITS: Final = 2
+# Significant digits of a value without a standard deviation.
+VALUE_DIGITS: Final = 7
+# Values are written without an exponent if their standard deviation is in this range.
+PLAIN: Final = (1e-6, 1e6)
+
+
+class ParameterRow(NamedTuple):
+    """A parameter as text. The name of a diagonal entry that is shown as its difference from 1 says so."""
+
+    name: str
+    value: str
+    sigma: str
+    unit: str
+
+
+def parameter_row(parameter: Parameter, units: Units = datasheet) -> ParameterRow:
+    """The row of a parameter; a value has as many decimals as its standard deviation."""
+    scale = units(parameter.name, parameter.unit)
+    name = f"{parameter.name} - {scale.zero:g}" if scale.zero else parameter.name
+    value = scale.shown(parameter.value)
+    std = None if parameter.std is None else scale.factor * parameter.std
+    return ParameterRow(
+        name, difference_text(value, std), "-" if std is None else sigma_text(std), scale.unit
+    )
+
+
+def sigma_text(std: float) -> str:
+    """A standard deviation with two significant digits."""
+    decimals = _decimals(std)
+    return f"{std:.{SIGMA_DIGITS - 1}e}" if decimals is None else f"{std:.{decimals}f}"
+
+
+def difference_text(value: float, std: float | None) -> str:
+    """A value with the decimals of its standard deviation."""
+    decimals = None if std is None else _decimals(std)
+    return f"{value:.{VALUE_DIGITS}g}" if decimals is None else f"{value:.{decimals}f}"
+
+
+def _decimals(std: float) -> int | None:
+    """Number of decimals of a standard deviation, or None if it is written with an exponent."""
+    if not PLAIN[0] <= std < PLAIN[1]:
+        return None
+    return max(0, SIGMA_DIGITS - 1 - math.floor(math.log10(std)))

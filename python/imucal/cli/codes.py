@@ -1,0 +1,413 @@
+"""The reason codes of findings, verdicts and refusals: what each means, its usual cause, and what to do.
+
+`imucal help CODE` prints an entry, and docs/codes.md is the list of all.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final, NamedTuple
+
+__all__ = ["CODES", "Code", "code_text", "codes_markdown"]
+
+
+class Code(NamedTuple):
+    """The meaning of a code with its usual cause, and the action that usually helps."""
+
+    cause: str
+    cure: str
+
+
+# Heading of a group: its codes.
+CODES: Final[dict[str, dict[str, Code]]] = {
+    "The recording cannot be used as it is": {
+        "empty": Code(
+            "The recording has no sample.",
+            "Check that the file was written to its end.",
+        ),
+        "lengths_differ": Code(
+            "The arrays for time, specific force and angular rate have different lengths.",
+            "Pass arrays with one row per sample each.",
+        ),
+        "too_short": Code(
+            "The recording has too few samples or is too short for rests in several poses.",
+            "Record rests in many poses with moves between them; some minutes are enough.",
+        ),
+        "sensor_missing": Code(
+            "The file has no columns of one sensor, but the command needs both sensors.",
+            "Name the columns with `--columns`, or calibrate [one sensor](one-sensor.md).",
+        ),
+        "non_finite": Code(
+            "A sample is not a number (NaN or infinite).",
+            "Remove these rows, or find out why the logger wrote them.",
+        ),
+        "value_impossible": Code(
+            "A sample exceeds what any such sensor can measure, for example because a line of the file is"
+            " damaged.",
+            "Remove these rows, or give the unit of the column in its name.",
+        ),
+        "stuck_axis": Code(
+            "An axis keeps one value while the other axes change.",
+            "Check the wiring, the order of the columns and the axis enable bits of the sensor. A warning"
+            " may be ignored if the motion never moves this axis.",
+        ),
+        "accel_saturation": Code(
+            "Samples of the accelerometer are at the end of its measurement range.",
+            "Choose a larger range or move more gently; `--exclude-saturated` leaves out the affected "
+            "rests and moves.",
+        ),
+        "gyro_saturation": Code(
+            "Samples of the gyroscope are at the end of its measurement range.",
+            "Choose a larger range or rotate more slowly; `--exclude-saturated` leaves out the affected "
+            "rests and moves.",
+        ),
+        "noise_below_lsb": Code(
+            "The noise is smaller than a step of the converter, so averaging does not remove the rounding"
+            " error. The standard deviations contain this error.",
+            "Use a smaller measurement range or a wider filter bandwidth, or let the unit vibrate "
+            "slightly at rest.",
+        ),
+    },
+    "Time stamps and lost samples": {
+        "time_not_increasing": Code(
+            "A time stamp is not later than the one before it.",
+            "Sort the rows, remove rows that are written twice, or use the time stamps of the sensor.",
+        ),
+        "clock_rate": Code(
+            "The sampling rate that follows from the time stamps is not plausible.",
+            "Give the unit of the time in the column name (`time_ms`, `time_us`, `time_ns`), or `--rate-hz`.",
+        ),
+        "clock_irregular": Code(
+            "The time stamps are uneven: of packets instead of samples, or made when the samples arrived.",
+            "Use the time stamps of the sensor, or omit them and give `--rate-hz` if no sample is missing.",
+        ),
+        "samples_missing": Code(
+            "Samples are lost, by gaps in the time stamps or by jumps of the rate.",
+            "A few do no harm. Otherwise look for lost packets or a full buffer, and record again.",
+        ),
+        "samples_duplicated": Code(
+            "Rows repeat the row before, because a slower sensor was polled or rows were written twice.",
+            "Record at the rate at which the sensor has new samples, or drop the repeated rows.",
+        ),
+    },
+    "Units": {
+        "accel_units": Code(
+            "The specific force at rest is not near gravity, so the column is in another unit than its "
+            "name says.",
+            "Rename the columns (`accel_x_g`, `accel_x_mg`, `accel_x_lsb`), or give `--accel-unit`.",
+        ),
+        "gyro_units": Code(
+            "The rates do not fit the rotation of gravity, or no gyroscope has such rates.",
+            "Rename the columns (`gyro_x_dps`, `gyro_x_radps`, `gyro_x_lsb`), or give `--gyro-unit`; "
+            "check the time column.",
+        ),
+        "counts_unsigned": Code(
+            "Raw counts were read as unsigned numbers: they jump between the ends of the range.",
+            "Subtract 65536 from values above 32767 (16 bits), or read the registers as signed numbers.",
+        ),
+        "gyro_common_gain": Code(
+            "All gyroscope axes have the same gain error, which points to the clock or to the unit of the"
+            " rates.",
+            "Compare the duration of the recording with another clock, and check the sensitivity used to "
+            "convert counts.",
+        ),
+        "gains_differ": Code(
+            "One axis has a different gain from the other two.",
+            "Check how this column was scaled. There is nothing to do if the axes are different sensors.",
+        ),
+        "noise_implausible": Code(
+            "No sensor has this noise density, so the samples are probably in another unit.",
+            "Use the unit that the message names.",
+        ),
+        "bias_implausible": Code(
+            "No gyroscope has this bias, so the rates are probably in another unit.",
+            "Rename the columns, for example to `gyro_x_dps`.",
+        ),
+        "temperature_implausible": Code(
+            "The temperature is outside the range in which sensors work.",
+            "Name the column by its unit (`temp_degc`, `temp_k`, `temp_degf`), or give `--temp-scale` for"
+            " counts.",
+        ),
+        "temperature_jump": Code(
+            "The temperature jumps or is constant in a way that no thermometer shows.",
+            "Repair the column or drop it. Effects of temperature need a value in every row.",
+        ),
+        "temperature_raw": Code(
+            "The temperature is in raw counts without a scale and is not used.",
+            "Give `--temp-scale SLOPE,OFFSET` from the datasheet.",
+        ),
+    },
+    "Axes": {
+        "gravity_sign": Code(
+            "The accelerometer reads -g on z in the first rest, as with z down (FRD, NED) or a reversed "
+            "sign.",
+            "`--axes frd` for z down; `--axes accel=-x,-y,-z` for a reversed sign; nothing if the unit "
+            "lay upside down. See [frames](frames.md).",
+        ),
+        "left_handed_axes": Code(
+            "The rates do not follow the rotation of gravity: an axis is mirrored, or two axes are swapped.",
+            "Give the order and the signs of the columns with `--axes`; the message names them.",
+        ),
+        "axes_turned": Code(
+            "The axes of the two sensors differ by a rotation in steps of 90 deg.",
+            "Give `--axes` as in the message.",
+        ),
+    },
+    "Several recordings": {
+        "recordings_overlap": Code(
+            "A recording is given twice, or two recordings have samples in common.",
+            "Give every recording once; repeated data make the stated accuracy wrong.",
+        ),
+        "control_not_independent": Code(
+            "The control recording has the noise of a calibration recording: it is a part or a copy of it.",
+            "Record a control run of its own, or use `--folds`.",
+        ),
+        "seen_by_the_fit": Code(
+            "The calibration is evaluated on a file from which it was made.",
+            "Evaluate on another recording of the unit.",
+        ),
+        "several_units": Code(
+            "Each recording fits alone, but not all together: they are of different units.",
+            "Calibrate each unit by itself.",
+        ),
+        "biases_moved": Code(
+            "The biases differ between the recordings, as after switching the unit off and on.",
+            "Record without switching off, or calibrate from one recording and estimate the bias after "
+            "each start.",
+        ),
+    },
+    "Reading files": {
+        "lines_left_out": Code(
+            "Lines of a text file are not rows and were left out.",
+            "Check that no samples are lost there.",
+        ),
+        "read_by_header": Code(
+            "Names and units of the columns were taken from the header of a file of another program.",
+            "Nothing, if they are right; otherwise give `--columns`.",
+        ),
+        "file_damaged": Code(
+            "Parts of a log could not be read and were skipped.",
+            "Look for gaps in time, or download the log again.",
+        ),
+        "checksums_missing": Code(
+            "All sentences have the same placeholder as check sum, so garbled ones cannot be found.",
+            "Record with check sums.",
+        ),
+        "resampled": Code(
+            "The two sensors have different sampling rates; one was brought to the time stamps of the other.",
+            "Nothing; record both at one rate if the noise matters.",
+        ),
+        "already_corrected": Code(
+            "The autopilot has applied its own calibration to the logged samples.",
+            "The result adds to those parameters. To replace them, log raw samples or set them to neutral"
+            " values.",
+        ),
+        "board_rotated": Code(
+            "The autopilot has rotated the samples from the axes of the sensor to those of the vehicle.",
+            "Export with `--board-orientation` as in the message.",
+        ),
+    },
+    "Verdict poor": {
+        "not_converged": Code(
+            "A fit ended before it reached its optimum.",
+            "Raise `--max-iterations`, or look for faulty parts of the recording with `--verbose`.",
+        ),
+        "no_usable_move": Code(
+            "There is no usable move, so the gyroscope is not judged.",
+            "Record rests in different poses with moves between them.",
+        ),
+        "too_few_rests": Code(
+            "There are too few usable rests to judge the accelerometer.",
+            "Record rests in more poses.",
+        ),
+        "not_corrected": Code(
+            "Samples have no correction: their temperature is missing, or an effect is too large to be "
+            "removed.",
+            "Repair the temperature column, or calibrate without this effect.",
+        ),
+        "large_residuals": Code(
+            "The residuals are far larger than noise explains. The calibration is of another unit, the "
+            "units are wrong, or the unit has a large further error.",
+            "Check unit and file; then run [`imucal gap`](gap.md).",
+        ),
+        "unknown_direction": Code(
+            "Noise hides the direction of gravity after a move, so the gyroscope is not judged.",
+            "Check the units, or move faster and rest longer.",
+        ),
+        "impossible_rates": Code(
+            "The corrected rates are larger than any such sensor measures.",
+            "Check the units of the rates and the calibration.",
+        ),
+        "worse_than_uncalibrated": Code(
+            "The residuals are larger than those of the uncalibrated unit.",
+            "The calibration is of another unit, or of other units of measurement.",
+        ),
+        "contradicting_rests": Code(
+            "Many rests contradict the others.",
+            "Hold the unit still for at least two seconds in each pose, on something rigid.",
+        ),
+        "contradicting_moves": Code(
+            "Many moves contradict the others, as with lost samples or saturation in moves.",
+            "Look at the findings, rotate more slowly, and record again.",
+        ),
+        "moving_rests": Code(
+            "Many rests have mean angular rates far from those of the others: the unit was turning slowly.",
+            "Hold the unit still in each pose.",
+        ),
+        "prior_contradicted": Code(
+            "The recordings contradict a parameter that is held by a prior.",
+            "Give a wider standard deviation to `--hold`, or estimate the parameter.",
+        ),
+    },
+    "Verdict incomplete": {
+        "residuals_above_noise": Code(
+            "Some residuals exceed twice their noise: the unit or its motion does something that the "
+            "model lacks.",
+            "The result is usable. [`imucal gap`](gap.md) searches for the missing effect.",
+        ),
+        "irregular_clock": Code(
+            "Only the residuals of moves exceed their noise, and the time stamps are irregular.",
+            "Use the time stamps of the sensor, or even ones.",
+        ),
+        "parameters_held": Code(
+            "Parameters that the recording does not determine are held at nominal values; the message "
+            "states the error that this leaves.",
+            "Record more poses, or accept the stated error. See [few poses](few-poses.md).",
+        ),
+        "residuals_not_tested": Code(
+            "There are as many parameters as rests, or the noise is not known, so nothing tests the result.",
+            "Add poses, give `--noise`, or give a control recording.",
+        ),
+    },
+    "Diagnosis of a fit": {
+        "traded_off": Code(
+            "Parameters are so strongly correlated that they cannot be estimated separately.",
+            "Record the motion that the message names, or hold one of them with `--hold`.",
+        ),
+        "flat": Code(
+            "A parameter is poorly determined: its standard deviation exceeds its usual size.",
+            "Record the motion that the message names, or hold the parameter with `--hold`.",
+        ),
+        "at_bound": Code(
+            "A time constant is outside the range that the recordings can determine.",
+            "Record from power-on until the sensors have settled, or leave the effect out.",
+        ),
+        "noise_overestimated": Code(
+            "The residuals are smaller than the noise at the rests, so the standard deviations are too "
+            "large.",
+            "Record a hand-held unit at 100 Hz or more; on a table see that nothing shakes it.",
+        ),
+        "noise_grows_in_motion": Code(
+            "The gyroscope is noisier in moves than at rest.",
+            "Look for what vibrates while the unit turns.",
+        ),
+        "mount_slip": Code(
+            "The unit has rotated on its mount during the run.",
+            "Fasten the unit and record again.",
+        ),
+        "loose_mount": Code(
+            "The attitude of the unit scatters against the angles of the stand: the mount has play.",
+            "Fasten the unit and record again.",
+        ),
+    },
+    "Noise of a unit at rest": {
+        "recording_short": Code(
+            "The recording is too short to show the bias instability; only its upper bound is known.",
+            "Record for hours at a constant temperature if you need a value.",
+        ),
+        "recording_moves": Code(
+            "The unit moves; only the longest rest is used.",
+            "Record the unit at rest on something rigid.",
+        ),
+        "recording_interrupted": Code(
+            "Samples are lost or repeated; only the longest stretch without such samples is used.",
+            "Look for lost packets or a full buffer, and record again if the stretch is too short.",
+        ),
+        "step": Code(
+            "The mean of some axes changes in a step, as by a bump of the table.",
+            "`--cut-steps` uses the longest part without a step.",
+        ),
+        "steps_cut": Code(
+            "Only the longest part without a step is used.",
+            "Nothing; record again without touching the table if the part is too short.",
+        ),
+        "drift": Code(
+            "The mean drifts as of a unit that warms up. The random walk contains this drift.",
+            "Let the unit run for 30 minutes before recording.",
+        ),
+        "noise_filtered": Code(
+            "A filter has coloured the high frequencies; only lower ones are used.",
+            "Nothing; record without the filter for a more accurate noise density.",
+        ),
+        "noise_model": Code(
+            "The power spectrum is not that of the noise model, for example because of vibration.",
+            "Look at the Allan plot; record at a constant temperature, away from motors.",
+        ),
+    },
+    "A run without a result (fleets)": {
+        "not_enough_motion": Code(
+            "The motion does not determine every parameter.",
+            "Add the poses that the message names, or estimate fewer parameters with `--model`.",
+        ),
+        "fit_failed": Code(
+            "The fit did not end acceptably.",
+            "Look at the recording with `imucal inspect`.",
+        ),
+        "format": Code(
+            "A file is damaged, incomplete or of another format.",
+            "Check it with `imucal inspect`; give `--format`.",
+        ),
+        "input": Code(
+            "An argument or a recording is invalid.",
+            "Do what the message says.",
+        ),
+        "file_missing": Code(
+            "A file of the manifest does not exist.",
+            "Correct the manifest, or copy the file.",
+        ),
+        "memory": Code(
+            "The recording does not fit into memory.",
+            "Give a shorter recording or fewer workers.",
+        ),
+        "no_result": Code(
+            "Another foreseen error.",
+            "Do what the message says.",
+        ),
+        "bug": Code(
+            "An error of imucal itself.",
+            "Report it with the traceback (`IMUCAL_TRACEBACK=1`).",
+        ),
+    },
+}
+HEAD: Final = """# Why refused? All reason codes
+
+Messages end with a code in brackets, such as `[gyro_units]`, and JSON documents have it in the field `code`.
+This page lists every code with its usual cause and cure. `imucal help gyro_units` prints an entry of it. An
+**error** is refused, because the result would be wrong; a **warning** is not. The codes do not change between
+versions, so that scripts can rely on them. The codes of a production line, such as `dead_axis`, are on the
+page of [the stand](stand.md#one-unit-one-command).
+"""
+
+
+def code_text(code: str) -> str | None:
+    """Cause and cure of a code as text for a terminal; None if there is no such code."""
+    for heading, entries in CODES.items():
+        if code in entries:
+            entry = entries[code]
+            return f"{code} ({heading})\n  cause: {_plain(entry.cause)}\n  what to do: {_plain(entry.cure)}"
+    return None
+
+
+def _plain(text: str) -> str:
+    """Text without the marks of Markdown."""
+    return re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text).replace("`", "")
+
+
+def codes_markdown() -> str:
+    """The page docs/codes.md."""
+    lines = [HEAD]
+    for heading, entries in CODES.items():
+        lines += [f"## {heading}", "", "| code | cause | what to do |", "|---|---|---|"]
+        lines += [f"| `{code}` | {entry.cause} | {entry.cure} |" for code, entry in entries.items()]
+        lines.append("")
+    return "\n".join(lines)
