@@ -5,6 +5,8 @@ import zipfile
 from dataclasses import dataclass
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import imucal
@@ -672,6 +674,106 @@ def timetable(folder):
     return Made([write(folder, "run.csv", header, lines(dates, FORCE, RATE))], {"columns": "time_s=Time"})
 
 
+@sample("Adafruit's Arduino examples (MPU6050, LSM6DS, BNO055), serial monitor")
+def adafruit(folder):
+    made = ["Adafruit MPU6050 test!", "MPU6050 Found!", ""]
+    for force, rate in zip(FORCE, RATE, strict=True):
+        made += [
+            "Acceleration X: {:.5f}, Y: {:.5f}, Z: {:.5f} m/s^2".format(*force),
+            "Rotation X: {:.5f}, Y: {:.5f}, Z: {:.5f} rad/s".format(*rate),
+            "Temperature: 27.63 degC",
+            "",
+        ]
+    return Made([write(folder, "serial.txt", made)], {"rate_hz": RATE_HZ}, tolerance=6e-6)
+
+
+@sample("SparkFun OpenLog Artemis")
+def openlog_artemis(folder):
+    names = [
+        "rtcDate",
+        "rtcTime",
+        *(f"{what}{axis}" for what in "agm" for axis in "XYZ"),
+        "imu_degC",
+        "output_Hz",
+    ]
+    times = [f"12:00:{at:05.2f}" for at in TIME_S]
+    rows = lines(
+        ["01/01/2026"] * ROWS, times, FORCE / G * 1000, RATE / DEG, FORCE, np.full((ROWS, 2), [25.5, 100.2])
+    )
+    header = ",".join(names) + ","
+    return Made([write(folder, "dataLog00001.TXT", header, [row + "," for row in rows])], {})
+
+
+@sample("MicroStrain SensorConnect")
+def microstrain(folder):
+    names = [
+        *("GPS TFlags", "GPS Week", "GPS TOW"),
+        *(f"{a} Accel [x8004]" for a in "XYZ"),
+        *(f"{a} Gyro [x8005]" for a in "XYZ"),
+        *(f"{a} Delta Vel [x8008]" for a in "XYZ"),
+    ]
+    week = np.full((ROWS, 2), [7, 2200])
+    rows = lines(week, 400_000 + TIME_S, FORCE / G, RATE, FORCE / G / 100)
+    return Made([write(folder, "imu.csv", "DATA_START", ",".join(names), rows)], {})
+
+
+@sample("Xsens MTw and Awinda, ASCII export")
+def mtw(folder):
+    above = ["// Start Time: Unknown", "// Update Rate: 100.0Hz", "// Firmware Version: 4.0.2"]
+    names = [
+        *("PacketCounter", "SampleTimeFine", "Year", "Month", "Day", "Second"),
+        *(f"{what}_{a}" for what in ("Acc", "Gyr") for a in "XYZ"),
+        *("Roll", "Pitch", "Yaw"),
+    ]
+    ticks = 4_000_000 + np.round(TIME_S * 1e4).astype(int)
+    rows = lines(np.arange(ROWS), ticks, *[[""] * ROWS] * 4, FORCE, RATE, FORCE * 0, separator="\t")
+    return Made([write(folder, "MT_01.txt", above, "\t".join(names), rows)], {})
+
+
+@sample("ShimmerCapture, older exports")
+def shimmer_capture(folder):
+    names = [
+        "Timestamp",
+        *(f"Low Noise Accelerometer {a}" for a in "XYZ"),
+        *(f"Gyroscope {a}" for a in "XYZ"),
+    ]
+    units = ["mSecs", *["m/(sec^2)*"] * 3, *["deg/sec*"] * 3]
+    rows = lines(TIME_S * 1000, FORCE, RATE / DEG, separator="\t")
+    above = ["\t".join(cells) for cells in (["Shimmer_1"] * 7, names, ["CAL"] * 7, units)]
+    return Made([write(folder, "shimmer.csv", above, rows)], {})
+
+
+@sample("phyphox in German, and apps in other languages")
+def german(folder):
+    names = [
+        "Zeit (s)",
+        *(f"Beschleunigung {a} (m/s^2)" for a in "xyz"),
+        *(f"Gyroskop {a} (rad/s)" for a in "xyz"),
+        *(f"Lineare Beschleunigung {a} (m/s^2)" for a in "xyz"),
+    ]
+    rows = lines(TIME_S, FORCE, RATE, FORCE * 0, separator="\t", decimal=",")
+    return Made([write(folder, "Raw Data.csv", "\t".join(names), rows, encoding="utf-16", end="\r\n")], {})
+
+
+@sample("ST DATALOG2, one CSV file per sensor")
+def datalog2(folder):
+    accel = write(folder, "lsm6dsv16x_acc.csv", "Time,A_x [g],A_y [g],A_z [g]", lines(TIME_S, FORCE / G))
+    header = "Time,G_x [mdps],G_y [mdps],G_z [mdps]"
+    return Made([accel, write(folder, "lsm6dsv16x_gyro.csv", header, lines(TIME_S, RATE / DEG * 1000))], {})
+
+
+@sample("Parquet and data frames of other programs")
+def other_parquet(folder):
+    columns = {
+        "time (ms)": TIME_S * 1000,
+        **{f"accel {a} (mg)": FORCE[:, i] / G * 1000 for i, a in enumerate("xyz")},
+        **{f"gyro {a} (deg/s)": RATE[:, i] / DEG for i, a in enumerate("xyz")},
+        "battery": np.full(ROWS, 3.7),
+    }
+    pq.write_table(pa.table(columns), folder / "run.parquet")
+    return Made([folder / "run.parquet"], {})
+
+
 def test_every_export_of_the_page_has_a_sample_and_the_other_way_round():
     assert [export.name for export in EXPORTS] == list(SAMPLES)
 
@@ -774,3 +876,56 @@ def test_packed_and_encoded_texts(tmp_path, kind):
     recording = imucal.read(path)
     np.testing.assert_allclose(recording.specific_force, FORCE, rtol=1e-12)
     assert len(recording.sources) == 1
+
+
+def test_a_data_frame_is_read_by_names_with_units():
+    dates = pa.array(NS.astype("datetime64[ns]"))
+    frame = pa.table(
+        {
+            "timestamp": dates,
+            **{f"acc_{a} [m/s^2]": FORCE[:, i] for i, a in enumerate("xyz")},
+            **{f"gyr_{a} [rad/s]": RATE[:, i] for i, a in enumerate("xyz")},
+        }
+    )
+    recording = imucal.read(frame)
+    np.testing.assert_array_equal(recording.specific_force, FORCE)
+    np.testing.assert_array_equal(recording.angular_rate, RATE)
+    np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
+    bare = frame.rename_columns([name.partition(" ")[0] for name in frame.column_names])
+    with pytest.raises(imucal.FormatError, match=r"--columns 'time_s=timestamp,accel_x_mps2=acc_x,.*gyr_z'"):
+        imucal.read(bare)
+
+
+def test_a_time_column_alone_does_not_make_the_other_names_canonical(tmp_path):
+    names = ["time_us", *(f"acc[{i}] (g)" for i in range(3)), *(f"gyro[{i}] (deg/s)" for i in range(3))]
+    us = np.round(TIME_S * 1e6).astype(int)
+    recording = imucal.read(write(tmp_path, "a.csv", ",".join(names), lines(us, FORCE / G, RATE / DEG)))
+    np.testing.assert_allclose(recording.specific_force, FORCE, atol=1e-9)
+    np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
+
+
+def test_what_cannot_be_read_is_named(tmp_path):
+    units = "time(s),ax(ug),ay(ug),az(ug),gx(deg/h),gy(deg/h),gz(deg/h)"
+    for name, content, message in (
+        ("a.csv", [units, *lines(TIME_S, FORCE / G * 1e6, RATE / DEG * 3600)], r"not read \(ug, deg/h\)"),
+        ("a.json", ['[{"sensor": "Accelerometer", "time": "1", "x": 0.1, "y": 0.1, "z": 9.8}]'], "is JSON"),
+        (
+            "long.csv",
+            ["sensor,timestamp,x,y,z", *(f"{s},{i},1.5,2.5,3.5" for i in range(50) for s in ("ACC", "GYRO"))],
+            r"one sensor, which the column 'sensor' names \(ACC, GYRO\)",
+        ),
+    ):
+        with pytest.raises(imucal.FormatError, match=message):
+            imucal.read(write(tmp_path, name, content))
+
+
+def test_the_rate_is_asked_for_where_no_name_has_the_unit_of_the_time(tmp_path):
+    """SampleTimeFine counts in 100 us."""
+    names = ["SampleTimeFine", *(f"{what}_{a}" for what in ("Acc", "Gyr", "Acc2") for a in "XYZ")]
+    ticks = np.round(TIME_S * 1e4).astype(int)
+    path = write(
+        tmp_path, "a.txt", "// x", "\t".join(names), lines(ticks, FORCE, RATE, FORCE, separator="\t")
+    )
+    with pytest.raises(imucal.FormatError, match="--rate-hz HZ") as caught:
+        imucal.read(path)
+    assert "=SampleTimeFine" not in str(caught.value)

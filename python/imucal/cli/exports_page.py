@@ -217,6 +217,54 @@ EXPORTS: Final = (
         "imucal convert run.csv --columns time_s=Time -o rec.csv",
         "digits beyond those of the time format: tt.Time.Format = 'dd-MMM-yyyy HH:mm:ss.SSSSSS'",
     ),
+    Export(
+        "Adafruit's Arduino examples (MPU6050, LSM6DS, BNO055), serial monitor",
+        "save the serial output; print more digits than two (`Serial.print(value, 5)`)",
+        "imucal convert serial.txt --rate-hz 100 -o rec.csv",
+        f"time, which these programs do not print; {ROUNDED}",
+    ),
+    Export(
+        "SparkFun OpenLog Artemis",
+        "log the IMU with the date and time, or with micros",
+        "imucal convert dataLog00001.TXT -o rec.csv",
+        "magnetometer; digits beyond those that are printed",
+    ),
+    Export(
+        "MicroStrain SensorConnect",
+        "export as CSV: Scaled Accelerometer (0x8004), Scaled Gyroscope (0x8005) and GPS TOW",
+        "imucal convert imu.csv -o rec.csv",
+        "the other quantities",
+    ),
+    Export(
+        "Xsens MTw and Awinda, ASCII export",
+        "Acceleration, Rate of Turn and Sample Time Fine",
+        "imucal convert MT_01.txt -o rec.csv",
+        "as for MT Manager",
+    ),
+    Export(
+        "ShimmerCapture, older exports",
+        "calibrated data, with a line CAL and a line of units below the header",
+        "imucal convert shimmer.csv -o rec.csv",
+        "the calibration of the program is in the data; a new one is valid after it",
+    ),
+    Export(
+        "phyphox in German, and apps in other languages",
+        "as for phyphox; names of the columns in German, French, Spanish, Italian, Portuguese or Dutch",
+        "imucal convert 'Raw Data.csv' -o rec.csv",
+        NOTHING,
+    ),
+    Export(
+        "ST DATALOG2, one CSV file per sensor",
+        "convert the acquisition to CSV with the tools of the SDK",
+        "imucal convert lsm6dsv16x_acc.csv lsm6dsv16x_gyro.csv -o rec.csv",
+        "sensors with own time stamps are resampled",
+    ),
+    Export(
+        "Parquet and data frames of other programs",
+        "names of the columns with sensor, axis and unit, such as `accel x (mg)`",
+        "imucal convert run.parquet -o rec.csv",
+        OTHERS,
+    ),
 )
 
 HEAD: Final = """\

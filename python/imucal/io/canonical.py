@@ -16,6 +16,7 @@ from imucal.errors import FormatError, ImucalError, InputError
 from imucal.io.alone import recording_of_any_text
 from imucal.io.arrow_values import arrow_of
 from imucal.io.mapping import mapping_of
+from imucal.io.named_table import by_header
 from imucal.io.names import is_canonical
 from imucal.io.parquet_pages import require_plausible_pages, require_plausible_rows
 from imucal.io.table import ROWS_AT_ONCE, Stored, Table
@@ -70,7 +71,8 @@ def read_parquet(
 ) -> Recording:
     """Read a Parquet file; the arguments are those of `read_csv`."""
     source = open_large(path)
-    return recording_from_table(chosen(parquet_table(path), columns), [source], rate_hz)
+    table = chosen(parquet_table(path), columns, has_rate=rate_hz is not None)
+    return recording_from_table(table, [source], rate_hz)
 
 
 def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
@@ -154,10 +156,14 @@ def _parquet_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], Non
         yield writer.write_table
 
 
-def chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
-    """The table with the columns in `columns` renamed, plus unnamed columns whose own names are canonical."""
+def chosen(table: Table, columns: str | Sequence[str] | None, *, has_rate: bool) -> Table:
+    """The table with the columns in `columns` renamed, plus unnamed columns whose own names are canonical.
+
+    Without `columns`, names that give sensor, axis and unit in other words are understood, too; `has_rate` as
+    for `by_header`.
+    """
     if columns is None:
-        return table
+        return by_header(table, has_rate=has_rate)
     mapping = mapping_of(columns)
     if mapping is None:
         raise InputError(f"{table.file} has named columns: give canonical=name pairs, not a list of names")

@@ -164,8 +164,9 @@ FORMATS: Final[dict[str, Format]] = {
         "label:value lines",
         1,
         None,
-        "lines such as ax:0.01 ay:0.02 az:9.81",
-        "the labels as column names, as in csv; lines with other labels are left out, with a warning",
+        "lines such as ax:0.01 ay:0.02 az:9.81, or Accel X:0.01 Y:0.02 Z:9.81",
+        "the labels as column names, as in csv; lines of several sensors with three axes each are one "
+        "sample; lines with other labels are left out, with a warning",
         NAMED_UNITS,
         DATED_TIME,
         ("columns", "rate_hz"),

@@ -56,7 +56,7 @@ def read_frame(
         [values[index] for index in kept],
         lambda row: f"row {row + 1}",
     )
-    return recording_from_table(chosen(whole, columns), [], rate_hz)
+    return recording_from_table(chosen(whole, columns, has_rate=rate_hz is not None), [], rate_hz)
 
 
 def to_table(recording: Recording) -> Any:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.dates import is_date_column
-from imucal.io.header import Header, Triad, header_of
+from imucal.io.first_cells import HEAD_ROWS
+from imucal.io.header import Header, Triad, header_of, unknown_units
 from imucal.io.layout import Layout, is_number, split_line
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES, SKIP, is_canonical, time_unit, triad_part
@@ -21,11 +22,15 @@ from imucal.io.suggestion import suggestion
 from imucal.io.table import Table
 from imucal.io.text import Text, read_rows
 from imucal.io.unit_words import split_unit
-from imucal.io.vocabulary import HEAD_ROWS, recording_from_table
+from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
 __all__ = [
+    "FirstCells",
     "Head",
+    "as_read",
+    "canonical_names",
+    "certain_time",
     "layout_header",
     "names_given",
     "read_headed",
@@ -36,6 +41,19 @@ __all__ = [
 
 # Ticks of SampleTimeFine of an MTi in a second, by the MT low-level communication protocol.
 TICKS_100US: Final = 1e4
+
+
+class FirstCells(Protocol):
+    """The first cells of a table by column name."""
+
+    def numbers(self, name: str) -> Any:
+        """The first numbers of a column; NaN for cells that are none."""
+
+    def triad(self, triad: Triad) -> Any:
+        """The first samples of three columns, (N, 3)."""
+
+    def is_date(self, name: str) -> bool:
+        """Whether a column holds dates or times of day."""
 
 
 class Head:
@@ -98,7 +116,11 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
             "every column in its order (columns=..., --columns time_s,accel_x_g,...), '-' for a column to "
             "ignore"
         )
-    if columns is not None or any(map(is_canonical, layout.names)):
+    # A canonical name of the time alone, such as time_us, does not make the other names canonical.
+    by_names = any(triad_part(name) for name in layout.names) or (
+        any(map(is_canonical, layout.names)) and not layout_header(layout).accel
+    )
+    if columns is not None or by_names:
         return read_rows(text, names_given(text.name, layout, columns))
     return _by_header(text, rate_hz)
 
@@ -170,24 +192,32 @@ def _by_header(text: Text, rate_hz: float | None) -> Table:
     """The table of a text whose header gives sensor, axis and unit of all columns; otherwise FormatError."""
     layout = text.layout
     header, head = layout_header(layout), Head(text)
-    sure = _sure(header, head, rate_hz is not None)
-    if sure is None:
+    certain = certain_time(header, head, rate_hz is not None)
+    if certain is None:
         raise FormatError(_unsure(text, header, head))
-    time, ticks = sure
-    names = [SKIP[0]] * len(layout.names or [])
-    known = {name: index for index, name in reversed(list(enumerate(layout.names or [])))}
+    time, ticks = certain
+    names = canonical_names(layout.names or [], header, time)
+    table = replace(read_rows(text, names), ticks_per_s=ticks)
+    return replace(table, findings=(*table.findings, as_read(text.name, header, time)))
+
+
+def canonical_names(names: Sequence[str], header: Header, time: tuple[str, str] | None) -> list[str]:
+    """The canonical name of each column whose role is known, and `-` for the others."""
+    canonical = [SKIP[0]] * len(names)
+    known = {name: index for index, name in reversed(list(enumerate(names)))}
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
         for axis, name in zip("xyz", triad.columns, strict=True):
-            names[known[name]] = f"{what}_{axis}_{triad.unit}"
+            canonical[known[name]] = f"{what}_{axis}_{triad.unit}"
     if time is not None:
-        names[known[time[0]]] = time[1]
+        canonical[known[time[0]]] = time[1]
     if header.temperature is not None:
-        names[known[header.temperature[0]]] = header.temperature[1]
-    table = replace(read_rows(text, names), ticks_per_s=ticks)
-    return replace(table, findings=(*table.findings, _as_read(text.name, header, time)))
+        canonical[known[header.temperature[0]]] = header.temperature[1]
+    return canonical
 
 
-def _sure(header: Header, head: Head, has_rate: bool) -> tuple[tuple[str, str] | None, float | None] | None:
+def certain_time(
+    header: Header, head: FirstCells, has_rate: bool
+) -> tuple[tuple[str, str] | None, float | None] | None:
     """(name, canonical name) of the time column and its ticks, if the header leaves nothing open."""
     if len(header.accel) != 1 or len(header.gyro) != 1:
         return None
@@ -204,7 +234,7 @@ def _sure(header: Header, head: Head, has_rate: bool) -> tuple[tuple[str, str] |
     return None if time is None else time
 
 
-def time_of(header: Header, head: Head) -> tuple[tuple[str, str], float | None] | None:
+def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | None] | None:
     """(name, canonical name) of the time column, and its ticks per second if that name cannot say them.
 
     Stamps since 1970 come before a time since the start, because two files have only those in common.
@@ -224,7 +254,8 @@ def time_of(header: Header, head: Head) -> tuple[tuple[str, str], float | None] 
     return None
 
 
-def _as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
+def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
+    """What was read from the header, and how to correct it."""
     shown = [] if time is None else [f"{time[1]}={time[0]}"]
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
         shown += [f"{what}_{a}_{triad.unit}={n}" for a, n in zip("xyz", triad.columns, strict=True)]
@@ -269,6 +300,12 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
         if is_known
         else "the format could not be determined; first line"
     )
+    unknown = unknown_units(layout.described)
+    if unknown and not is_known:
+        return (
+            f"{text.name}: the header gives units that are not read ({', '.join(unknown)}): convert the "
+            "columns to m/s^2, g or mg, and to rad/s, deg/s or mdeg/s"
+        )
     return (
         f"{text.name}: {lead}: {shown[:200]}. "
         f"{suggestion(header, head.cells, works, head.numbers)}Name the columns (columns=..., --columns): "

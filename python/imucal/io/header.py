@@ -10,14 +10,18 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
+from unicodedata import combining, normalize
 
+from imucal.io.programs import program_of
 from imucal.io.unit_words import split_unit
 
-__all__ = ["Header", "Triad", "header_of", "names_sensor"]
+__all__ = ["Header", "Triad", "header_of", "names_sensor", "unknown_units"]
 
 ACCEL: Final = {
     *("a", "ac", "acc", "accel", "accl", "accelerometer", "acceleration", "accelerometers", "accels", "af"),
     *("specific", "gf", "gforce", "acce", "accs", "accelero", "totalacceleration"),
+    # Apps translate the names: German, French, Spanish, Italian, Portuguese, Dutch, without accents.
+    *("beschleunigung", "aceleracion", "accelerazione", "aceleracao", "versnelling"),
 }
 GYRO: Final = {
     *(
@@ -35,7 +39,8 @@ GYRO: Final = {
         "ang",
         "rot",
     ),
-    *("angvel", "angrate", "turnrate"),
+    *("angvel", "anglvel", "angrate", "turnrate"),
+    *("gyroskop", "drehrate", "winkelgeschwindigkeit", "giroscopio", "gyroscoop"),
 }
 # Words of columns that are neither the accelerometer with gravity nor the gyroscope.
 OTHER: Final = {
@@ -69,14 +74,19 @@ OTHER: Final = {
         "dgyro",
     ),
 }
-LINEAR: Final = {"linear", "lin", "linearacceleration", "linacc", "linaccel"}
+LINEAR: Final = {
+    *("linear", "lin", "linearacceleration", "linacc", "linaccel"),
+    *("lineare", "lineaire", "lineal"),
+}
 TIME: Final = re.compile(
     r"^(t|time|times|timestamp|timestamps|stamp|ts|sec|secs|seconds|elapsed|epoch|unix|millis|micros|clock|"
     r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|yyyy|uptime|"
-    r"packettime|systime|timeus|timems|loggingtime|ms|us|ns)$"
+    r"packettime|systime|timeus|timems|loggingtime|ms|us|ns|zeit|temps|tiempo|tempo|tijd)$"
 )
 # Words of a second time column, less suitable than the others.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
+# Descriptor of a quantity in the names of MicroStrain, such as `X Accel [x8004]`.
+DESCRIPTOR: Final = re.compile(r"\s*\[x[0-9A-Fa-f]{4}\]")
 WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%")
 # Names in one piece: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
 JOINED: Final = re.compile(
@@ -119,17 +129,6 @@ class Header:
     program: str | None = None
 
 
-@dataclass(frozen=True)
-class _Program:
-    """A program whose files are recognised by their header, and the units that its manual gives."""
-
-    name: str
-    accel: str
-    gyro: str
-    # Unit of the time columns whose names do not give it.
-    times: dict[str, str]
-
-
 # (quantity, rest of the name): {axis: (name, unit)}.
 _Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
 
@@ -143,7 +142,7 @@ def header_of(
     preamble   lines before the header
     """
     described = names if described is None else described
-    program = _program(names, preamble)
+    program = program_of(names, preamble)
     groups: _Groups = {}
     times: list[tuple[str, str | None]] = []
     temperature: tuple[str, str] | None = None
@@ -151,8 +150,8 @@ def header_of(
     prefix = _shared_start([name for name in names if name])
     for name, text in zip(names, described, strict=True):
         bare, unit = split_unit(text)
-        bare = re.sub(r"_CAL$|_cal$", "", bare.removeprefix(prefix))
-        words = [word.lower() for word in WORD.findall(bare)]
+        bare = re.sub(r"_CAL$|_cal$", "", DESCRIPTOR.sub("", bare.removeprefix(prefix)))
+        words = _words(bare)
         if _is_time(words, unit):
             known = unit[1] if unit and unit[0] == "time" else _time_in_words(words)
             if known is None and program is not None:
@@ -203,10 +202,28 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 
     def of(name: str) -> str | None:
         bare, unit = split_unit(name)
-        role = _role([word.lower() for word in WORD.findall(bare)], bare, unit)
+        role = _role(_words(bare), bare, unit)
         return None if role is None else role[0].removeprefix("plain-")
 
     return any(of(name) == what for name in names)
+
+
+def unknown_units(described: Sequence[str]) -> list[str]:
+    """The units in brackets that are not known, of columns that without them are those of a sensor."""
+    brackets = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
+    found = {text: match[1].strip() for text in described if (match := brackets.search(text))}
+    bare = {
+        brackets.sub("", text).strip(): unit for text, unit in found.items() if split_unit(text)[1] is None
+    }
+    header = header_of(list(bare))
+    used = [name for triad in (*header.accel, *header.gyro) for name in triad.columns]
+    return list(dict.fromkeys(bare[name] for name in used if bare[name]))
+
+
+def _words(name: str) -> list[str]:
+    """The words of a name in lower case, without accents."""
+    plain = "".join(c for c in normalize("NFKD", name) if not combining(c))
+    return [word.lower() for word in WORD.findall(plain)]
 
 
 def _shared_start(names: Sequence[str]) -> str:
@@ -227,7 +244,7 @@ def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[st
     if joined:
         word, axis = (joined[1], joined[2]) if joined[1] else (joined[4], joined[3])
         rest = bare.lower().replace(joined[0], "")
-        words = [word, *(w.lower() for w in WORD.findall(rest))]
+        words = [word, *_words(rest)]
     else:
         axes = [word[0] for word in words if re.fullmatch(r"[xyz](out|axis)?(l|h)?", word)]
         if len(axes) != 1:
@@ -281,6 +298,8 @@ def _index_axes(
 def _is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
     if not words or (unit is not None and unit[0] != "time"):
         return False
+    if words == ["gps", "tow"]:
+        return True
     return any(TIME.match(word) for word in words) and not any(
         word in NOT_TIME or word in OTHER or word in ACCEL or word in GYRO for word in words
     )
@@ -295,29 +314,4 @@ def _time_in_words(words: list[str]) -> str | None:
     ):
         if any(word in spelled for word in words):
             return unit
-    return None
-
-
-def _program(names: Sequence[str], preamble: Sequence[str]) -> _Program | None:
-    """The program whose export this is, if its header alone tells it."""
-    low = {name.strip().lower() for name in names}
-    text = "\n".join(preamble).lower()
-    if {"acc_x", "gyr_x"} <= low and ("sampletimefine" in low or "packetcounter" in low):
-        # Movella DOT writes deg/s and microseconds, MT Manager rad/s and 100 us, under the same names.
-        if "devicetag" in text or "outputrate" in text or "xsens dot" in text or "movella dot" in text:
-            return _Program("Movella DOT", "mps2", "dps", {"sampletimefine": "us"})
-        if "mt manager" in text or "general information" in text or "mtmanager" in text:
-            return _Program("Xsens MT Manager", "mps2", "radps", {"sampletimefine": "100us"})
-        return None
-    if "seconds_elapsed" in low and {"x", "y", "z"} <= low:
-        return _Program("Sensor Logger", "", "radps", {"time": "ns"})
-    if {"gfx", "gfy", "gfz"} <= low and "time" in low:
-        return _Program("Physics Toolbox", "g", "radps", {"time": "s"})
-    is_ros = any("angular_velocity" in name for name in low) and any(
-        "linear_acceleration" in name for name in low
-    )
-    if is_ros:
-        return _Program("ROS", "mps2", "radps", {})
-    if "actigraph" in text:
-        return _Program("ActiGraph", "g", "dps", {})
     return None

@@ -290,7 +290,7 @@ def _header(
     above: list[_Line], separator: str, first: list[str]
 ) -> tuple[list[str] | None, list[str] | None, list[str]]:
     """Names, units, and the lines before them, from the lines above the first row."""
-    above = above[-HEADER_LINES:]
+    above = [line for line in above[-HEADER_LINES:] if not _are_states(line.text, separator)]
     for index in range(len(above) - 1, -1, -1):
         names = _names(above[index].text, separator, first)
         if names is None:
@@ -322,6 +322,11 @@ def _names(text: str, separator: str, first: list[str]) -> list[str] | None:
         if (len(fields) == width and 2 * named > width) or (canonical and mark != " "):
             return fields
     return None
+
+
+def _are_states(text: str, separator: str) -> bool:
+    """Whether a line says of each column only that it is calibrated or raw, as Shimmer's exports do."""
+    return {field.upper() for field in split_line(text, separator) if field} <= {"CAL", "RAW", "UNCAL"}
 
 
 def _are_units(fields: list[str]) -> bool:

@@ -44,14 +44,17 @@ def require_plausible_pages(file: BinaryIO, metadata: Any, size: int, names: Col
     metadata  pyarrow's metadata of the file
     size      of the file, bytes
     """
+    # Arrow finds a column by its place in the schema, whatever name the row groups give it.
+    paths = [metadata.schema.column(index).path for index in range(metadata.num_columns)]
+    # A nested column has several chunks, whose paths start with its name.
+    used = [
+        index
+        for index, path in enumerate(paths)
+        if any(path == name or path.startswith(f"{name}.") for name in names)
+    ]
     for group in range(metadata.num_row_groups):
-        for index in range(metadata.num_columns):
-            chunk = metadata.row_group(group).column(index)
-            # A nested column has several chunks, whose paths start with its name.
-            if any(
-                chunk.path_in_schema == name or chunk.path_in_schema.startswith(f"{name}.") for name in names
-            ):
-                _require_chunk(file, chunk, size)
+        for index in used:
+            _require_chunk(file, metadata.row_group(group).column(index), size)
 
 
 def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:

@@ -75,7 +75,7 @@ def parquet_pieces(
 ) -> Iterator[Recording]:
     """Read a Parquet file in pieces; arguments as for `read_parquet`."""
     source, clock = open_large(path), Clock()
-    whole = chosen(parquet_table(path), columns)
+    whole = chosen(parquet_table(path), columns, has_rate=rate_hz is not None)
     for part in parts(whole.columns):
         yield recording_from_table(replace(whole, columns=part), [source], rate_hz, clock)
     if not clock.rows:

@@ -104,6 +104,11 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         return "columns"
     if "columns" in options:
         return "csv"
+    if head.lstrip()[:1] in (b"[", b"{"):
+        raise FormatError(
+            f"{path.name} is JSON: choose CSV in the export, or write one line with the names of the columns "
+            "and one line per sample"
+        )
     _, layout = head_of(path)
     if layout.names is not None:
         return "euroc" if is_euroc(layout.names) else "csv"

@@ -11,10 +11,12 @@ from functools import reduce
 from operator import xor
 from typing import Any, Final
 
-from imucal.document.source import open_file
+from imucal.document.source import File, open_file
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.headed import recording_of_text
+from imucal.io.label_blocks import are_blocks, rows_of_blocks
+from imucal.io.layout import HEAD
 from imucal.io.mapping import column_list, mapping_of
 from imucal.io.remarks import lines_left_out, remark
 from imucal.io.table import Table
@@ -48,6 +50,8 @@ MOST_WRONG: Final = 0.1
 
 def are_labels(start: bytes) -> bool:
     """Whether most lines of a text consist of labels with numbers, at least three."""
+    if are_blocks(start):
+        return True
     lines = [line for line in start.decode(errors="replace").splitlines()[1:41] if line.strip()]
     labelled = [
         line for line in lines if len(PAIR.findall(line)) >= 3 and not PAIR.sub("", line).strip(" \t,;|{}&")
@@ -66,9 +70,16 @@ def are_sentences(start: bytes) -> bool:
 def read_labels(
     path: str | os.PathLike[str], *, columns: str | Sequence[str] | None = None, rate_hz: float | None = None
 ) -> Recording:
-    """Read lines of `label:value`; the labels are the column names. Other arguments as for `read_csv`."""
+    """Read lines of `label:value`, or with the axes of one sensor each; the labels are the column names.
+
+    Other arguments as for `read_csv`.
+    """
     file = open_file(path)
-    lines = content_of(file).decode(errors="replace").splitlines()
+    content = content_of(file)
+    lines = content.decode(errors="replace").splitlines()
+    if are_blocks(content[:HEAD]):
+        rows, left = rows_of_blocks(lines)
+        return _of_rows(file, rows, left, columns, rate_hz)
     found = [PAIR.findall(line) for line in lines]
     labels = Counter(_labels(pairs) for pairs in found if len(pairs) >= 3)
     if not labels:
@@ -86,6 +97,13 @@ def read_labels(
         raise FormatError(
             f"{file.name}: {left} of {len(lines)} lines have other labels: export one kind of line"
         )
+    return _of_rows(file, rows, left, columns, rate_hz)
+
+
+def _of_rows(
+    file: File, rows: Sequence[str], left: int, columns: str | Sequence[str] | None, rate_hz: float | None
+) -> Recording:
+    """The recording in a header line and rows, with a warning about the lines that were left out."""
     text = open_text(replace(file, content="\n".join([*rows, ""]).encode()))
     recording = recording_of_text(text, columns, rate_hz)
     warning = lines_left_out(file.name, [f"{left} lines without these labels"], left)

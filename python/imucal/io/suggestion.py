@@ -9,7 +9,7 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.io.dates import is_date_column
-from imucal.io.header import Header, Triad, header_of
+from imucal.io.header import Header, Triad, header_of, names_sensor
 from imucal.io.names import is_canonical
 from imucal.io.scale import Reading, accel_reading, gyro_reading, time_reading
 
@@ -29,7 +29,7 @@ def suggestion(
     numbers  the first numbers of a column
     """
     if not (header.accel and header.gyro):
-        return _without_a_sensor(header)
+        return _of_several_sensors(cells) or _without_a_sensor(header)
     accel, gyro = header.accel[0], header.gyro[0]
     sentences, guessed = [], []
     for triad, what, reading_of in ((accel, "accel", accel_reading), (gyro, "gyro", gyro_reading)):
@@ -63,13 +63,29 @@ def suggestion(
     return f"{shown}If these are the columns and their units: {lines[0]} (columns=...). "
 
 
-def columns_suggested(names: Sequence[str], numbers: Callable[[str], Any]) -> str:
+def columns_suggested(
+    names: Sequence[str], cells: Mapping[str, Sequence[str]], numbers: Callable[[str], Any]
+) -> str:
     """A sentence that proposes the option --columns for these columns; empty if they are unknown.
 
+    cells    the first cells of each column
     numbers  the first numbers of a column
     """
-    cells = {name: [str(cell) for cell in numbers(name)[:50]] for name in names}
     return suggestion(header_of(names), cells, lambda _: True, numbers)
+
+
+def _of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:
+    """A sentence on a column whose cells name an accelerometer and a gyroscope; empty without one."""
+    for name, column in cells.items():
+        values = list(dict.fromkeys(column))[:10]
+        if names_sensor([f"{value} x" for value in values], "gyro") and names_sensor(
+            [f"{value} x" for value in values], "accel"
+        ):
+            return (
+                f"Each row is of one sensor, which the column {name!r} names ({', '.join(values)}): write "
+                "the rows of each sensor to a file, and give both files. "
+            )
+    return ""
 
 
 def _without_a_sensor(header: Header) -> str:
@@ -97,8 +113,11 @@ def _time(
     import pyarrow as pa
 
     for name, unit in header.times:
+        if unit == "100us":
+            # No canonical name has this unit, so the rate is asked for.
+            return None, []
         if unit is not None:
-            return f"time_{'us' if unit == '100us' else unit}={name}", []
+            return f"time_{unit}={name}", []
         if is_date_column(pa.array([str(cell) for cell in cells[name]])) is not None:
             return f"time_s={name}", []
     for name, _ in header.times:

@@ -14,7 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
 from imucal.io.arrow_values import numpy_of, present_of, ticks_of
 from imucal.io.copies import without_copies
+from imucal.io.first_cells import TableCells, is_numeric
 from imucal.io.header import names_sensor
 from imucal.io.names import (
     AXES,
@@ -40,9 +41,6 @@ from imucal.recording.recording import Recording, Sensor
 from imucal.units import COLUMN_UNITS, TEMPERATURE_UNITS, TICKS_PER_S, to_degc
 
 __all__ = ["Clock", "column_names", "float64", "recording_from_table"]
-
-# Rows whose numbers are looked at to propose units.
-HEAD_ROWS: Final = 1500
 
 
 def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
@@ -105,7 +103,7 @@ def recording_from_table(
     auxiliary = {
         name: wanted.numbers(name)
         for name, column in zip(table.names, table.columns, strict=True)
-        if name not in used and name not in SKIP and name and _is_numeric(column)
+        if name not in used and name not in SKIP and name and is_numeric(column)
     }
     wanted.read()
     findings = table.findings
@@ -226,7 +224,7 @@ class _Wanted:
 
     def _want(self, name: str, take: Callable[[slice, Any], None]) -> None:
         column = self.table.column(name)
-        if not _is_numeric(column) and not (time_unit(name) and _ticks_per_s(column)):
+        if not is_numeric(column) and not (time_unit(name) and _ticks_per_s(column)):
             _refuse_text(self.table, name, column)
         self._columns.append(column)
         self._takers.append(take)
@@ -340,15 +338,9 @@ def _ticks_per_s(column: Any) -> float | None:
 
 def _found(table: Table) -> str:
     """A list of the column names, with a proposal for --columns if they are not canonical."""
-
-    def numbers(name: str) -> NDArray[np.float64]:
-        column = table.column(name)
-        first = next(parts([column]), [None])[0]
-        if first is None or not _is_numeric(column):
-            return np.array([math.nan])
-        return float64(first[:HEAD_ROWS])
-
-    return f"found: {', '.join(table.names)}. {columns_suggested(table.names, numbers)}"
+    cells = TableCells(table)
+    texts = {name: cells.texts(name) for name in table.names}
+    return f"found: {', '.join(table.names)}. {columns_suggested(table.names, texts, cells.numbers)}"
 
 
 def _is_whole(column: Any) -> bool:
@@ -357,15 +349,6 @@ def _is_whole(column: Any) -> bool:
     import pyarrow as pa
 
     return bool(pa.types.is_integer(column.type))
-
-
-def _is_numeric(column: Any) -> bool:
-    if isinstance(column, np.ndarray):
-        return True
-    import pyarrow as pa
-
-    kind = column.type
-    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind))
 
 
 def _refuse_text(table: Table, name: str, column: Any) -> None:

@@ -1,0 +1,54 @@
+"""Programs and apps whose files are recognised by their header, with the units that their manuals give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+__all__ = ["Program", "program_of"]
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program, and the units that its manual gives.
+
+    name         as in messages
+    accel, gyro  endings of the canonical names; "" if the program has no such sensor or no fixed unit
+    times        units of the time columns whose names do not give it, by name in lower case
+    """
+
+    name: str
+    accel: str
+    gyro: str
+    times: dict[str, str]
+
+
+def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
+    """The program whose export this is, if its header alone tells it."""
+    low = {name.strip().lower() for name in names}
+    text = "\n".join(preamble).lower()
+    if {"acc_x", "gyr_x"} <= low and ("sampletimefine" in low or "packetcounter" in low):
+        # Movella DOT writes deg/s and microseconds, MT Manager rad/s and 100 us, under the same names.
+        if "devicetag" in text or "outputrate" in text or "xsens dot" in text or "movella dot" in text:
+            return Program("Movella DOT", "mps2", "dps", {"sampletimefine": "us"})
+        # MT Manager, and the programs for MTw, write comments above the header.
+        if text.startswith("//"):
+            return Program("Xsens MT Manager", "mps2", "radps", {"sampletimefine": "100us"})
+        return None
+    if "seconds_elapsed" in low and {"x", "y", "z"} <= low:
+        return Program("Sensor Logger", "", "radps", {"time": "ns"})
+    if {"ax", "gx", "imu_degc"} <= low:
+        return Program("OpenLog Artemis", "mg", "dps", {"micros": "us"})
+    if any("[x8004]" in name for name in low) and any("[x8005]" in name for name in low):
+        # Scaled accelerometer and gyroscope of the MIP protocol.
+        return Program("MicroStrain SensorConnect", "g", "radps", {"gps tow": "s"})
+    if {"gfx", "gfy", "gfz"} <= low and "time" in low:
+        return Program("Physics Toolbox", "g", "radps", {"time": "s"})
+    is_ros = any("angular_velocity" in name for name in low) and any(
+        "linear_acceleration" in name for name in low
+    )
+    if is_ros:
+        return Program("ROS", "mps2", "radps", {})
+    if "actigraph" in text:
+        return Program("ActiGraph", "g", "dps", {})
+    return None
