@@ -131,15 +131,18 @@ def document_of(document: bytes, covariance: bytes | None) -> dict[str, Any]:
     content: dict[str, Any] = json.loads(zlib.decompress(document))
     stored = content["calibration"]["covariance"]
     if stored is not None and stored["matrix"] is None and covariance is not None:
-        stored["matrix"] = full_covariance(covariance, len(stored["names"])).tolist()
+        stored["matrix"] = full_covariance(covariance, len(stored["names"]))[0].tolist()
     return content
 
 
 def full_covariance(upper: bytes, size: int) -> FloatArray:
-    """The symmetric matrix (size, size) of its upper triangle by rows."""
-    matrix = np.zeros((size, size))
-    matrix[np.triu_indices(size)] = np.frombuffer(upper, dtype="<f8")
-    return np.where(np.tri(size, k=-1, dtype=bool), matrix.T, matrix)
+    """The symmetric matrices (n, size, size) of n upper triangles by rows."""
+    rows, columns = np.triu_indices(size)
+    numbers = np.frombuffer(upper, dtype="<f8").reshape(-1, len(rows))
+    matrices = np.empty((len(numbers), size, size))
+    matrices[:, rows, columns] = numbers
+    matrices[:, columns, rows] = numbers
+    return matrices
 
 
 def _in_order(covariance: FloatArray, own: tuple[str, ...], names: tuple[str, ...]) -> FloatArray:

@@ -11,15 +11,27 @@ is SQLite's `user_version`.
 
 from __future__ import annotations
 
+import json
 import os
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from imucal.errors import FormatError, InputError
 
-__all__ = ["BASE_NAMES", "FIGURES", "MIGRATIONS", "connect_reading", "connect_writing", "disk_error"]
+__all__ = [
+    "BASE_NAMES",
+    "FIGURES",
+    "MIGRATIONS",
+    "TEMPERATURES",
+    "connect_reading",
+    "connect_writing",
+    "disk_error",
+    "packed_figures",
+]
 
 # `application_id` of a store, the letters IMUF, by which `file` and this package recognise it.
 APPLICATION: Final = 0x494D5546
@@ -38,6 +50,8 @@ BASE_NAMES: Final = (
 _SETS: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg", "rests", "moves")
 # Figures of the calibration recordings, and with `control_` those of the control recordings.
 FIGURES: Final = (*_SETS, *(f"control_{name}" for name in _SETS))
+# Range of the temperatures of the recordings.
+TEMPERATURES: Final = ("temperature_low_degc", "temperature_high_degc")
 
 
 def _first(connection: sqlite3.Connection) -> None:
@@ -90,8 +104,33 @@ def _first(connection: sqlite3.Connection) -> None:
         connection.execute(statement)
 
 
+def _second(connection: sqlite3.Connection) -> None:
+    """Version 2: the figures of a result also as one value, which is read faster than their columns."""
+    connection.execute("ALTER TABLE results ADD COLUMN figure_names INTEGER REFERENCES names (id)")
+    connection.execute("ALTER TABLE results ADD COLUMN figure_values BLOB")
+    columns = (*TEMPERATURES, *FIGURES)
+    rows = connection.execute(f"SELECT job, other_figures, {', '.join(columns)} FROM results")
+    names: dict[str, int] = {}
+    while block := rows.fetchmany(1000):
+        for job, others, *known in block:
+            text, values = packed_figures(dict(zip(columns, known, strict=True)) | json.loads(others))
+            if text not in names:
+                connection.execute("INSERT INTO names (names) VALUES (?) ON CONFLICT DO NOTHING", [text])
+                (names[text],) = connection.execute("SELECT id FROM names WHERE names = ?", [text]).fetchone()
+            connection.execute(
+                "UPDATE results SET figure_names = ?, figure_values = ? WHERE job = ?",
+                [names[text], values, job],
+            )
+
+
+def packed_figures(figures: Mapping[str, float | None]) -> tuple[str, bytes]:
+    """Names of figures as a JSON list, and their values as float64; NaN for a figure without one."""
+    values = np.array([np.nan if value is None else value for value in figures.values()], dtype="<f8")
+    return json.dumps(list(figures)), values.tobytes()
+
+
 # Each function changes the tables of the version before it; their number is the version of this package.
-MIGRATIONS: Final[tuple[Callable[[sqlite3.Connection], None], ...]] = (_first,)
+MIGRATIONS: Final[tuple[Callable[[sqlite3.Connection], None], ...]] = (_first, _second)
 
 
 def connect_writing(

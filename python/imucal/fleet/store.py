@@ -16,7 +16,15 @@ import imucal._core as _core
 from imucal.document.json_document import now
 from imucal.fleet.job import KeyedJob
 from imucal.fleet.outcome import TRANSIENT, Outcome
-from imucal.fleet.schema import BASE_NAMES, FIGURES, connect_reading, connect_writing, disk_error
+from imucal.fleet.schema import (
+    BASE_NAMES,
+    FIGURES,
+    TEMPERATURES,
+    connect_reading,
+    connect_writing,
+    disk_error,
+    packed_figures,
+)
 
 __all__ = ["UNREAD", "Known", "Store"]
 
@@ -50,6 +58,7 @@ RESULT_COLUMNS: Final = (
     *("gap_verdict", "gap_effects"),
     *(column for name in BASE_NAMES for column in (name, f"{name}_sigma")),
     *("other_figures", "other_parameters", "names", "parameter_values", "sigmas"),
+    *("figure_names", "figure_values"),
 )
 # Start of the key of a job whose files cannot be read, which has their paths in the place of a hash.
 UNREAD: Final = "unread:"
@@ -180,6 +189,9 @@ class Store:
         low, high = given.temperature_degc or (None, None)
         others = {name: pair for name, pair in pairs.items() if name not in BASE_NAMES}
         other_figures = {name: value for name, value in given.figures.items() if name not in FIGURES}
+        figure_names, figure_values = packed_figures(
+            dict(zip(TEMPERATURES, (low, high), strict=True)) | dict(given.figures)
+        )
         result = (
             *(
                 number,
@@ -195,6 +207,7 @@ class Store:
             *(json.dumps(other_figures), json.dumps(others)),
             self._id("names", "names", json.dumps(given.names)),
             *(given.values, given.sigmas),
+            *(self._id("names", "names", figure_names), figure_values),
         )
         self._connection.execute(INSERT_RESULT, result)
         self._connection.execute(
@@ -232,11 +245,9 @@ class Store:
             if found is None:
                 continue
             fields = dict(zip(columns, found, strict=True)) | {"job": copied}
-            if "names" in fields:
-                (names,) = source.execute(
-                    "SELECT names FROM names WHERE id = ?", [fields["names"]]
-                ).fetchone()
-                fields["names"] = self._id("names", "names", names)
+            for name in fields.keys() & {"names", "figure_names"}:
+                (names,) = source.execute("SELECT names FROM names WHERE id = ?", [fields[name]]).fetchone()
+                fields[name] = self._id("names", "names", names)
             self._connection.execute(_insert(table, columns), list(fields.values()))
         return True
 

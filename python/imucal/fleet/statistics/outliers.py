@@ -10,7 +10,7 @@ Journal of Computational and Graphical Statistics 21, 2012), with the measuring 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -24,7 +24,7 @@ from imucal.fleet.statistics.robust_covariance import decisive, robust_location
 from imucal.fleet.statistics.scipy_part import scipy_part
 from imucal.fleet.statistics.shifts import Shift, common_shifts
 from imucal.fleet.statistics.spread import MEDIAN_DEVIATION
-from imucal.fleet.statistics.units_of_fleet import usable
+from imucal.fleet.statistics.units_of_fleet import POOR, usable
 
 __all__ = ["OutlierResult", "UnitDistance", "outliers"]
 
@@ -111,7 +111,8 @@ def outliers(measurements: Measurements) -> OutlierResult:
 
     Raises InputError for fewer than twice as many units as parameters.
     """
-    kept, poor = usable(measurements)
+    # The covariances are large, and are taken from `measurements` for a part of the units at a time.
+    kept, poor = usable(replace(measurements, covariances=None))
     all_columns = columns_of(kept)
     shifts = common_shifts(kept, all_columns)
     own, rows = _first_rows(kept)
@@ -127,6 +128,7 @@ def outliers(measurements: Measurements) -> OutlierResult:
         )
     own, rows, values = own.where(complete), rows[complete], values[complete][:, common]
     variances = all_columns.variances[rows][:, common]
+    places = np.flatnonzero(measurements.verdicts != POOR)[rows]
     # In units of a robust width, because parameters have different magnitudes.
     centre = np.median(values, axis=0)
     width = np.median(np.abs(values - centre), axis=0) / MEDIAN_DEVIATION
@@ -134,7 +136,7 @@ def outliers(measurements: Measurements) -> OutlierResult:
     scaled = (values - centre) / width
 
     def noise(picked: np.ndarray) -> FloatArray:
-        found = _noise(own, names, variances[picked], picked)
+        found = _noise(measurements, names, variances[picked], places[picked])
         return np.asarray(found / (width[:, None] * width[None, :]))
 
     part = decisive(len(own))
@@ -144,30 +146,29 @@ def outliers(measurements: Measurements) -> OutlierResult:
     distances, removed, marginal = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     p_values, tail = _p_values(distances, np.maximum(removed, marginal**2).max(axis=1), len(names))
     q_values = scipy_part("stats").false_discovery_control(p_values)
-    units = [
-        UnitDistance(
-            str(own.serials[unit]),
-            str(own.stations[unit]),
-            "" if np.isnat(own.dates[unit]) else str(np.datetime_as_string(own.dates[unit])),
-            str(own.batches[unit]),
-            float(np.sqrt(distances[unit])),
-            float(p_values[unit]),
-            float(q_values[unit]),
-            bool(q_values[unit] <= FALSE_DISCOVERIES),
+    expected = centre + width * mean
+    decides = np.argsort(-removed, axis=1, kind="stable")[:, :MOST_DECIDING]
+    deciding = zip(
+        decides.tolist(),
+        *(np.take_along_axis(of, decides, axis=1).tolist() for of in (values, marginal, removed)),
+        strict=True,
+    )
+    units_of = [all_columns.units[all_columns.names.index(name)] for name in names]
+    dates = np.where(np.isnat(own.dates), "", np.datetime_as_string(own.dates))
+    described = zip(
+        *(each.tolist() for each in (own.serials, own.stations, dates, own.batches)),
+        *(each.tolist() for each in (np.sqrt(distances), p_values, q_values, q_values <= FALSE_DISCOVERIES)),
+        (
             tuple(
-                Deciding(
-                    names[column],
-                    all_columns.units[all_columns.names.index(names[column])],
-                    float(values[unit, column]),
-                    float(centre[column] + width[column] * mean[column]),
-                    float(marginal[unit, column]),
-                    float(removed[unit, column]),
-                )
-                for column in np.argsort(-removed[unit])[:MOST_DECIDING]
-            ),
-        )
-        for unit in np.argsort(-distances, kind="stable")
-    ]
+                Deciding(names[column], units_of[column], value, float(expected[column]), z, fall)
+                for column, value, z, fall in zip(*of_unit, strict=True)
+            )
+            for of_unit in deciding
+        ),
+        strict=True,
+    )
+    all_units = [UnitDistance(*fields) for fields in described]
+    units = [all_units[unit] for unit in np.argsort(-distances, kind="stable").tolist()]
     return OutlierResult(tuple(units), poor, names, shifts.found, tail)
 
 
@@ -179,14 +180,16 @@ def _first_rows(kept: Measurements) -> tuple[Measurements, np.ndarray]:
     return kept.where(rows), rows
 
 
-def _noise(own: Measurements, names: Sequence[str], variances: FloatArray, picked: np.ndarray) -> FloatArray:
-    """Covariance of the measurement of some units, (n, c, c); diagonal without stated covariances."""
+def _noise(
+    measurements: Measurements, names: Sequence[str], variances: FloatArray, picked: np.ndarray
+) -> FloatArray:
+    """Covariance of the picked measurements, (n, c, c); diagonal without stated covariances."""
     size = len(names)
     noise = np.zeros((len(picked), size, size))
-    if own.covariances is not None:
-        inside = np.array([k for k, name in enumerate(names) if name in own.names], dtype=np.intp)
-        columns = np.array([own.names.index(names[k]) for k in inside], dtype=np.intp)
-        block = own.covariances[picked[:, None, None], columns[:, None], columns[None, :]]
+    if measurements.covariances is not None:
+        inside = np.array([k for k, name in enumerate(names) if name in measurements.names], dtype=np.intp)
+        columns = np.array([measurements.names.index(names[k]) for k in inside], dtype=np.intp)
+        block = measurements.covariances[picked[:, None, None], columns[:, None], columns[None, :]]
         noise[:, inside[:, None], inside[None, :]] = np.where(np.isfinite(block), block, 0.0)
     diagonal = np.arange(size)
     noise[:, diagonal, diagonal] = variances

@@ -30,6 +30,9 @@ FALSE_ALARM: Final = 0.001
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
+# Change of a location, in its standard deviations, at which the steps end.
+BIWEIGHT_SETTLED: Final = 1e-6
+TINY: Final = np.finfo(float).tiny
 # Smallest share of the units of a group within these bounds: a shift must be common to most of them.
 COMMON: Final = 0.6
 # Fewest units of a station on a day that are judged.
@@ -146,7 +149,10 @@ class _Partition:
             robust = np.where(inside, (1.0 - z2) ** 2, 0.0) * weight
             total = np.bincount(own, robust, size)
             mean = np.bincount(own, robust * y, size)
+            before = location
             location = np.divide(mean, total, out=np.zeros(size), where=total > 0)
+            if (np.abs(location - before) <= BIWEIGHT_SETTLED / np.sqrt(np.maximum(total, TINY))).all():
+                break
         information = EFFICIENCY * np.bincount(own, weight * inside, size)
         common = np.bincount(own, inside, size) >= COMMON * count
         z = np.where(common & (count >= FEWEST_OF_DAY), location * np.sqrt(information), 0.0)

@@ -20,6 +20,7 @@ from imucal.document.plain import without_nan
 from imucal.errors import InputError
 from imucal.fleet.measurements import Measurements
 from imucal.fleet.statistics.columns import columns_of
+from imucal.fleet.statistics.scipy_part import scipy_part
 from imucal.fleet.statistics.shifts import Shift, common_shifts
 from imucal.fleet.statistics.units_of_fleet import first_of_each_unit, usable
 
@@ -138,6 +139,7 @@ def spc(measurements: Measurements, *, station: str | None = None) -> SpcResult:
         raise InputError(
             f"there is no station {station!r}: give one of {', '.join(np.unique(first.stations))}"
         )
+    serials, dates = first.serials.astype(object), np.datetime_as_string(first.dates).astype(object)
     charts = []
     for name in stations:
         rows = np.flatnonzero(first.stations == name)
@@ -148,8 +150,8 @@ def spc(measurements: Measurements, *, station: str | None = None) -> SpcResult:
                     control_chart(
                         columns.values[known, column],
                         np.sqrt(columns.variances[known, column]),
-                        serials=first.serials[known].tolist(),
-                        dates=np.datetime_as_string(first.dates[known]).tolist(),
+                        serials=serials[known].tolist(),
+                        dates=dates[known].tolist(),
                         station=name,
                         name=quantity,
                         unit=unit,
@@ -212,10 +214,8 @@ def _western_electric(z: FloatArray) -> list[tuple[str, int]]:
 
 def _ewma(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The moving average from zero, and its limits, which widen from the first value on."""
-    average, moving = 0.0, np.empty_like(z)
-    for index, value in enumerate(z.tolist()):
-        average += EWMA_WEIGHT * (value - average)
-        moving[index] = average
+    signal: Any = scipy_part("signal")
+    moving = signal.lfilter([EWMA_WEIGHT], [1.0, EWMA_WEIGHT - 1.0], z)
     steps = np.arange(1, len(z) + 1)
     remaining = 1.0 - (1.0 - EWMA_WEIGHT) ** (2 * steps)
     return moving, EWMA_LIMIT * np.sqrt(EWMA_WEIGHT / (2.0 - EWMA_WEIGHT) * remaining)

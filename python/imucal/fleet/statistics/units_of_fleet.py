@@ -6,7 +6,7 @@ import numpy as np
 
 from imucal.fleet.measurements import Measurements
 
-__all__ = ["first_of_each_unit", "usable"]
+__all__ = ["POOR", "first_of_each_unit", "usable"]
 
 # Verdict of calibrations whose parameters are not used.
 POOR = "poor"
