@@ -21,6 +21,7 @@
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make test-firmware  faults of a stand on a simulator of GRBL or grblHAL: GRBL_SIM=path, see docs/stand.md
 #   make fleet     a simulated fleet, its speed, store and kills, to docs/results/fleet.md; PARTS=kills runs one part
+#                  accuracy, gap-benchmark and plan go on where they were killed; SCHEDULER=tcp://HOST:8786 for Dask
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
@@ -212,11 +213,14 @@ bench: $(VENV)/.installed
 comparison: $(VENV)/.installed
 	$(PY) benches/comparison.py
 
+# These go on where they were killed, and run on a Dask cluster: make accuracy SCHEDULER=tcp://HOST:8786
+ENGINE = $(if $(SCHEDULER),--scheduler $(SCHEDULER))
+
 accuracy: $(VENV)/.installed
 	$(call say,Accuracy)
-	PYTHONPATH=benches $(PY) -m accuracy
-	$(PY) benches/noise_accuracy.py
-	$(PY) benches/noise_steps.py
+	PYTHONPATH=benches $(PY) -m accuracy $(ENGINE)
+	$(PY) benches/noise_accuracy.py $(ENGINE)
+	$(PY) benches/noise_steps.py $(ENGINE)
 
 six-positions: $(VENV)/.installed
 	PYTHONPATH=benches $(PY) benches/six_positions.py
@@ -232,7 +236,7 @@ faces: $(VENV)/.installed
 SHARE ?= 1
 gap-benchmark: $(VENV)/.installed
 	$(call say,Hidden effects)
-	PYTHONPATH=benches $(PY) -m gap --share $(SHARE) $(if $(LOG),--log $(LOG))
+	PYTHONPATH=benches $(PY) -m gap --share $(SHARE) $(if $(LOG),--log $(LOG)) $(ENGINE)
 
 laws-benchmark: $(VENV)/.installed
 	$(call say,Laws)
@@ -244,7 +248,7 @@ first-steps: $(VENV)/.installed
 
 plan: $(VENV)/.installed
 	$(call say,Plans)
-	PYTHONPATH=benches $(PY) -m plan
+	PYTHONPATH=benches $(PY) -m plan $(ENGINE)
 
 traps: $(VENV)/.installed
 	$(call say,Traps)
@@ -266,7 +270,7 @@ stand: $(VENV)/.installed
 	$(call say,Units on the line)
 	$(PY) benches/stand_line.py
 
-PARTS ?= planted,speed,storage,kills
+PARTS ?= planted,speed,storage,poisoned,kills
 fleet: $(VENV)/.installed
 	$(call say,Many units)
 	PYTHONPATH=benches $(PY) -m fleet --parts $(PARTS)

@@ -21,7 +21,7 @@ from rich.progress import track
 import imucal
 from accuracy.band import BESIDE, binomial
 from allan import REPORT
-from pool import pool_of
+from engine import add_arguments, engine_of
 from sections import write_section
 
 SECTION = "The figures and their bands"
@@ -135,14 +135,14 @@ class Judge:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--runs", type=int, default=100)
-    arguments.add_argument("--processes", type=int, default=2)
+    add_arguments(arguments)
     given = arguments.parse_args()
     judge = Judge()
-    with pool_of(given.processes) as pool:
+    with engine_of(given, "noise-accuracy") as engine:
         for case in track(CASES, "identifying"):
             # Each case has its own seeds, so that the errors of the cases are independent.
             first = 1 + 1000 * CASES.index(case)
-            runs = list(pool.map(partial(trial, case), range(first, first + given.runs)))
+            runs = list(engine.map(partial(trial, case), range(first, first + given.runs), name=repr(case)))
             for s, (sensor, of_sensor) in enumerate(zip(SENSORS, truths(case), strict=True)):
                 for k, (figure, truth) in enumerate(zip(FIGURES, of_sensor, strict=True)):
                     found = [axis[k] for run in runs for axis in run[s]]

@@ -19,7 +19,7 @@ from rich.progress import track
 
 import imucal
 from allan import REPORT
-from pool import pool_of
+from engine import add_arguments, engine_of
 from sections import write_section
 
 SECTION = "Steps and drifts of a unit at rest"
@@ -81,14 +81,14 @@ def trial(case: Case, seed: int) -> tuple[str, float | None]:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--runs", type=int, default=200)
-    arguments.add_argument("--processes", type=int, default=2)
+    add_arguments(arguments)
     given = arguments.parse_args()
     rows = []
-    with pool_of(given.processes) as pool:
+    with engine_of(given, "noise-steps") as engine:
         for number, case in enumerate(track(CASES, "identifying")):
             # Each case has its own seeds, so that the errors of the cases are independent.
             first = 1 + 10_000 * (number + 1)
-            found = list(pool.map(partial(trial, case), range(first, first + given.runs)))
+            found = list(engine.map(partial(trial, case), range(first, first + given.runs), name=case.name))
             counts = Counter(answer for answer, _ in found)
             cells = [
                 f"**{counts[answer]}**" if answer == case.expected else str(counts[answer])

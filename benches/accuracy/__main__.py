@@ -22,7 +22,7 @@ from accuracy.figures import SceneFigures
 from accuracy.page import page
 from accuracy.scene import CONDITIONS, HELD, PAPER
 from accuracy.trial import trial
-from pool import pool_of
+from engine import Engine, add_arguments, engine_of
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "accuracy.md"
@@ -30,18 +30,17 @@ SEEDS = {"paper": 4000, "hand-held": 1000, "conditions": 1000, "contaminated": 1
 SCENES = {"paper": (PAPER,), "hand-held": (HELD,), "conditions": CONDITIONS}
 
 
-def many(work: Callable[[int], Any], runs: int, processes: int, words: str) -> list[Any]:
+def many(engine: Engine, work: Callable[[int], Any], runs: int, words: str) -> list[Any]:
     """The work for the seeds 1 to `runs`."""
-    with pool_of(processes) as pool:
-        done = pool.map(work, range(1, runs + 1), chunksize=8)
-        return list(track(done, words, total=runs, disable=not sys.stderr.isatty()))
+    done = engine.map(work, range(1, runs + 1), name=words)
+    return list(track(done, words, total=runs, disable=not sys.stderr.isatty()))
 
 
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("parts", nargs="*", help=f"of {', '.join(SEEDS)}; all without any")
     arguments.add_argument("--runs", type=int, help="seeds of each kind, instead of the full numbers")
-    arguments.add_argument("--processes", type=int, default=2)
+    add_arguments(arguments)
     arguments.add_argument("--output", type=Path, help="the page; a part goes to standard output alone")
     given = arguments.parse_args()
     parts = given.parts or list(SEEDS)
@@ -50,14 +49,15 @@ def main() -> int:
         arguments.error(f"{unknown[0]!r} is no part: give one or more of {', '.join(SEEDS)}")
     start_s = time.monotonic()
     scenes, contaminations = [], []
-    for part in parts:
-        runs = given.runs or SEEDS[part]
-        for scene in SCENES.get(part, ()):
-            trials = many(partial(trial, scene), runs, given.processes, scene.name)
-            scenes.append(SceneFigures(scene, trials))
-        for name in FAULTS if part == "contaminated" else ():
-            done = many(partial(spoilt, name), runs, given.processes, name)
-            contaminations.append(Contamination.of(name, done))
+    with engine_of(given, "accuracy") as engine:
+        for part in parts:
+            runs = given.runs or SEEDS[part]
+            for scene in SCENES.get(part, ()):
+                trials = many(engine, partial(trial, scene), runs, scene.name)
+                scenes.append(SceneFigures(scene, trials))
+            for name in FAULTS if part == "contaminated" else ():
+                done = many(engine, partial(spoilt, name), runs, name)
+                contaminations.append(Contamination.of(name, done))
     text = page(scenes, contaminations, time.monotonic() - start_s)
     print(text)
     output = given.output or (None if given.parts or given.runs else REPORT)

@@ -16,13 +16,14 @@ import imucal
 from fleet.kills import UNITS, killed
 from fleet.page import page
 from fleet.planted import found_of, table_of
+from fleet.poisoned import poisoned
 from fleet.simulated import write
 from fleet.speed import rates
 from fleet.storage import stored
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/results/fleet.md"
-PARTS = ("planted", "speed", "storage", "kills")
+PARTS = ("planted", "speed", "storage", "poisoned", "kills")
 
 
 def main() -> None:
@@ -91,6 +92,10 @@ def _speed(given: argparse.Namespace, folder: Path) -> dict[str, object]:
 
 def _storage(given: argparse.Namespace, folder: Path) -> dict[str, object]:
     return dict(stored(folder, given.rows).__dict__)
+
+
+def _poisoned(given: argparse.Namespace, folder: Path) -> dict[str, object]:
+    return dict(poisoned(folder, given.units // 2).__dict__)
 
 
 def _kills(given: argparse.Namespace, folder: Path) -> dict[str, object]:

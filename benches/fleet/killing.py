@@ -18,14 +18,22 @@ import imucal
 __all__ = ["Run", "check", "start", "workers_of"]
 
 PARENT = """
-import sys, imucal
-store, manifest, workers, scheduler = sys.argv[1:5]
+import resource, sys, imucal
+store, manifest, workers, scheduler, total, limit_s = sys.argv[1:7]
 where = {"scheduler": scheduler} if scheduler else {"workers": int(workers)}
-total = int(sys.argv[5])
+told = 0
+def memory():
+    print("memory", 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, flush=True)
 def tell(job, verdict, code, message):
+    global told
     print("told", job.serial, verdict, flush=True)
-tally = imucal.Fleet(store).run(manifest, total=total, tell=tell, **where)
+    told += 1
+    if told == int(total) // 10:
+        memory()
+limit_s = float(limit_s) or None
+tally = imucal.Fleet(store).run(manifest, total=int(total), tell=tell, time_limit_s=limit_s, **where)
 print("done", tally.done, tally.skipped, flush=True)
+memory()
 """
 
 
@@ -63,11 +71,13 @@ def start(
     total: int = 0,
     start_files: Path | None = None,
     limit_bytes: int | None = None,
+    time_limit_s: float = 0.0,
 ) -> Run:
     """Start a run.
 
     start_files  folder of a sitecustomize.py for its processes
     limit_bytes  largest size of a file that it may write, as with a full disk
+    time_limit_s longest time of one unit, s; 0 for none
     """
 
     def limited() -> None:
@@ -81,7 +91,8 @@ def start(
         before = environment.get("PYTHONPATH")
         environment["PYTHONPATH"] = os.pathsep.join([str(start_files), *([before] if before else [])])
     output = store.with_name(f"{store.name}.{random.randrange(1 << 40):x}.out")
-    words = [sys.executable, "-c", PARENT, str(store), str(manifest), str(workers), scheduler, str(total)]
+    words = [sys.executable, "-c", PARENT, str(store), str(manifest), str(workers), scheduler]
+    words += [str(total), str(time_limit_s)]
     with output.open("wb") as file:
         process = subprocess.Popen(
             words, stdout=file, stderr=subprocess.STDOUT, env=environment, preexec_fn=limited

@@ -9,11 +9,16 @@ __all__ = ["page"]
 
 def page(log: dict[str, Any], kill_units: int) -> str:
     """The page of the figures of all parts."""
-    planted, speed, storage, kills = (log[part] for part in ("planted", "speed", "storage", "kills"))
+    parts = ("planted", "speed", "storage", "poisoned", "kills")
+    planted, speed, storage, poisoned, kills = (log[part] for part in parts)
     first, second = planted["runs"]
     tiny, large = speed["rates"]["tiny"], speed["rates"]["large"]
     rates = "\n".join(f"| {way} | {tiny['ways'][way]:.1f} | {large['ways'][way]:.1f} |" for way in WAYS)
     queries = "\n".join(f"| {name} | {1e3 * value:.0f} ms |" for name, value in storage["queries"].items())
+    statistics = "\n".join(f"| {name} | {value:.1f} s |" for name, value in storage["statistics"].items())
+    rows = ", ".join(f"{count} {verdict}" for verdict, count in sorted(poisoned["rows"].items()))
+    is_alone = poisoned["serials"] == [poisoned["planted"]]
+    small, large_memory = (size / 1e6 for size in poisoned["memory"])
     lines = "\n".join(
         f"| {row['what']} | {row['kills']} | {row['runs']} | {row['lost']} | {row['completed']} |"
         for row in kills["rows"]
@@ -61,6 +66,20 @@ recordings Dask costs {100 * dask:.0f} % of the rate of two processes.
 | query | time |
 |---|---|
 {queries}
+
+The statistics of all units, and the report page, which has {storage["page"] / 1e6:.1f} MB:
+
+| command | time |
+|---|---|
+{statistics}
+
+## A poisoned file
+
+One of {poisoned["units"]} recordings ends each process that reads it by a segmentation fault. The store then
+has {rows}; the poisoned row is {"the planted one" if is_alone else "**not** the planted one alone"}. The run
+takes {poisoned["elapsed_s"]:.1f} s, and {poisoned["without_s"]:.1f} s without this file. A second run
+computes {poisoned["again"]} units. The memory of the parent is {small:.0f} MB after a tenth of the units and
+{large_memory:.0f} MB after all.
 
 ## Kills
 

@@ -69,7 +69,7 @@ class Planned:
 
     @property
     def file(self) -> str:
-        kind = "poisoned-" if self.bad == "poisoned" else ""
+        kind = f"{self.bad}-" if self.bad in ("poisoned", "hanging") else ""
         return f"{self.date}/{kind}{self.serial}-{self.seed}.npz"
 
 
@@ -174,23 +174,26 @@ def write_poison(folder: Path) -> None:
     """A start file of Python that ends workers of a fleet when they open a file named poisoned-*.
 
     With it first in PYTHONPATH, a worker ends by the signal of a segmentation fault, as in the code of a
-    library.
+    library. With a file named hanging-* it waits, as for a disk that does not answer.
     """
     folder.mkdir(exist_ok=True)
     (folder / "sitecustomize.py").write_text(POISON, encoding="utf-8")
 
 
-POISON = """import os, signal, sys
+POISON = """import os, signal, sys, time
 
-# Processes that hash files but do not read them: the parent, and the nanny and scheduler of Dask.
+# Processes that hash files but do not calibrate: the parent, and the nanny and scheduler of Dask.
 CALCULATES = "imucal.fleet.task"
 PARENT = "imucal.fleet.store"
 
 
 def _end(event, arguments):
-    if event == "open" and "poisoned-" in str(arguments[0]):
-        if CALCULATES in sys.modules and PARENT not in sys.modules:
-            os.kill(os.getpid(), signal.SIGSEGV)
+    if event != "open" or CALCULATES not in sys.modules or PARENT in sys.modules:
+        return
+    if "poisoned-" in str(arguments[0]):
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if "hanging-" in str(arguments[0]):
+        time.sleep(3600)
 
 
 sys.addaudithook(_end)

@@ -1,4 +1,7 @@
-"""A store of 100,000 synthetic results: time to store them, memory of the process, and time of each query."""
+"""A store of 100,000 synthetic results: time to store them, memory of the process, and time of each query.
+
+The statistics of all units and the report page are timed, too.
+"""
 
 import resource
 import time
@@ -13,7 +16,8 @@ from fleet.simulated import BATCHES, FIRST_DAY, OPERATORS, STATIONS, plan, write
 from imucal.fleet.job import Job, KeyedJob, Options, keyed
 from imucal.fleet.outcome import Outcome
 from imucal.fleet.store import Store
-from imucal.fleet.task import Task, run_task
+from imucal.fleet.task import Task
+from imucal.report import write_fleet_page
 
 __all__ = ["Storage", "stored"]
 
@@ -28,6 +32,8 @@ class Storage:
     size: int
     memory: tuple[int, int]
     queries: dict[str, float]
+    statistics: dict[str, float]
+    page: int
 
 
 def stored(folder: Path, rows: int) -> Storage:
@@ -37,7 +43,7 @@ def stored(folder: Path, rows: int) -> Storage:
     write_one(folder, each)
     options = Options()
     one = keyed(Job("template", (str(folder / each.file),)), options.text)
-    (template,) = run_task(Task((one,), options))
+    (template,) = Task((one,), options).run()
     path = folder / "synthetic.sqlite"
     for old in folder.glob("synthetic.sqlite*"):
         old.unlink()
@@ -55,7 +61,16 @@ def stored(folder: Path, rows: int) -> Storage:
     memory[1] = _memory()
     found.rows, found.memory = rows, (memory[0], memory[1])
     found.size = path.stat().st_size
-    found.queries = {name: _time(query) for name, query in _queries(imucal.Fleet(path), folder).items()}
+    fleet = imucal.Fleet(path)
+    found.queries = {name: _time(query) for name, query in _queries(fleet).items()}
+    page = folder / "fleet.html"
+    found.statistics = {
+        "capability": _time(fleet.capability),
+        "spc": _time(fleet.spc),
+        "outliers": _time(fleet.outliers),
+        "report": _time(lambda: write_fleet_page(page, fleet)),
+    }
+    found.page = page.stat().st_size
     return found
 
 
@@ -82,7 +97,7 @@ def _outcome(template: Outcome, number: int, rows: int, random: np.random.Genera
     )
 
 
-def _queries(fleet: imucal.Fleet, folder: Path) -> dict[str, Callable[[], object]]:
+def _queries(fleet: imucal.Fleet) -> dict[str, Callable[[], object]]:
     listed = ("serial", "date", "station", "verdict", "chi2_per_dof")
     return {
         "count by verdict": lambda: fleet.count(),

@@ -10,18 +10,17 @@ import argparse
 import json
 import sys
 import traceback
-from concurrent.futures import as_completed
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
 from rich.progress import track
 
+from engine import add_arguments, engine_of
 from gap.gates import gates
 from gap.judge import Mark
 from gap.page import page, record
 from gap.suite import TOOL, run, suite
-from pool import pool_of
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "gap.md"
@@ -77,7 +76,7 @@ def main() -> int:
         "--quick", action="store_true", help="a few cases of each group, to standard output"
     )
     arguments.add_argument("--no-baselines", action="store_true")
-    arguments.add_argument("--processes", type=int, default=2)
+    add_arguments(arguments)
     arguments.add_argument(
         "--log",
         type=Path,
@@ -96,10 +95,11 @@ def main() -> int:
     marks = answered(given.log)
     known = {mark.key for mark in marks}
     numbers = [number for number in numbers if suite(share)[number].key not in known][: given.most]
-    with pool_of(given.processes) as pool:
-        jobs = [pool.submit(work, number) for number in numbers]
-        for finished in track(as_completed(jobs), "asking", total=len(jobs), disable=given.quick):
-            done = finished.result()
+    with engine_of(given, "gap") as engine:
+        name = f"share {share}, baselines {not given.no_baselines}"
+        # A case takes seconds, so each is a task of its own.
+        found = engine.map(work, numbers, name=name, per_task=1)
+        for done in track(found, "asking", total=len(numbers), disable=given.quick):
             marks += done
             if given.log is not None:
                 with given.log.open("a", encoding="utf-8") as log:

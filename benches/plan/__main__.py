@@ -12,10 +12,10 @@ from pathlib import Path
 
 from rich.progress import track
 
+from engine import add_arguments, engine_of
 from plan.agreement import Agreement, cases, planned
 from plan.duration import curve, durations, visible
 from plan.page import figure, gates, page
-from pool import pool_of
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 RUNS = 1000
@@ -24,19 +24,19 @@ RUNS = 1000
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--runs", type=int, default=RUNS, help="simulated runs of each program")
-    arguments.add_argument("--processes", type=int, default=2)
+    add_arguments(arguments)
     arguments.add_argument("--output", type=Path, default=RESULTS, help="folder of plan.md and plan.svg")
     given = arguments.parse_args()
-    with pool_of(given.processes) as pool:
-        searched = pool.submit(durations)
-        points = pool.submit(curve)
+    with engine_of(given, "plan") as engine:
+        searched = engine.call(durations, name="durations")
+        points = engine.call(curve, name="curve")
         agreements = []
         for case in track(cases(), "calibrations", disable=not sys.stderr.isatty()):
             minutes = sum(planned(motion).minutes for motion in case.motions)
-            found = list(pool.map(case.errors, range(1, given.runs + 1), chunksize=8))
+            found = list(engine.map(case.errors, range(1, given.runs + 1), name=case.name))
             agreements.append(Agreement.of(case, minutes, found))
             print(f"{case.name}: worst {agreements[-1].worst:.3f}", file=sys.stderr, flush=True)
-        found_durations, found_points = searched.result(), points.result()
+        found_durations, found_points = searched(), points()
     text = page(agreements, found_durations, found_points, visible(found_durations))
     (given.output / "plan.md").write_text(text, encoding="utf-8")
     (given.output / "plan.svg").write_text(figure(found_points), encoding="utf-8")

@@ -3,8 +3,10 @@
 import json
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import imucal
@@ -12,6 +14,8 @@ from imucal.fleet.job import Job, Options, as_date
 from imucal.fleet.manifest import jobs_of_manifest, shard, shard_of
 from imucal.fleet.naming import naming_of
 from imucal.fleet.schema import MIGRATIONS, connect_writing
+from planted_fleet import planted_fleet
+from stored_fleet import stored
 
 
 def manifest(path, text):
@@ -114,6 +118,25 @@ def test_an_older_store_is_brought_to_this_version(tmp_path):
     for use in (imucal.Fleet(path).count, lambda: connect_writing(path)):
         with pytest.raises(imucal.FormatError, match="install a newer imucal"):
             use()
+
+
+def test_the_figures_of_a_store_of_version_1_are_kept(tmp_path):
+    planted = planted_fleet(units=6, dates=2, drifting=0, odd=0).measurements
+    figures = {"rests": np.arange(12.0), "noise_ratio": np.linspace(1.0, 2.0, 12)}
+    fleet = stored(tmp_path / "units.sqlite", replace(planted, figures=figures))
+    new = fleet.measurements()
+    with closing(sqlite3.connect(fleet.path)) as connection:
+        # What version 2 has added.
+        for column in ("figure_names", "figure_values"):
+            connection.execute(f"ALTER TABLE results DROP COLUMN {column}")
+        connection.execute("PRAGMA user_version = 1")
+    old = fleet.measurements()
+    assert old.figures.keys() == new.figures.keys()
+    assert {"rests", "noise_ratio", "temperature_degc"} <= old.figures.keys()
+    for name, figure in old.figures.items():
+        np.testing.assert_array_equal(figure, new.figures[name])
+    assert np.isnan(old.figures["temperature_degc"]).all()
+    assert sorted(old.figures["noise_ratio"]) == figures["noise_ratio"].tolist()
 
 
 def test_a_failing_migration_changes_nothing(tmp_path):

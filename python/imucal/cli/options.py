@@ -23,11 +23,16 @@ __all__ = [
     "MAX_ITERATIONS",
     "MIN_REST_S",
     "MODEL",
+    "ClockOption",
     "Control",
     "ExcludeSaturated",
     "Gravity",
+    "GravityOption",
+    "GravitySigmaOption",
+    "HeightOption",
     "HoldOption",
     "JsonPath",
+    "LatitudeOption",
     "LimitsPath",
     "MinRest",
     "ModelOption",
@@ -46,6 +51,8 @@ __all__ = [
 
 # Heading in the help of options for what a command prints and writes.
 OUTPUT: Final = "Output"
+# Heading of the options for gravity and the clock.
+REFERENCES: Final = "Gravity and clock"
 # Heading of the options for the parameters to estimate.
 MODEL: Final = "Model and start values"
 # Default of --min-rest-s, s. It is the MIN_REST_S of the compiled library, which --help does not load.
@@ -62,6 +69,47 @@ Control = Annotated[
     option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
 ]
 Gravity = Annotated[float, option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
+# Gravity and clock of a calibration, where normal values are assumed without them.
+GravityOption = Annotated[
+    float | None,
+    option(
+        "--gravity",
+        metavar="MPS2",
+        help="Local gravity, m/s^2; 9.80665 is assumed without it and without --latitude.",
+        panel=REFERENCES,
+    ),
+]
+GravitySigmaOption = Annotated[
+    float | None,
+    option(
+        "--gravity-sigma",
+        metavar="MPS2",
+        help="Standard deviation of local gravity, included in those of the accelerometer scales.",
+        panel=REFERENCES,
+    ),
+]
+LatitudeOption = Annotated[
+    float | None,
+    option(
+        "--latitude",
+        metavar="DEG",
+        help="Latitude, for normal gravity instead of --gravity.",
+        panel=REFERENCES,
+    ),
+]
+HeightOption = Annotated[
+    float | None,
+    option("--height", metavar="M", help="Height of the place, with --latitude.", panel=REFERENCES),
+]
+ClockOption = Annotated[
+    float | None,
+    option(
+        "--clock-ppm",
+        metavar="PPM",
+        help="Standard deviation of the clock's rate, included in those of the gyroscope scales.",
+        panel=REFERENCES,
+    ),
+]
 MinRest = Annotated[float, option("--min-rest-s", help="Shortest rest to detect, s.")]
 ExcludeSaturated = Annotated[
     bool, option("--exclude-saturated", help="Exclude rests and moves with saturated samples.")

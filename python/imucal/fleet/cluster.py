@@ -7,16 +7,18 @@ from contextlib import suppress
 from typing import Any, Final
 
 from imucal.errors import ImucalError
-from imucal.fleet.local import Done
-from imucal.fleet.task import Task, run_task
+from imucal.fleet.local import Done, Ended
+from imucal.fleet.worker import Work, do
 
 __all__ = ["DaskPool"]
 
 EXTRA: Final = "needs Dask: pip install 'imucal-rs[fleet]'"
 # Tasks in the cluster per thread of a worker; the scheduler needs a few to have none of them wait.
 PER_THREAD: Final = 3
-# A scheduler that does not answer for this time, s, is not there.
+# Time, s, in which a scheduler answers, also on a busy network.
 CONNECT_S: Final = 30
+# Longest time, s, in which a worker restarts.
+RESTART_S: Final = 30
 # The state of the connection is looked at after this time, s, without a task that ends.
 POLL_S: Final = 1.0
 
@@ -25,9 +27,10 @@ class DaskPool:
     """The workers of a Dask scheduler.
 
     scheduler   its address, such as tcp://HOST:PORT, or a `distributed.Client`
+    connect_s   a scheduler that does not answer for this time, s, is not there
     """
 
-    def __init__(self, scheduler: Any) -> None:
+    def __init__(self, scheduler: Any, *, connect_s: float = CONNECT_S) -> None:
         try:
             import distributed
         except ImportError:
@@ -37,28 +40,28 @@ class DaskPool:
         self._address = scheduler if self._owned else "the scheduler"
         try:
             self._client = (
-                connect(scheduler, timeout=CONNECT_S, set_as_default=False) if self._owned else scheduler
+                connect(scheduler, timeout=connect_s, set_as_default=False) if self._owned else scheduler
             )
             threads = sum(self._client.nthreads().values())
         except (OSError, ValueError) as error:
             raise ImucalError(
-                f"{self._address}: no scheduler answers within {CONNECT_S} s: {error}: start `dask "
+                f"{self._address}: no scheduler answers within {connect_s:g} s: {error}: start `dask "
                 "scheduler`, and "
                 "workers with `dask worker ADDRESS`"
             ) from None
         self.processes = max(threads, 1)
         self.capacity = PER_THREAD * self.processes
-        self._futures: dict[Any, Task] = {}
+        self._futures: dict[Any, Work] = {}
 
-    def submit(self, task: Task) -> None:
-        """Compute a task. Its function is imported by the worker, so imucal must be installed there."""
+    def submit(self, work: Work) -> None:
+        """Do this work. Its class is imported by the worker, so imucal must be installed there."""
         # A task whose worker ends is lost at once. The scheduler would give it to further workers, and end
         # them.
-        future = self._client.submit(run_task, task, pure=False, retries=0)
-        self._futures[future] = task
+        future = self._client.submit(do, work, pure=False, retries=0)
+        self._futures[future] = work
 
     def next(self) -> Done:
-        """Wait for any task. Raises ImucalError if the scheduler is lost."""
+        """Wait for any work. Raises ImucalError if the scheduler is lost."""
         import distributed
         from distributed.scheduler import KilledWorker
 
@@ -80,21 +83,30 @@ class DaskPool:
                 if future.status == "lost":
                     # Its worker ended before the result was taken; the scheduler computes the task again.
                     continue
-                task = self._futures.pop(future)
+                work = self._futures.pop(future)
                 if future.status == "finished":
                     with suppress(Exception):
-                        return task, future.result()
+                        answer = future.result()
+                        if work.is_stuck(answer):
+                            self._replace_worker_of(future)
+                        return work, answer
                 if future.status in ("finished", "cancelled", "lost", "pending"):
                     self._require_scheduler()
-                    return task, None
+                    return work, Ended()
                 failure = future.exception()
                 if isinstance(failure, KilledWorker):
-                    return task, None
+                    return work, Ended()
                 raise ImucalError(
                     f"a worker of {self._address} cannot run tasks: {type(failure).__name__}: {failure}: "
                     "install the "
                     "same version of imucal on it"
                 )
+
+    def _replace_worker_of(self, future: Any) -> None:
+        """Restart the process that has computed a future; what else it computes is given to others."""
+        # A worker without a nanny cannot be restarted, and keeps its thread.
+        with suppress(Exception):
+            self._client.restart_workers(list(self._client.who_has([future])[future.key]), timeout=RESTART_S)
 
     def close(self) -> None:
         """Cancel what is in the cluster and disconnect."""

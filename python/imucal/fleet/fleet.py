@@ -65,6 +65,7 @@ class Fleet(Judging):
         workers: int | None = None,
         scheduler: Any = None,
         retry: bool = False,
+        time_limit_s: float | None = None,
         total: int | None = None,
         tell: Tell | None = None,
         tally: Tally | None = None,
@@ -79,6 +80,7 @@ class Fleet(Judging):
         workers    processes on this computer; None for one per processor
         scheduler  address of a Dask scheduler, or a `distributed.Client`, instead of `workers`
         retry      compute units again that have no result
+        time_limit_s   longest time of one unit, s; a unit that takes longer has no result
         total      number of jobs, if it is known
         tell       is called for each unit with its job, verdict, and code and message of a failure
         tally      counts of earlier runs, to which those of this run are added
@@ -90,7 +92,7 @@ class Fleet(Judging):
             raise InputError(f"workers is {workers}: give 1 or more, or leave it out")
         if limits is not None and not isinstance(limits, Limits):
             limits = Limits.load(limits)
-        options = Options(read or {}, calibrate or {}, limits, gap)
+        options = Options(read or {}, calibrate or {}, limits, gap, time_limit_s)
         jobs = _jobs_of(what, names)
         make_pool: Callable[[], Pool] = (
             partial(LocalPool, workers) if scheduler is None else partial(DaskPool, scheduler)

@@ -72,14 +72,19 @@ class Options:
     calibrate  arguments of `imucal.calibrate`, without those of a job
     limits     limits that decide the verdict, or None
     gap        whether a missing effect is searched for each unit
+    time_limit_s   longest time of one job, s, or None. It is not part of the key of a job, because it does
+                   not change a result
     """
 
     read: Mapping[str, Any] = field(default_factory=dict)
     calibrate: Mapping[str, Any] = field(default_factory=dict)
     limits: Limits | None = None
     gap: bool = False
+    time_limit_s: float | None = None
 
     def __post_init__(self) -> None:
+        if self.time_limit_s is not None and not 0 < self.time_limit_s < float("inf"):
+            raise InputError(f"time_limit_s is {self.time_limit_s:g}: give a positive number of seconds")
         wrong = [name for name in OF_A_JOB if name in self.calibrate]
         if wrong:
             raise InputError(f"{wrong[0]} is no option of a run of many units: leave it out")

@@ -8,19 +8,32 @@ import subprocess
 import sys
 import threading
 from contextlib import suppress
-from typing import Final, Protocol
+from dataclasses import dataclass
+from signal import Signals
+from typing import Any, Final, Protocol
 
 from imucal.errors import ImucalError
-from imucal.fleet.outcome import Outcome
-from imucal.fleet.task import Task
-from imucal.fleet.worker import START, receive, send
+from imucal.fleet.worker import START, Work, receive, send
 
-__all__ = ["Done", "LocalPool", "Pool", "processors"]
+__all__ = ["Done", "Ended", "LocalPool", "Pool", "processors"]
 
-# A task and its outcomes; None if the process ended without them.
-Done = tuple[Task, list[Outcome] | None]
+
+@dataclass(frozen=True)
+class Ended:
+    """Instead of an answer: the process has ended without one.
+
+    how   "by SIGSEGV" or "with exit code 3"; empty if it is not known
+    """
+
+    how: str = ""
+
+
+# Work and its answer, or `Ended`.
+Done = tuple[Any, Any]
 # Tasks in the pool per process: one that runs, and one that waits, so that no process waits for the parent.
 PER_PROCESS: Final = 2
+# Time, s, in which a process whose pipes are closed ends, so that its exit code is known.
+ENDS_S: Final = 0.2
 # Environment of a process: threads of these libraries would compete with the other processes.
 ONE_THREAD: Final = {
     "OMP_NUM_THREADS": "1",
@@ -31,10 +44,10 @@ ONE_THREAD: Final = {
 
 
 class Pool(Protocol):
-    """Processes that compute tasks.
+    """Processes that do work.
 
     processes  their number
-    capacity   largest number of tasks to submit at a time
+    capacity   largest amount of work to submit at a time
     """
 
     @property
@@ -45,11 +58,11 @@ class Pool(Protocol):
     def capacity(self) -> int:
         """Largest number of tasks in the pool at a time."""
 
-    def submit(self, task: Task) -> None:
-        """Compute a task."""
+    def submit(self, work: Work) -> None:
+        """Do this work."""
 
     def next(self) -> Done:
-        """Wait for any task. Raises ImucalError if no more of them will end."""
+        """Wait for any work. Raises ImucalError if no more of them will end."""
 
     def close(self) -> None:
         """End the pool; tasks that are in it are lost."""
@@ -63,25 +76,32 @@ def processors() -> int:
 
 
 class LocalPool:
-    """Processes of this computer, each with a thread that sends it tasks and waits for their outcomes."""
+    """Processes of this computer, each with a thread that sends it work and waits for the answers.
 
-    def __init__(self, processes: int | None = None) -> None:
+    bound   whether each process is bound to one processor, so that their threads do not compete; only for a
+            computer that does nothing else
+    """
+
+    def __init__(self, processes: int | None = None, *, bound: bool = False) -> None:
         self.processes = processors() if processes is None else processes
         self.capacity = PER_PROCESS * self.processes
-        self._tasks: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
+        self._tasks: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
         self._done: queue.SimpleQueue[Done | BaseException] = queue.SimpleQueue()
         self._running: set[subprocess.Popen[bytes]] = set()
         self._lock, self._closed = threading.Lock(), False
-        self._threads = [threading.Thread(target=self._work, daemon=True) for _ in range(self.processes)]
+        self._threads = [
+            threading.Thread(target=self._work, args=(number if bound else None,), daemon=True)
+            for number in range(self.processes)
+        ]
         for thread in self._threads:
             thread.start()
 
-    def submit(self, task: Task) -> None:
-        """Compute a task."""
-        self._tasks.put(task)
+    def submit(self, work: Work) -> None:
+        """Do this work."""
+        self._tasks.put(work)
 
     def next(self) -> Done:
-        """Wait for any task. Raises ImucalError if no process can be started."""
+        """Wait for any work. Raises ImucalError if no process can be started."""
         # A wait without a timeout would delay the signals of Windows.
         while True:
             try:
@@ -104,26 +124,29 @@ class LocalPool:
         for thread in self._threads:
             thread.join()
 
-    def _work(self) -> None:
+    def _work(self, number: int | None) -> None:
         child: subprocess.Popen[bytes] | None = None
-        while (task := self._tasks.get()) is not None:
+        while (work := self._tasks.get()) is not None:
             try:
-                child = child or self._started()
+                child = child or self._started(number)
             except OSError as error:
                 self._done.put(ImucalError(f"no process can be started: {error}: give a smaller --workers"))
                 continue
             if child is None:
                 break
-            outcomes = _computed(child, task)
-            if outcomes is None:
+            answer = _answer(child, work)
+            if isinstance(answer, Ended):
+                answer = Ended(_how(self._end(child)))
+                child = None
+            elif work.is_stuck(answer):
                 self._end(child)
                 child = None
-            self._done.put((task, outcomes))
+            self._done.put((work, answer))
         if child is not None:
             self._end(child)
 
-    def _started(self) -> subprocess.Popen[bytes] | None:
-        """A new process; None after `close`."""
+    def _started(self, number: int | None) -> subprocess.Popen[bytes] | None:
+        """A new process, bound to the processor with this number if one is given; None after `close`."""
         with self._lock:
             if self._closed:
                 return None
@@ -135,12 +158,20 @@ class LocalPool:
                 # Ctrl-C in a terminal reaches the parent only, which ends the processes.
                 start_new_session=True,
             )
+            if number is not None and hasattr(os, "sched_setaffinity"):
+                allowed = sorted(os.sched_getaffinity(0))
+                os.sched_setaffinity(child.pid, {allowed[number % len(allowed)]})
             self._running.add(child)
             return child
 
-    def _end(self, child: subprocess.Popen[bytes]) -> None:
+    def _end(self, child: subprocess.Popen[bytes]) -> int | None:
+        """End a process; its exit code if it has ended by itself."""
         with self._lock:
             self._running.discard(child)
+        # A process whose pipe is closed is about to end, and its exit code says why.
+        code: int | None = None
+        with suppress(subprocess.TimeoutExpired):
+            code = child.wait(ENDS_S)
         with suppress(OSError):
             child.kill()
         for stream in (child.stdin, child.stdout):
@@ -148,15 +179,24 @@ class LocalPool:
                 with suppress(OSError):
                     stream.close()
         child.wait()
+        return code
 
 
-def _computed(child: subprocess.Popen[bytes], task: Task) -> list[Outcome] | None:
-    """The outcomes of a task; None if the process ended without them."""
+def _answer(child: subprocess.Popen[bytes], work: Work) -> Any:
     if child.stdin is None or child.stdout is None:
-        return None
+        return Ended()
     try:
-        send(child.stdin, task)
-        outcomes: list[Outcome] = receive(child.stdout)
-        return outcomes
+        send(child.stdin, work)
+        return receive(child.stdout)
     except (EOFError, OSError):
-        return None
+        return Ended()
+
+
+def _how(code: int | None) -> str:
+    if code is None:
+        return ""
+    if code >= 0:
+        return f"with exit code {code}"
+    with suppress(ValueError):
+        return f"by {Signals(-code).name}"
+    return f"by signal {-code}"

@@ -1,8 +1,9 @@
 """Running the jobs of a fleet: only new ones are computed.
 
 An outcome is in the store before it is counted. A task whose process ends without an answer is divided in
-halves, down to single jobs. Each of these is tried once more when nothing else runs; if its process ends
-again, its recording is poisoned, and that is its outcome.
+halves, down to single jobs. Each of these is tried again when nothing else runs; if its process ends each
+time, its recording is poisoned, and that is its outcome. A process that is killed from outside, by a person
+or for its memory, ends only some of these attempts.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any, Final
 
 from imucal.errors import ImucalError
 from imucal.fleet.job import Job, KeyedJob, Options, keyed
-from imucal.fleet.local import Pool
+from imucal.fleet.local import Ended, Pool
 from imucal.fleet.outcome import TRANSIENT, Outcome
 from imucal.fleet.store import UNREAD, Known, Store
 from imucal.fleet.task import Task, failure_of
@@ -29,11 +30,8 @@ PER_TASK: Final = 50
 PER_TASK_WITH_GAP: Final = 5
 # Tasks per process, at least, of a small fleet: with fewer, some processes would wait for the last one.
 TASKS_PER_PROCESS: Final = 4
-POISONED: Final = (
-    "the process that reads this recording ends without an answer, also when nothing else runs: it crashes "
-    "or needs "
-    "more memory than there is"
-)
+# Attempts to compute a single job when nothing else runs, before its recording counts as poisoned.
+TRIES_ALONE: Final = 3
 
 
 @dataclass
@@ -176,10 +174,13 @@ class _Run:
     def _take(self) -> None:
         if self._pool is None:
             return
-        task, outcomes = self._pool.next()
+        task, answer = self._pool.next()
         self._in_pool -= 1
-        if outcomes is not None:
-            self._put(outcomes)
+        if not isinstance(answer, Ended):
+            self._put(answer)
+            if len(answer) < len(task):
+                # The task has ended at a job that takes too long.
+                self._halves.append(Task(task.jobs[len(answer) :], task.options))
         elif len(task) > 1:
             half = len(task) // 2
             self._halves += [Task(part, task.options) for part in (task.jobs[:half], task.jobs[half:])]
@@ -187,9 +188,16 @@ class _Run:
             self._suspects.append(task)
 
     def _try_alone(self, task: Task) -> None:
-        _, outcomes = self._submit(task).next()
-        self._in_pool -= 1
-        self._put(outcomes or [Outcome(each, "poisoned", "poisoned", POISONED) for each in task.jobs])
+        ends = []
+        for _ in range(TRIES_ALONE):
+            _, answer = self._submit(task).next()
+            self._in_pool -= 1
+            if not isinstance(answer, Ended):
+                self._put(answer)
+                return
+            ends.append(answer.how)
+        message = _poisoned(ends)
+        self._put([Outcome(each, "poisoned", "poisoned", message) for each in task.jobs])
 
     def _tasks(self, jobs: Iterable[Job]) -> Iterator[Task]:
         """Tasks of the jobs that have to be computed."""
@@ -268,6 +276,14 @@ class _Run:
         if code is not None:
             self._tally.codes[code] += 1
         self._tell(job, verdict, code, message)
+
+
+def _poisoned(ends: Sequence[str]) -> str:
+    how = " and ".join(dict.fromkeys(end for end in ends if end))
+    return (
+        f"each process that reads this recording ends{f' {how}' if how else ''} without an answer, in "
+        f"{len(ends)} attempts when nothing else runs: it crashes, or needs more memory than there is"
+    )
 
 
 def _unread(job: Job, code: str, message: str, options: str) -> Outcome:

@@ -190,7 +190,7 @@ class Store:
         others = {name: pair for name, pair in pairs.items() if name not in BASE_NAMES}
         other_figures = {name: value for name, value in given.figures.items() if name not in FIGURES}
         figure_names, figure_values = packed_figures(
-            dict(zip(TEMPERATURES, (low, high), strict=True)) | dict(given.figures)
+            dict(zip(TEMPERATURES, (low, high), strict=True)) | dict.fromkeys(FIGURES) | dict(given.figures)
         )
         result = (
             *(

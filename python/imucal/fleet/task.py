@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import queue
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from imucal.errors import FitError, FormatError, ImucalError, InputError, NotEnoughMotionError
 from imucal.estimation.calibrate import calibrate
@@ -14,7 +17,7 @@ from imucal.fleet.outcome import Outcome, measured_of
 from imucal.io import files_per_recording, read
 from imucal.recording.recording import Recording
 
-__all__ = ["Task", "failure_of", "run_task"]
+__all__ = ["TIME_LIMIT", "Task", "failure_of"]
 
 # Code of an error without a finding.
 CODES = (
@@ -27,6 +30,10 @@ CODES = (
 )
 
 
+# Code of a recording that takes longer than the time limit.
+TIME_LIMIT: Final = "time_limit"
+
+
 @dataclass(frozen=True)
 class Task:
     """Jobs that one process computes one after the other; their files travel as paths."""
@@ -37,10 +44,37 @@ class Task:
     def __len__(self) -> int:
         return len(self.jobs)
 
+    def run(self) -> list[Outcome]:
+        """The outcome of each job; an error of a job is its outcome, and the next job follows.
 
-def run_task(task: Task) -> list[Outcome]:
-    """The outcome of each job. An error of a job is its outcome, and the next job follows."""
-    return [_outcome(keyed, task.options) for keyed in task.jobs]
+        A job that takes longer than the time limit is the last one: its thread cannot be ended.
+        """
+        limit_s = self.options.time_limit_s
+        if limit_s is None:
+            return [_outcome(keyed, self.options) for keyed in self.jobs]
+        found: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
+
+        def compute() -> None:
+            for keyed in self.jobs:
+                found.put(_outcome(keyed, self.options))
+
+        threading.Thread(target=compute, daemon=True).start()
+        outcomes: list[Outcome] = []
+        while len(outcomes) < len(self):
+            try:
+                outcomes.append(found.get(timeout=limit_s))
+            except queue.Empty:
+                message = (
+                    f"the recording takes longer than the time limit of {limit_s:g} s: repair its file, or "
+                    "give a larger --time-limit-s with --retry"
+                )
+                late = self.jobs[len(outcomes)]
+                return [*outcomes, Outcome(late, "failed", TIME_LIMIT, message, limit_s)]
+        return outcomes
+
+    def is_stuck(self, answer: list[Outcome]) -> bool:
+        """Whether the last job of the answer is still being computed."""
+        return bool(answer) and answer[-1].code == TIME_LIMIT
 
 
 def failure_of(error: BaseException) -> tuple[str, str]:

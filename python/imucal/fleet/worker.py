@@ -1,4 +1,4 @@
-"""A process of the local pool: takes tasks from its standard input, and writes their outcomes.
+"""A process of the local pool: takes work from its standard input, and writes the answers.
 
 The processes are started with this module instead of by `multiprocessing`, which would run the caller's
 script again and which does not tell whose task has ended a process.
@@ -6,14 +6,17 @@ script again and which does not tell whose task has ended a process.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pickle
 import signal
 import struct
 import sys
-from typing import IO, Any, Final
+from contextlib import suppress
+from functools import cache
+from typing import IO, Any, Final, Protocol
 
-__all__ = ["START", "receive", "send", "serve"]
+__all__ = ["START", "Work", "do", "receive", "send", "serve"]
 
 # Program of a process: its argument is the search path of its parent, so that it finds the same packages.
 START: Final = (
@@ -22,6 +25,41 @@ START: Final = (
 )
 # A message is its length, and a pickle of this many bytes.
 LENGTH: Final = struct.Struct("<Q")
+
+
+class Work(Protocol):
+    """What a process of a pool does; it and its answer can be pickled."""
+
+    def run(self) -> Any:
+        """The answer."""
+
+    def is_stuck(self, answer: Any) -> bool:
+        """Whether the process of this answer still works on something, so that it has to be replaced."""
+
+
+def do(work: Work) -> Any:
+    """The answer of some work."""
+    _keep_memory()
+    return work.run()
+
+
+# Free memory, bytes, that a process keeps for its next recording.
+KEPT: Final = 128 << 20
+# Parameters of `mallopt` of the GNU C library.
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+
+
+@cache
+def _keep_memory() -> None:
+    """Have the C library keep freed memory instead of returning it to the system after each array.
+
+    Dask starts its workers with a threshold of 64 kB, by which a recording of 2 MB takes a fourth more time:
+    the system clears each page again. Other C libraries have no `mallopt`.
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        library = ctypes.CDLL(None)
+        library.mallopt(M_MMAP_THRESHOLD, KEPT // 4)
+        library.mallopt(M_TRIM_THRESHOLD, KEPT)
 
 
 def send(stream: IO[bytes], message: Any) -> None:
@@ -45,18 +83,15 @@ def receive(stream: IO[bytes]) -> Any:
 
 
 def serve() -> None:
-    """Run tasks until the parent is gone."""
+    """Do work until the parent is gone."""
     # The parent ends its processes itself when the user interrupts it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     replies = os.fdopen(os.dup(1), "wb")
     # What a library prints must not end up between the messages.
     os.dup2(2, 1)
-    tasks = sys.stdin.buffer
-    from imucal.fleet.task import run_task
-
+    given = sys.stdin.buffer
     while True:
         try:
-            task = receive(tasks)
-            send(replies, run_task(task))
+            send(replies, do(receive(given)))
         except (EOFError, BrokenPipeError):
             return

@@ -41,12 +41,14 @@ def write_fleet_page(
     *,
     limits: Limits | None = None,
     title: str = "Fleet",
+    reload_s: float | None = None,
     **selection: str | None,
 ) -> None:
     """Write the report of a store. Its size hardly depends on the number of units.
 
     path       the HTML file
     limits     limits to which the capability refers
+    reload_s   time, s, after which the browser loads the page again, or None
     selection  of units, as in `Fleet.measurements`
 
     Raises ImucalError without plotly, and InputError for a store without a calibration.
@@ -68,7 +70,7 @@ def write_fleet_page(
         Tab("Drift", tuple(_drift(drift, shown))),
         Tab("Units", tuple(_units(measured, shown, odd))),
     )
-    write_page(path, title, tabs, _verdict(counts, spc, odd, drift), compressed=True)
+    write_page(path, title, tabs, _verdict(counts, spc, odd, drift), compressed=True, reload_s=reload_s)
 
 
 def _or_reason(compute: Any) -> Any:

@@ -70,13 +70,20 @@ def require_plotly() -> None:
 
 
 def write_page(
-    path: str | Path, title: str, tabs: Sequence[Tab], verdict: Verdict, *, compressed: bool = False
+    path: str | Path,
+    title: str,
+    tabs: Sequence[Tab],
+    verdict: Verdict,
+    *,
+    compressed: bool = False,
+    reload_s: float | None = None,
 ) -> None:
     """Write the page atomically.
 
     path        the HTML file
     title       heading of the page and title of the browser window
     compressed  whether plotly.js is compressed, to 2 MB instead of 5 MB; needs a browser of 2023 or newer
+    reload_s    time, s, after which the browser loads the page again, or None
     """
     from imucal.plot.style import DARK
 
@@ -84,6 +91,7 @@ def write_page(
     folder = Path(__file__).parent
     page = _PAGE.format(
         title=escape(title),
+        reload="" if reload_s is None else f'<meta http-equiv="refresh" content="{reload_s:g}">\n',
         style=(folder / "page.css").read_text(encoding="utf-8"),
         plotly=_plotly_script(compressed) if figures else "",
         dark=_json(json.dumps(DARK)),
@@ -158,7 +166,7 @@ _PAGE = """<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
+{reload}<meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline'; \
 style-src 'unsafe-inline'; img-src data: blob:">

@@ -11,10 +11,15 @@ from imucal.cli.options import (
     MAX_ITERATIONS,
     MIN_REST_S,
     MODEL,
+    ClockOption,
     Control,
     ExcludeSaturated,
+    GravityOption,
+    GravitySigmaOption,
+    HeightOption,
     HoldOption,
     JsonPath,
+    LatitudeOption,
     LimitsPath,
     MinRest,
     ModelOption,
@@ -36,7 +41,6 @@ from imucal.cli.working import working
 __all__ = ["calibrate"]
 
 # Heading of the options in the help.
-REFERENCES = "Gravity and clock"
 
 
 @reading_options
@@ -45,46 +49,11 @@ def calibrate(
     reading: Reading,
     control: Control = None,
     output: Annotated[Path | None, writing_option("Calibration file to write.")] = None,
-    gravity: Annotated[
-        float | None,
-        option(
-            "--gravity",
-            metavar="MPS2",
-            help="Local gravity, m/s^2; 9.80665 is assumed without it and without --latitude.",
-            panel=REFERENCES,
-        ),
-    ] = None,
-    gravity_sigma: Annotated[
-        float | None,
-        option(
-            "--gravity-sigma",
-            metavar="MPS2",
-            help="Standard deviation of local gravity, included in those of the accelerometer scales.",
-            panel=REFERENCES,
-        ),
-    ] = None,
-    latitude: Annotated[
-        float | None,
-        option(
-            "--latitude",
-            metavar="DEG",
-            help="Latitude, for normal gravity instead of --gravity.",
-            panel=REFERENCES,
-        ),
-    ] = None,
-    height: Annotated[
-        float | None,
-        option("--height", metavar="M", help="Height of the place, with --latitude.", panel=REFERENCES),
-    ] = None,
-    clock_ppm: Annotated[
-        float | None,
-        option(
-            "--clock-ppm",
-            metavar="PPM",
-            help="Standard deviation of the clock's rate, included in those of the gyroscope scales.",
-            panel=REFERENCES,
-        ),
-    ] = None,
+    gravity: GravityOption = None,
+    gravity_sigma: GravitySigmaOption = None,
+    latitude: LatitudeOption = None,
+    height: HeightOption = None,
+    clock_ppm: ClockOption = None,
     frame: Annotated[
         str, option("--frame", help="Body frame: symmetric or triangular.", panel=MODEL)
     ] = "symmetric",

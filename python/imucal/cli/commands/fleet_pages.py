@@ -9,6 +9,7 @@ from imucal.cli.fleet_selection import Selection, StorePath, selection_options, 
 from imucal.cli.options import JsonPath, writing_option
 from imucal.cli.output import Output, prepare_report
 from imucal.cli.parameters import argument, option
+from imucal.errors import InputError
 
 __all__ = ["certificate", "report"]
 
@@ -21,6 +22,10 @@ def report(
         Path | None, option("--limits", metavar="LIMITS", help="Limits to which the capability refers.")
     ] = None,
     title: Annotated[str, option("--title", help="Heading of the page.")] = "Fleet",
+    reload_s: Annotated[
+        float | None,
+        option("--reload", metavar="S", help="The browser loads the page again after this time."),
+    ] = None,
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
 ) -> None:
@@ -32,9 +37,11 @@ def report(
     from imucal.report import write_fleet_page
 
     fleet = store_of(store, output=output, json=json)
+    if reload_s is not None and not 1.0 <= reload_s < float("inf"):
+        raise InputError(f"--reload is {reload_s:g}: give 1 s or more")
     prepare_report(output)
     wanted = None if limits is None else imucal.Limits.load(limits)
-    write_fleet_page(output, fleet, limits=wanted, title=title, **selection.given)
+    write_fleet_page(output, fleet, limits=wanted, title=title, reload_s=reload_s, **selection.given)
     out = Output(json)
     size = output.stat().st_size
     out.document({"schema": "imucal.fleet-report/1", "page": str(output), "bytes": size})

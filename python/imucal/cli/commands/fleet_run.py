@@ -11,11 +11,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from click.exceptions import Exit
 
 import imucal.cli.completion as completion
+from imucal.cli.live_page import LivePage
 from imucal.cli.options import (
     MIN_REST_S,
+    MODEL,
+    ClockOption,
     ExcludeSaturated,
+    GravityOption,
+    GravitySigmaOption,
+    HeightOption,
     HoldOption,
     JsonPath,
+    LatitudeOption,
     LimitsPath,
     MinRest,
     ModelOption,
@@ -25,7 +32,7 @@ from imucal.cli.options import (
     options_of,
     unit_option,
 )
-from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, prepare_report, require_apart
 from imucal.cli.parameters import argument, option
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import Stage, working
@@ -35,11 +42,11 @@ if TYPE_CHECKING:
     from imucal.fleet.fleet import Fleet
     from imucal.fleet.job import Job
     from imucal.fleet.run import Tally
+    from imucal.limits.limits import Limits
 
 __all__ = ["run"]
 
 SCHEMA: Final = "imucal.fleet-run/1"
-PANEL: Final = "Calibration"
 # A watched folder is looked at after this time, s. A file whose size has not changed since then is complete.
 WATCH_S: Final = 2.0
 
@@ -48,29 +55,16 @@ WATCH_S: Final = 2.0
 class Calibrating:
     """Options of the calibration of each unit; the fields are the arguments of `imucal.calibrate`."""
 
-    gravity_mps2: Annotated[
-        float | None, option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.", panel=PANEL)
-    ] = None
-    gravity_sigma_mps2: Annotated[
-        float | None,
-        option("--gravity-sigma", metavar="MPS2", help="Its standard deviation.", panel=PANEL),
-    ] = None
-    latitude_deg: Annotated[
-        float | None,
-        option("--latitude", metavar="DEG", help="For normal gravity instead of --gravity.", panel=PANEL),
-    ] = None
-    height_m: Annotated[
-        float | None, option("--height", metavar="M", help="Height, with --latitude.", panel=PANEL)
-    ] = None
-    clock_ppm: Annotated[
-        float | None,
-        option("--clock-ppm", metavar="PPM", help="Standard deviation of the clocks' rates.", panel=PANEL),
-    ] = None
+    gravity_mps2: GravityOption = None
+    gravity_sigma_mps2: GravitySigmaOption = None
+    latitude_deg: LatitudeOption = None
+    height_m: HeightOption = None
+    clock_ppm: ClockOption = None
     min_rest_s: MinRest = MIN_REST_S
     exclude_saturated: ExcludeSaturated = False
     effects: Annotated[
         list[str] | None,
-        effect_option("Also estimate this effect; may be repeated.", completion.effects_to_estimate, PANEL),
+        effect_option("Also estimate this effect; may be repeated.", completion.effects_to_estimate, MODEL),
     ] = None
     model: ModelOption = "full"
     hold: HoldOption = None
@@ -123,6 +117,19 @@ def run(
         option("--watch", metavar="FOLDER", help="Also take new files of this folder, until Ctrl-C."),
     ] = None,
     retry: Annotated[bool, option("--retry", help="Compute units again that have no result.")] = False,
+    time_limit_s: Annotated[
+        float | None,
+        option("--time-limit-s", metavar="S", help="A unit that takes longer than this has no result."),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        option(
+            "--report",
+            metavar="PAGE",
+            help="Also write the page of `imucal fleet report`, every 10 s while the run goes on and at its "
+            "end; needs plotly.",
+        ),
+    ] = None,
     require: Require = Required.incomplete,
     json: JsonPath = None,
 ) -> None:
@@ -135,6 +142,8 @@ def run(
     Example: imucal fleet run units.sqlite run.csv control.csv
 
     Example: imucal fleet run units.sqlite manifest.csv --limits limits.json --workers 2
+
+    Example: imucal fleet run units.sqlite --watch incoming --report fleet.html
     """
     import imucal
     from imucal.document.json_document import now
@@ -144,7 +153,8 @@ def run(
         raise InputError("no recording is given: give files, a folder, a manifest, or --watch FOLDER")
     if watch is not None and (not watch.is_dir() or shard is not None):
         raise InputError(f"--watch {watch}: give a folder that exists, and no --shard with it")
-    require_apart([store, limits], {"--json": json})
+    require_apart([store, limits], {"--json": json, "--report": report})
+    prepare_report(report)
     part = None if shard is None else shard_of(shard)
     fleet = imucal.Fleet(store)
     given: dict[str, Any] = {
@@ -155,21 +165,41 @@ def run(
         "workers": workers,
         "scheduler": scheduler,
         "retry": retry,
+        "time_limit_s": time_limit_s,
     }
     out = Output(json)
     start_s = time.monotonic()
     tally = None
-    if recordings:
-        jobs, count = _jobs(out, recordings, names, part)
-        with working("calibrating", count) as stage:
-            tally = fleet.run(jobs, total=count, tell=_Teller(stage).tell, **given)
-    if watch is not None:
-        tally = _watched(out, fleet, watch, names, tally, given)
+    live = None if report is None else LivePage(store, report, limits)
+    try:
+        if recordings:
+            jobs, count = _jobs(out, recordings, names, part)
+            with working("calibrating", count) as stage:
+                tally = fleet.run(jobs, total=count, tell=_Teller(stage, live).tell, **given)
+        if watch is not None:
+            tally = _watched(out, fleet, watch, names, tally, given, live)
+    finally:
+        if live is not None:
+            live.close()
+    if report is not None:
+        _write_page(out, report, fleet, given["limits"])
     if tally is not None:
         out.document(
             {"schema": SCHEMA, **tally.to_dict(), "imucal_version": imucal.__version__, "date": now()}
         )
         _finish(out, tally, time.monotonic() - start_s, require)
+
+
+def _write_page(out: Output, page: Path, fleet: Fleet, limits: Limits | None) -> None:
+    from imucal.report import write_fleet_page
+
+    try:
+        write_fleet_page(page, fleet, limits=limits)
+    except InputError as error:
+        # A run without a result still has its counts.
+        out.line(f"{page} is not written: {error}")
+        return
+    out.line(f"{page}: {page.stat().st_size / 1e6:.1f} MB")
 
 
 def _jobs(
@@ -195,7 +225,8 @@ def _jobs(
 class _Teller:
     """Counts units on the display, and prints one line for each without a result."""
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: Stage, live: LivePage | None) -> None:
+        self._live = live
         self._stage, self._start_s, self._told, self._without = stage, time.monotonic(), 0, 0
 
     def tell(self, job: Job, verdict: str, code: str | None, message: str | None) -> None:
@@ -210,10 +241,18 @@ class _Teller:
         rate = self._told / max(time.monotonic() - self._start_s, 1e-3)
         self._stage(f"{rate:.3g} units/s, {self._without} without a result")
         self._stage.step()
+        if self._live is not None:
+            self._live.step()
 
 
 def _watched(
-    out: Output, fleet: Fleet, folder: Path, names: str | None, tally: Tally | None, given: dict[str, Any]
+    out: Output,
+    fleet: Fleet,
+    folder: Path,
+    names: str | None,
+    tally: Tally | None,
+    given: dict[str, Any],
+    live: LivePage | None,
 ) -> Tally:
     """Take the files of a folder as they come, until the user interrupts."""
     from imucal.fleet.job import path_text
@@ -241,8 +280,10 @@ def _watched(
                 ]
                 taken |= {name: found[name] for name in together}
                 with working("calibrating", len(jobs)) as stage:
-                    fleet.run(jobs, total=len(jobs), tell=_Teller(stage).tell, tally=total, **given)
+                    fleet.run(jobs, total=len(jobs), tell=_Teller(stage, live).tell, tally=total, **given)
                 out.line(f"{total.units} units, {total.failed + total.poisoned} without a result")
+            if live is not None:
+                live.step()
             time.sleep(WATCH_S)
     except KeyboardInterrupt:
         return total

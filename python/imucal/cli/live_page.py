@@ -1,0 +1,59 @@
+"""The page of a fleet while its run goes on, written again and again by a process of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+__all__ = ["RELOAD_S", "LivePage"]
+
+# The browser loads the page again after this time, s, and it is written no more often.
+RELOAD_S: Final = 10.0
+# Largest share of the time in which the page is written: a page of 100,000 units takes a minute of one
+# processor, which the run lacks meanwhile.
+SHARE: Final = 0.2
+
+
+class LivePage:
+    """Writes the page of a store at most every ten seconds, without delaying the run.
+
+    store, page, limits   as for `imucal fleet report`
+    """
+
+    def __init__(self, store: Path, page: Path, limits: Path | None) -> None:
+        self._words = [
+            *(sys.executable, "-m", "imucal", "fleet", "report", str(store), "-o", str(page)),
+            *(() if limits is None else ("--limits", str(limits))),
+        ]
+        self._process: subprocess.Popen[bytes] | None = None
+        self._started_s = self._next_s = time.monotonic()
+
+    def step(self) -> None:
+        """Called after each unit: starts to write the page if it is time."""
+        now_s = time.monotonic()
+        if self._process is not None and self._process.poll() is not None:
+            self._process = None
+            self._next_s = self._started_s + max(RELOAD_S, (now_s - self._started_s) / SHARE)
+        if self._process is None and now_s >= self._next_s:
+            self._started_s = now_s
+            # Its output is dropped: a store without a calibration has no page yet.
+            self._process = subprocess.Popen(
+                [*self._words, "--reload", f"{RELOAD_S:g}"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                # Ctrl-C in a terminal ends the run, which ends this process.
+                start_new_session=True,
+            )
+
+    def close(self) -> None:
+        """End the process that writes the page."""
+        if self._process is not None:
+            with suppress(OSError):
+                self._process.kill()
+            self._process.wait()
+            self._process = None
