@@ -16,6 +16,7 @@ from imucal.cli import main
 from imucal.document.plain import plain
 from imucal.plot.style import DARK, PAPER
 from imucal.report import write_gap_page
+from imucal.units import datasheet
 
 pytestmark = pytest.mark.slow
 
@@ -221,12 +222,12 @@ def test_the_page_of_a_calibration_shows_its_json(opened, reports):
     page, result = opened("calibrate"), result_of(reports, "calibrate")
     assert page.locator(".verdict").text_content().strip().startswith("✘Poor: " + result["reasons"][0])
     open_tab(page, "Residuals")
-    for items, key in (("rests", "norm_error_mps2"), ("moves", "direction_error_deg")):
+    for items, key, factor in (("rests", "norm_error_mps2", MG), ("moves", "direction_error_deg", 1.0)):
         for of, document in (("calibration", result), ("control", result["control"])):
             used = [(i, item) for i, item in enumerate(document[items]) if item["excluded"] is None]
             trace = drawn(page, f"{of}-{items}")["used"]
             assert trace["x"] == [i for i, _ in used]
-            assert trace["y"] == [item[key] for _, item in used]
+            assert trace["y"] == pytest.approx([factor * item[key] for _, item in used], rel=1e-12)
     open_tab(page, "Propagated gravity")
     carried = result["control"]["carried"][0]
     for column, axis in enumerate("xyz"):
@@ -243,19 +244,25 @@ def test_the_page_of_a_calibration_shows_its_json(opened, reports):
 def test_parameters_are_those_of_the_json(opened, reports):
     page, result = opened("calibrate"), result_of(reports, "calibrate")
     parameters = {p["name"]: p for p in result["parameters"]}
-    table = {row[0]: row for row in rows(open_tab(page, "Parameters"))}
+    scales = {name: datasheet(name, p["unit"]) for name, p in parameters.items()}
+    panel = open_tab(page, "Parameters")
+    table = {row[0].removesuffix(" − 1"): row for row in rows(panel)[: len(parameters)]}
     assert list(table) == list(parameters)
     for name, row in table.items():
-        assert same(row[1], parameters[name]["value"])
-        assert same(row[2], parameters[name]["std"])
+        assert same(row[1], scales[name].shown(parameters[name]["value"]))
+        assert same(row[2], scales[name].factor * parameters[name]["std"])
+        assert row[3].replace("µ", "u").replace("²", "^2") == scales[name].unit
     shown = {
         name: (x, sigma)
         for panel in traces_of(page, "parameters")
         for name, x, sigma in zip(panel["y"], panel["x"], panel["error"], strict=True)
     }
-    assert shown == {name: (p["value"], p["std"]) for name, p in parameters.items()}
+    assert list(shown) == list(parameters)
+    for name, p in parameters.items():
+        expected = (scales[name].shown(p["value"]), scales[name].factor * p["std"])
+        assert shown[name] == pytest.approx(expected, rel=1e-9)
     bars = {n: x for panel in traces_of(page, "sigmas") for n, x in zip(panel["y"], panel["x"], strict=True)}
-    assert bars == {name: p["std"] for name, p in parameters.items()}
+    assert bars == pytest.approx({name: scales[name].factor * p["std"] for name, p in parameters.items()})
 
 
 def test_limits_are_drawn_where_the_json_says(opened, reports):
@@ -293,7 +300,8 @@ def test_the_page_of_an_evaluation_shows_its_json(opened, reports):
             expected = result["control_set"][when][key] * (MG if key.endswith("_mps2") else 1.0)
             assert float(shown) == pytest.approx(expected, rel=6e-4)
     open_tab(page, "Residuals")
-    assert drawn(page, "control-rests")["used"]["y"] == [rest["norm_error_mps2"] for rest in result["rests"]]
+    expected = [MG * rest["norm_error_mps2"] for rest in result["rests"]]
+    assert drawn(page, "control-rests")["used"]["y"] == pytest.approx(expected, rel=1e-12)
 
 
 def test_hovering_over_a_residual_tells_of_its_rest(opened, reports):
@@ -354,7 +362,7 @@ def test_paper_is_white_and_has_all_tabs(opened):
         """[...document.querySelectorAll(".plot")]
              .map(plot => [plot._fullLayout.width, plot._fullLayout.paper_bgcolor])"""
     )
-    assert looks == [[680, PAPER], [680, PAPER]]
+    assert looks == [[330, PAPER], [330, PAPER]]
     page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert page.evaluate(seen).count(True) == 1
     assert page.locator("html").get_attribute("data-theme") == "dark"

@@ -22,6 +22,7 @@ from imucal.report.page import Tab, Verdict, write_page
 from imucal.report.tables import figures_table, item_list, parameter_table, rounded_to
 
 MOST_BYTES = 6_000_000
+MG = 1e3 / 9.80665
 HOSTILE = "<script>alert(1)</script>"
 MOTION = {"description": "turn by heat", "program": {"schema": "imucal.program/1", "steps": []}}
 
@@ -98,19 +99,19 @@ def page_of(write, path, *arguments, **options):
 @pytest.mark.slow
 def test_the_page_of_a_calibration_has_verdict_tables_and_figures(result, tmp_path):
     page = page_of(report.write_calibration_page, tmp_path / "report.html", result)
-    assert page.counts["figure"] == 2 + 1 + 1 + 3 + 4
+    assert page.counts["figure"] == 3 + 1 + 2 + 3 + 1 + 4
     gyro = next(p for p in result.parameters if p.name == "gyro_bias_x")
     for words in (
         "Calibration of unit 0042",
         f"Poor: {result.reasons[0]}",
         f"rms error of {result.control_set.gravity_direction_rms_deg:.2g} deg",
-        f"gyro_bias_x{rounded_to(gyro.value, gyro.std)}",
+        f"gyro_bias_x{rounded_to(np.rad2deg(gyro.value), np.rad2deg(gyro.std))}",
     ):
         assert words in page.text
     good = replace(result, judgement=None, verdict="good", reasons=(), control=None)
     page = page_of(report.write_calibration_page, tmp_path / "alone.html", good)
     assert "give one with --control" in page.text
-    assert page.counts["figure"] == 2 + 1 + 2
+    assert page.counts["figure"] == 3 + 2 + 1 + 2
 
 
 def test_known_truth_stands_beside_the_parameters(result, tmp_path):
@@ -333,7 +334,8 @@ def test_notebooks_show_verdict_and_numbers(result, gap, noise):
         assert words in page.text
         assert page.counts["table"] >= 1
     parameter = result.parameters[0]
-    assert rounded_to(parameter.value, parameter.std) in Page(result._repr_html_()).text
+    shown = rounded_to(MG * parameter.value, MG * parameter.std)
+    assert shown in Page(result._repr_html_()).text
 
 
 def test_the_json_of_a_calibration_has_what_its_page_shows(result):
@@ -349,7 +351,7 @@ def test_a_figure_that_is_not_known_is_a_dash():
 
 def test_parameter_without_a_sigma_has_none():
     page = Page(parameter_table([imucal.Parameter("b", 0.25, None, "1")], {"b": 0.5}))
-    assert page.text.endswith("b0.25-10.5-")
+    assert page.text.endswith("b25-%50-")
 
 
 def test_long_lists_are_cut_and_say_so():

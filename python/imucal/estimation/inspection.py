@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,10 @@ from imucal.errors import ImucalError
 from imucal.estimation.calibrate import calibrate
 from imucal.estimation.fit import RestThreshold
 from imucal.estimation.options import Options
-from imucal.estimation.rests import of_library
+from imucal.estimation.rests import FittedRest, of_library
+from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
+from imucal.notebook import html_of
 from imucal.recording.recording import Recording, as_recording
 from imucal.units import STANDARD_GRAVITY_MPS2
 
@@ -30,11 +32,14 @@ class FoundRest:
     """One rest: times of its first and last sample, s, and the number of its epochs.
 
     A rest of more than two minutes has several epochs, each with a mean, a time and a temperature of its own.
+    `excluded` says why a calibration of this recording alone does not use the rest; None if it uses it, or if
+    there is no such calibration.
     """
 
     start_s: float
     end_s: float
     epochs: int
+    excluded: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +82,10 @@ class Inspection:
     predicted_sigma: tuple[PredictedSigma, ...]
     through_moves: tuple[str, ...]
 
+    def _repr_html_(self) -> str | None:
+        """HTML for display in a notebook."""
+        return html_of(self)
+
     @property
     def usable(self) -> bool:
         """Whether the recording has no fault that prevents a calibration."""
@@ -109,6 +118,7 @@ def inspect(
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
     calibrated = _calibrated(recording, gravity_mps2, min_rest_s)
     missing = calibrated if isinstance(calibrated, str) else None
+    left_out = () if isinstance(calibrated, str) else calibrated.rests
     through_moves: tuple[str, ...] = ()
     if recording.angular_rate is None:
         predicted_sigma = _of_accelerometer(recording, calibrated)
@@ -124,7 +134,7 @@ def inspect(
         accel_unit=None if recording.specific_force is None else recording.accel_unit,
         gyro_unit=None if recording.angular_rate is None else recording.gyro_unit,
         findings=(*recording.findings, *seen.findings),
-        rests=tuple(FoundRest(*rest) for rest in seen.rests),
+        rests=tuple(_found(FoundRest(*rest), left_out) for rest in seen.rests),
         threshold=None if seen.threshold is None else of_library(RestThreshold, seen.threshold),
         explanation=seen.explanation,
         missing=missing,
@@ -140,24 +150,32 @@ def only_moves_determine(names: Sequence[str]) -> str:
     )
 
 
-def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) -> Calibration | str:
-    """The calibration if the recording determines all parameters; otherwise the message why it fails.
+def _found(rest: FoundRest, of_calibration: Sequence[FittedRest]) -> FoundRest:
+    """The rest with the reason why the calibration excludes it."""
+    middle = 0.5 * (rest.start_s + rest.end_s)
+    for own in of_calibration:
+        if own.start_s is not None and own.end_s is not None and own.start_s <= middle <= own.end_s:
+            return replace(rest, excluded=own.excluded)
+    return rest
+
+
+def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) -> CalibrationResult | str:
+    """The result of a calibration if the recording determines all parameters; otherwise why it fails.
 
     Only a complete calibration tests this reliably.
     """
     try:
         # Saturated samples are findings already, so a calibration without them is tested.
-        result = calibrate(
-            recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True
-        )
+        return calibrate(recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
     except ImucalError as error:
         return str(error)
-    return result.calibration
 
 
-def _of_accelerometer(recording: Recording, calibrated: Calibration | str) -> tuple[PredictedSigma, ...]:
+def _of_accelerometer(
+    recording: Recording, calibrated: CalibrationResult | str
+) -> tuple[PredictedSigma, ...]:
     """Standard deviations of an accelerometer alone; none of them is known if the calibration fails."""
-    if isinstance(calibrated, Calibration):
+    if isinstance(calibrated, CalibrationResult):
         return tuple(PredictedSigma(p.name, p.std, p.unit) for p in calibrated.parameters)
     nominal = Calibration(Triad(np.eye(3), np.zeros(3)), None, accel_unit=recording.accel_unit)
     return tuple(PredictedSigma(p.name, None, p.unit) for p in nominal.parameters)

@@ -34,8 +34,10 @@ MARGIN_S: Final = 1.0
 # The rate of a move is its median over the samples above this share of its maximum, which leaves the ramps
 # of a move of constant rate out.
 PLATEAU: Final = 0.7
-# Largest share of the squares of the rate across the axis of a rotation: 0.03 is an axis 10 deg from it.
-ACROSS: Final = 0.03
+# Least share of the rotation that is about one axis of the body: 0.85 is an axis 32 deg from it.
+ALONG: Final = 0.85
+# Least angle of the whole move over the sum of the angles of its samples: less is an axis that changes.
+FIXED: Final = 0.98
 # Largest cosine of the angle between the axis and the vertical: 60 deg.
 VERTICAL: Final = 0.5
 STAND: Final = ("stand_1_rad", "stand_2_rad", "stand_3_rad")
@@ -316,13 +318,18 @@ def _move_row(
     time = of.raw.time_s[move.first : move.last + 1]
     rates = np.asarray(of.after.angular_rate, dtype=float)[move.first : move.last + 1]
     turned = 0.5 * (np.diff(time)[:, None] * (rates[1:] + rates[:-1])).sum(axis=0)
-    axis = int(np.argmax(np.abs(turned)))
-    up = np.asarray(of.after.specific_force, dtype=float)[rest_to.first : rest_to.end].mean(axis=0)
-    across = np.sum(rates**2) - np.sum(rates[:, axis] ** 2)
-    if across > ACROSS * np.sum(rates**2) or abs(up[axis]) > VERTICAL * np.linalg.norm(up):
+    angle = float(np.linalg.norm(turned))
+    speed = np.linalg.norm(rates, axis=1)
+    path = float(0.5 * (np.diff(time) * (speed[1:] + speed[:-1])).sum())
+    if angle < FIXED * path or angle == 0.0:
         return None
-    speed = np.abs(rates[:, axis])
+    about = turned / angle
+    axis = int(np.argmax(np.abs(about)))
+    up = np.asarray(of.after.specific_force, dtype=float)[rest_to.first : rest_to.end].mean(axis=0)
+    if abs(about[axis]) < ALONG or abs(about @ up) > VERTICAL * np.linalg.norm(up):
+        return None
     rate = float(np.median(rates[speed >= PLATEAU * speed.max(), axis]))
+    about = about * np.sign(about[axis])
     # The time that the rotation would take at this rate.
     seconds = float(turned[axis]) / rate
     errors = []
@@ -333,7 +340,7 @@ def _move_row(
         rotation = _core.integrate(time, np.ascontiguousarray(own_rates))
         predicted = _into_end(rotation, start / np.linalg.norm(start))
         # A rate that is wrong by e for the time dt changes predicted gravity p by p x e dt.
-        errors.append(float(np.cross(predicted, end / np.linalg.norm(end))[axis]) / seconds)
+        errors.append(float(np.cross(predicted, end / np.linalg.norm(end)) @ about) / seconds)
     return of.is_control, axis, rate, errors[0], errors[1]
 
 

@@ -15,9 +15,17 @@ install command.
 
 from imucal.plot.estimates import limits, parameters, sigmas
 from imucal.plot.evidence import before_and_after, disagreement, law, ranking
+from imucal.plot.fit_quality import (
+    correlations,
+    histogram,
+    largest_correlations,
+    norms_before_and_after,
+    sphere_before_and_after,
+)
 from imucal.plot.noise import allan
 from imucal.plot.own_motion import dependences, law_points, move_signals, residual_against
 from imucal.plot.propagated import propagated_gravity
+from imucal.plot.recording import recording_signals
 from imucal.plot.residuals import move_residuals, rest_residuals
 from imucal.plot.shares import effect_sizes, probabilities, waterfall, waterfall_steps
 from imucal.plot.soak import soak_law, soak_residuals
@@ -28,24 +36,30 @@ __all__ = [
     "MOST",
     "allan",
     "before_and_after",
+    "correlations",
     "coverage",
     "dependences",
     "disagreement",
     "effect_sizes",
+    "histogram",
+    "largest_correlations",
     "law",
     "law_points",
     "limits",
     "move_residuals",
     "move_signals",
+    "norms_before_and_after",
     "parameters",
     "probabilities",
     "propagated_gravity",
     "ranking",
+    "recording_signals",
     "residual_against",
     "rest_residuals",
     "sigmas",
     "soak_law",
     "soak_residuals",
+    "sphere_before_and_after",
     "waterfall",
     "waterfall_steps",
 ]

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.plot.style import BAND, BLUE, GREEN, GREY, VERMILION, plotly, rows_of, shown_unit, styled
+from imucal.units import Scale, datasheet
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -35,9 +36,14 @@ def parameters(result: CalibrationResult | Calibration) -> Figure:
 
     def trace(go: Any, panel: list[Parameter]) -> Any:
         return go.Scatter(
-            x=[p.value for p in panel],
+            x=[_scale(p).shown(p.value) for p in panel],
             y=[p.name for p in panel],
-            error_x={"type": "data", "array": [p.std or 0.0 for p in panel], "color": BLUE, "thickness": 1.5},
+            error_x={
+                "type": "data",
+                "array": [_std(p) or 0.0 for p in panel],
+                "color": BLUE,
+                "thickness": 1.5,
+            },
             mode="markers",
             marker={"color": BLUE, "symbol": "circle", "size": 7},
             text=[_words(p) for p in panel],
@@ -55,7 +61,7 @@ def sigmas(result: CalibrationResult | Calibration) -> Figure:
 
     def trace(go: Any, panel: list[Parameter]) -> Any:
         return go.Bar(
-            x=[p.std for p in panel],
+            x=[_std(p) for p in panel],
             y=[p.name for p in panel],
             orientation="h",
             marker={"color": BLUE},
@@ -134,20 +140,31 @@ def _panels(result: CalibrationResult | Calibration, trace: Callable[[Any, list[
 def _kind(parameter: Parameter, calibration: Calibration) -> str:
     """Title of the panel of a parameter; parameters with the same title share an axis."""
     sensor, _, rest = parameter.name.partition("_")
-    unit = f", {shown_unit(parameter.unit)}".removesuffix(", ")
+    unit = f", {shown_unit(_scale(parameter).unit)}".removesuffix(", ")
     effect = next((e.name for e in calibration.effects if parameter.name.startswith(f"{e.name}_")), None)
     if effect is not None:
         return f"{effect}{unit}"
     if rest.startswith("bias"):
         return f"{SENSORS[sensor]} bias{unit}"
-    what = "scale" if rest[-1] == rest[-2] else "misalignment"
+    on_diagonal = "scale error" if _scale(parameter).zero else "scale"
+    what = on_diagonal if rest[-1] == rest[-2] else "misalignment"
     return f"{SENSORS[sensor]} {what}{unit}"
 
 
+def _scale(parameter: Parameter) -> Scale:
+    """The unit of datasheets for a parameter."""
+    return datasheet(parameter.name, parameter.unit)
+
+
+def _std(parameter: Parameter) -> float | None:
+    return None if parameter.std is None else abs(_scale(parameter).factor) * parameter.std
+
+
 def _words(p: Parameter) -> str:
-    unit = shown_unit(p.unit)
-    spread = "1 σ unknown" if p.std is None else f"1 σ {p.std:.3g} {unit}"
-    return f"{p.name}<br>{p.value:.7g} {unit}<br>{spread}"
+    scale, std = _scale(p), _std(p)
+    unit = shown_unit(scale.unit)
+    spread = "1 σ unknown" if std is None else f"1 σ {std:.3g} {unit}"
+    return f"{p.name}<br>{scale.shown(p.value):.7g} {unit}<br>{spread}"
 
 
 def _position(check: Check) -> float:

@@ -184,7 +184,7 @@ def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None =
             )
     figure.update_xaxes(title_text=at_title)
     figure.update_yaxes(title_text=f"error, {unit}")
-    return styled(figure, 340)
+    return styled(figure, 360).update_layout(legend={"traceorder": "normal"})
 
 
 def _in_shown_units(variable: str, values: FloatArray) -> tuple[FloatArray, str]:

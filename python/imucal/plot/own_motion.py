@@ -55,10 +55,12 @@ class Dependence:
     share: float
 
 
-def move_signals(signals: MoveSignals, *, has_effects: bool = True) -> Figure:
+def move_signals(signals: MoveSignals, *, has_effects: bool = True, is_hand_moved: bool = False) -> Figure:
     """The accelerometer's signal in one move, and the one that the gyroscope predicts.
 
     The axis is the one whose residual after the move is the largest. Lower panel: measured minus predicted.
+    With `is_hand_moved`, its range is that of the residuals at the rests, because the accelerometer also
+    measures the hand.
 
     Raises ImucalError without plotly.
     """
@@ -88,6 +90,11 @@ def move_signals(signals: MoveSignals, *, has_effects: bool = True) -> Figure:
         )
     figure.update_yaxes(title_text=f"force along {'xyz'[axis]}, m/s²", row=1, col=1)
     figure.update_yaxes(title_text="residual, m/s²", row=2, col=1)
+    if is_hand_moved:
+        at_rest = (signals.time_s < signals.start_s) | after_move
+        drawn = np.concatenate([values[at_rest, axis] for _, values, *_ in residuals])
+        edge = 1.6 * float(np.abs(drawn).max())
+        figure.update_yaxes(range=[-edge, edge], row=2, col=1)
     figure.update_xaxes(title_text="time, s", row=2, col=1)
     return styled(figure, 430)
 
@@ -183,8 +190,10 @@ def law_points(motion: OwnMotion, law: Law) -> dict[str, tuple[FloatArray, Float
             at, residual = at[own], (rests.norm_after * np.sign(rests.up[:, k]))[own]
         else:
             continue
-        if len(at):
-            points[axis] = (at, residual + np.interp(at, curve.at, curve.value[axis]))
+        covered = (at >= curve.at[0]) & (at <= curve.at[-1])
+        if covered.any():
+            own_at = at[covered]
+            points[axis] = (own_at, residual[covered] + np.interp(own_at, curve.at, curve.value[axis]))
     return points
 
 

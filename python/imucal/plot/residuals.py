@@ -12,6 +12,7 @@ from imucal.arrays import FloatArray
 from imucal.estimation.rests import FittedMove, FittedRest, Move, Rest
 from imucal.plot.style import BAND, BLUE, GREY, VERMILION, plotly, styled
 from imucal.plot.thinning import numbers, thinned
+from imucal.units import SHOWN
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["move_residuals", "rest_residuals"]
 
+MG: Final = SHOWN["m/s^2"][0]
 # Bounds that contain 95 % of the residuals caused by noise, in sigma: for a normal variable, and for the norm
 # of two such variables (Rayleigh).
 NORMAL_95: Final = 1.960
@@ -28,14 +30,14 @@ LENGTH_95: Final = math.sqrt(-2.0 * math.log(0.05))
 
 
 def rest_residuals(result: CalibrationResult | Evaluation) -> Figure:
-    """|f| - g at each rest, m/s^2, over the number of the rest; the band contains 95 % of noise residuals.
+    """|f| - g at each rest, mg, over the number of the rest; the band contains 95 % of noise residuals.
 
     Raises ImucalError without plotly.
     """
     rests = result.rests
     words = [f"rest {number} of {rest.recording}<br>{rest.place}" for number, rest in enumerate(rests)]
-    errors, sigmas = numbers(rests, "norm_error_mps2"), numbers(rests, "norm_sigma_mps2")
-    return _figure("rest", rests, words, errors, sigmas, ("|f| − g", "m/s²"), (-NORMAL_95, NORMAL_95))
+    errors, sigmas = MG * numbers(rests, "norm_error_mps2"), MG * numbers(rests, "norm_sigma_mps2")
+    return _figure("rest", rests, words, errors, sigmas, ("|f| − g", "mg"), (-NORMAL_95, NORMAL_95))
 
 
 def move_residuals(result: CalibrationResult | Evaluation) -> Figure:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from imucal.estimation.evaluate import Evaluation
     from imucal.estimation.result import CalibrationResult
 
-__all__ = ["coverage", "up_at_rests"]
+__all__ = ["body_axes", "circles", "coverage", "scene", "up_at_rests"]
 
 
 def coverage(result: CalibrationResult | Evaluation) -> Figure:
@@ -27,7 +27,7 @@ def coverage(result: CalibrationResult | Evaluation) -> Figure:
     Raises ImucalError without plotly.
     """
     go, _ = plotly()
-    figure = go.Figure([_ball(go), _circles(go), *_axes(go)])
+    figure = go.Figure([_ball(go), circles(go), *body_axes(go)])
     series = _series(result)
     for name, up, words, colour, symbol, size in series:
         kept = evenly(len(up))
@@ -41,19 +41,22 @@ def coverage(result: CalibrationResult | Evaluation) -> Figure:
             text=[words[i] for i in kept],
             hovertemplate="%{text}<br>up (%{x:.2f}, %{y:.2f}, %{z:.2f})<extra></extra>",
         )
-    nothing = {"visible": False, "showspikes": False, "range": [-1.3, 1.3]}
-    figure.update_layout(
-        scene={
-            "xaxis": nothing,
-            "yaxis": nothing,
-            "zaxis": nothing,
-            "aspectmode": "cube",
-            "bgcolor": PAPER,
-            "camera": {"eye": {"x": 1.0, "y": 0.91, "z": 0.68}},
-            "dragmode": "orbit",
-        }
-    )
+    figure.update_layout(scene=scene())
     return styled(figure, 480).update_layout(margin={"l": 0, "r": 0, "t": 34, "b": 0})
+
+
+def scene() -> dict[str, Any]:
+    """The layout of a view of a sphere: no box around it, and equal axes."""
+    nothing = {"visible": False, "showspikes": False, "range": [-1.3, 1.3]}
+    return {
+        "xaxis": nothing,
+        "yaxis": nothing,
+        "zaxis": nothing,
+        "aspectmode": "cube",
+        "bgcolor": PAPER,
+        "camera": {"eye": {"x": 1.0, "y": 0.91, "z": 0.68}},
+        "dragmode": "orbit",
+    }
 
 
 def up_at_rests(result: CalibrationResult | Evaluation) -> FloatArray:
@@ -113,8 +116,8 @@ def _ball(go: Any) -> Any:
     )
 
 
-def _circles(go: Any) -> Any:
-    """Circles of latitude and longitude, 30 deg apart."""
+def circles(go: Any, radius: float = 0.98) -> Any:
+    """Circles of latitude and longitude on a sphere, 30 deg apart."""
     turn = np.linspace(0, 2 * np.pi, 73)
     flat, up = np.cos(turn), np.sin(turn)
     circles = [
@@ -125,14 +128,14 @@ def _circles(go: Any) -> Any:
         ),
     ]
     gap = np.full((3, 1), np.nan)
-    x, y, z = 0.98 * np.concatenate([part for circle in circles for part in (circle, gap)], axis=1)
+    x, y, z = radius * np.concatenate([part for circle in circles for part in (circle, gap)], axis=1)
     line = {"color": GREY, "width": 1}
     return go.Scatter3d(
         x=x, y=y, z=z, mode="lines", line=line, opacity=0.5, hoverinfo="skip", showlegend=False
     )
 
 
-def _axes(go: Any) -> list[Any]:
+def body_axes(go: Any) -> list[Any]:
     """The body axes, labelled at both ends."""
     ends = np.concatenate([np.eye(3), -np.eye(3)])
     names = [f"{sign}{axis}" for sign in "+−" for axis in "xyz"]

@@ -24,6 +24,8 @@ VERMILION: Final = "#d55e00"
 GREEN: Final = "#008560"
 # Background of the range that noise explains, and of allowed ranges.
 BAND: Final = "rgba(111,119,128,0.18)"
+# Background of what the fit leaves out.
+EXCLUDED: Final = "rgba(213,94,0,0.22)"
 
 DARK: Final = {
     INK: "#e8e8e8",
@@ -35,6 +37,7 @@ DARK: Final = {
     VERMILION: "#ff8c42",
     GREEN: "#2cc79b",
     BAND: "rgba(154,163,173,0.22)",
+    EXCLUDED: "rgba(255,140,66,0.3)",
 }
 
 FONT: Final = "system-ui, -apple-system, Segoe UI, Roboto, sans-serif"
@@ -94,4 +97,8 @@ def plotly() -> tuple[Any, Any]:
 
 def shown_unit(unit: str) -> str:
     """A unit as printed: m/s²; empty for a dimensionless number."""
-    return "" if unit == "1" else unit.replace("^2", "²").replace("sqrt(Hz)", "√Hz")
+    if unit == "1":
+        return ""
+    for written, printed in (("^2", "²"), ("^3", "³"), ("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("ug", "µg")):
+        unit = unit.replace(written, printed)
+    return unit

@@ -12,7 +12,7 @@ from imucal.arrays import FloatArray
 __all__ = ["MOST", "evenly", "numbers", "thinned"]
 
 # Maximum number of points of a figure. It keeps a page below 6 MB, 5 MB of which are plotly.
-MOST: Final = 400
+MOST: Final = 360
 
 
 def numbers(items: Sequence[object], name: str) -> FloatArray:

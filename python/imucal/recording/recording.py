@@ -21,6 +21,7 @@ from imucal.document.name import shown
 from imucal.document.source import Source
 from imucal.errors import ImucalError, InputError
 from imucal.finding import Finding, Place
+from imucal.notebook import html_of
 from imucal.recording.axes import UNCHANGED, Axes
 
 __all__ = [
@@ -149,6 +150,10 @@ class Recording:
 
     def __repr__(self) -> str:
         return self.said(len(self), self.duration_s)
+
+    def _repr_html_(self) -> str | None:
+        """HTML for display in a notebook."""
+        return html_of(self)
 
     def said(self, samples: int, duration_s: float) -> str:
         """A one-line description, or that of the whole recording of which this is the first piece."""

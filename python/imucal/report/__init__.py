@@ -11,6 +11,7 @@ from imucal.report.calibration_page import write_calibration_page, write_evaluat
 from imucal.report.certificate import calibration_hash, write_certificate
 from imucal.report.fleet_page import write_fleet_page
 from imucal.report.gap_page import write_gap_page
+from imucal.report.inspection_page import write_inspection_page
 from imucal.report.noise_page import write_noise_page
 from imucal.report.page import require_plotly
 from imucal.report.soak_page import write_soak_page
@@ -23,6 +24,7 @@ __all__ = [
     "write_evaluation_page",
     "write_fleet_page",
     "write_gap_page",
+    "write_inspection_page",
     "write_noise_page",
     "write_soak_page",
 ]

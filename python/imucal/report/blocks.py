@@ -78,6 +78,7 @@ def coverage_tab(result: CalibrationResult | Evaluation) -> Tab:
                 plot.coverage(result),
                 "Up direction at each rest, in the body frame: drag to rotate. Poses far from all points "
                 f"are not covered.{f' {plot.MOST} rests are drawn.' if len(up) > plot.MOST else ''}",
+                printed=False,
             ),
             heading("Rests by the body axis closest to the vertical"),
             table(["axis", "up", "down"], rows),

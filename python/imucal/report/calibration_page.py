@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import imucal.plot as plot
 import imucal.report.sentences as sentences
 from imucal.calibration.verdict import RESIDUALS
+from imucal.errors import InputError
 from imucal.report.blocks import coverage_tab, finding_texts, limits_tabs, propagated_tab, residuals
+from imucal.report.meaning import meanings
 from imucal.report.page import Shown, Tab, write_page
+from imucal.report.parameter_matrix import parameter_matrix
 from imucal.report.tables import figures_table, heading, item_list, paragraph, parameter_table, table
 
 if TYPE_CHECKING:
@@ -39,32 +42,24 @@ def write_calibration_page(
     """
     calibration = result.calibration
     tabs = [
-        Tab("Summary", (*_summary(result), *_provenance(calibration))),
-        Tab(
-            "Parameters",
-            (
-                paragraph("measured = T true + bias, with T the sensitivity matrix of each sensor."),
-                Shown(
-                    "parameters",
-                    plot.parameters(result),
-                    "Every parameter with an error bar of ±1 σ. Ideal values: bias 0, scale 1, misalignment "
-                    "0.",
-                ),
-                Shown("sigmas", plot.sigmas(result), "Standard deviation of every parameter."),
-                parameter_table(result.parameters, truth),
-            ),
-        ),
+        Tab("Summary", (parameter_matrix(calibration), *_summary(result), *_provenance(calibration))),
+        Tab("Parameters", tuple(_parameters(result, truth))),
         *limits_tabs(result.judgement),
-        coverage_tab(result),
+        _sphere_tab(result),
     ]
     # An accelerometer alone propagates nothing.
     if result.control is not None and result.control.carried:
         tabs.append(propagated_tab(result.control))
-    left: list[Shown | str] = [heading("Recordings of the calibration"), *residuals(result, "calibration")]
+    left: list[Shown | str] = [
+        *_histogram(result),
+        heading("Recordings of the calibration"),
+        *residuals(result, "calibration"),
+    ]
     if result.control is not None:
         left += [heading("Control recordings"), *residuals(result.control, "control")]
     tabs.append(Tab("Residuals", tuple(left)))
-    write_page(path, title or _title(calibration), tabs, sentences.of_calibration(result))
+    footer = f"{title or _title(calibration)}, {str(calibration.provenance.date)[:10]}"
+    write_page(path, title or _title(calibration), tabs, sentences.of_calibration(result), footer=footer)
 
 
 def write_evaluation_page(
@@ -90,6 +85,63 @@ def write_evaluation_page(
         coverage_tab(judged),
     ]
     write_page(path, title, tabs, sentences.of_evaluation(judged))
+
+
+def _parameters(result: CalibrationResult, truth: Mapping[str, float] | None) -> Iterator[Shown | str]:
+    calibration = result.calibration
+    yield paragraph("measured = T true + bias, with T the sensitivity matrix of each sensor.")
+    yield parameter_table(result.parameters, truth)
+    yield from meanings([effect.name for effect in calibration.effects])
+    yield Shown(
+        "parameters",
+        plot.parameters(result),
+        "Every parameter with an error bar of ±1 σ.",
+        printed=False,
+    )
+    yield Shown("sigmas", plot.sigmas(result), "Standard deviation of every parameter.", printed=False)
+    if calibration.covariance is not None:
+        yield Shown(
+            "correlations",
+            plot.correlations(calibration),
+            "Correlation of the parameters: 1 (blue) and −1 (orange) mean that the recordings determine only "
+            "their difference or their sum.",
+        )
+        pairs = plot.largest_correlations(calibration)
+        if pairs:
+            yield table(["largest correlations", ""], [[f"{a}, {b}", f"{rho:.2f}"] for a, b, rho in pairs])
+
+
+def _sphere_tab(result: CalibrationResult) -> Tab:
+    """Coverage by poses, and the norm of gravity before and after."""
+    covered = coverage_tab(result)
+    if not any(rest.excluded is None and rest.norm_error_mps2 is not None for rest in result.rests):
+        return covered
+    figure, factor = plot.sphere_before_and_after(result)
+    zero = (
+        " Before: counts with one scale and one zero for all axes."
+        if result.calibration.accel_unit == "lsb"
+        else ""
+    )
+    caption = (
+        "Gravity at each rest before and after the calibration. The sphere has the radius g, and the "
+        "distance "
+        f"of a point from it is |f| − g, magnified {factor:.3g} times.{zero}"
+    )
+    sphere = Shown("sphere", figure, caption, printed=False)
+    return Tab(covered.heading, (sphere, *covered.content))
+
+
+def _histogram(result: CalibrationResult) -> list[Shown]:
+    try:
+        figure = plot.histogram(result)
+    except InputError:
+        # A table of means has no noise to compare with.
+        return []
+    caption = (
+        "Residuals in standard deviations of their noise. If noise alone explains them, the bars follow the "
+        "curve; the outermost bars also contain everything beyond them."
+    )
+    return [Shown("histogram", figure, caption)]
 
 
 def _summary(result: CalibrationResult) -> list[str]:

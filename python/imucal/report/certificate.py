@@ -12,12 +12,12 @@ import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from imucal.document.atomic import write_text
 from imucal.limits.limits import Limits
-from imucal.report.tables import FIGURES, rounded_to, table
-from imucal.units import SHOWN
+from imucal.report.tables import figures_table, rounded_to, table
+from imucal.units import datasheet
 
 if TYPE_CHECKING:
     from imucal.calibration.calibration import Calibration
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
 
 __all__ = ["calibration_hash", "write_certificate"]
-
-# Entries of a sensitivity off its diagonal are angles in a datasheet.
-ANGLE: Final = (1e3, "mrad")
 
 
 def write_certificate(
@@ -100,21 +97,19 @@ def _parameters(parameters: Sequence[Parameter], judgement: Judgement | None) ->
     )
     rows = []
     for parameter in parameters:
-        factor, offset, unit = _shown(parameter)
+        scale = datasheet(parameter.name, parameter.unit)
         check = ranges.get(parameter.name)
-        std = math.nan if parameter.std is None else parameter.std * abs(factor)
+        std = math.nan if parameter.std is None else parameter.std * abs(scale.factor)
         row = [
             parameter.name,
-            rounded_to((parameter.value - offset) * factor, std),
+            rounded_to(scale.shown(parameter.value), std),
             "-" if parameter.std is None else rounded_to(std, std),
-            unit,
+            scale.unit,
         ]
         if judgement is not None:
             low, high = (None, None) if check is None else (check.low, check.high)
             row += [
-                "-"
-                if low is None or high is None
-                else f"{(low - offset) * factor:.4g} to {(high - offset) * factor:.4g}",
+                "-" if low is None or high is None else f"{scale.shown(low):.4g} to {scale.shown(high):.4g}",
                 "-" if check is None else "pass" if check.passed else "FAIL",
             ]
         rows.append(row)
@@ -122,16 +117,6 @@ def _parameters(parameters: Sequence[Parameter], judgement: Judgement | None) ->
     failed = [] if judgement is None else [check.reason for check in judgement.failed]
     note = "<p>A diagonal sensitivity in ppm is its deviation from 1.</p>"
     return table(header, rows) + note + "".join(f"<p>{escape(reason)}</p>" for reason in failed)
-
-
-def _shown(parameter: Parameter) -> tuple[float, float, str]:
-    """Factor, offset and unit in which a datasheet gives a parameter: (value - offset) * factor."""
-    name, unit = parameter.name, parameter.unit
-    if unit == "1" and "_sensitivity_" in name and name.startswith(("accel_sens", "gyro_sens")):
-        on_diagonal = name[-1] == name[-2]
-        return (1e6, 1.0, "ppm") if on_diagonal else (ANGLE[0], 0.0, ANGLE[1])
-    factor, shown = SHOWN.get(unit, (1.0, unit))
-    return factor, 0.0, shown
 
 
 def _figures(calibration: Calibration) -> str:
@@ -142,11 +127,7 @@ def _figures(calibration: Calibration) -> str:
     sets = {name: figures for name, figures in sets.items() if figures}
     if not sets:
         return ""
-    rows = [
-        [words, *("-" if figures.get(key) is None else f"{figures[key]:.4g}" for figures in sets.values())]
-        for key, words in FIGURES.items()
-    ]
-    return table(["figures on recordings", *sets], rows)
+    return figures_table(sets)
 
 
 def _pairs(pairs: Sequence[tuple[str, Any]]) -> str:

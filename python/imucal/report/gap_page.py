@@ -93,7 +93,9 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
     yield heading("The seconds that disagree most")
     yield Shown(
         "signals",
-        plot.move_signals(signals, has_effects=bool(gap.effects or gap.laws)),
+        plot.move_signals(
+            signals, has_effects=bool(gap.effects or gap.laws), is_hand_moved=gap.is_hand_moved
+        ),
         f"Move {signals.move} of the {kind} {signals.recording}: gravity as the accelerometer measures it, "
         "and as "
         f"the gyroscope predicts it from the rest before the move (shaded).{of_hand}",

@@ -6,16 +6,23 @@ from functools import singledispatch
 from html import escape
 from typing import Any
 
+import numpy as np
+
 import imucal.report.sentences as sentences
 from imucal.calibration.calibration import Calibration
 from imucal.estimation.evaluate import Evaluation
+from imucal.estimation.inspection import Inspection
 from imucal.estimation.result import CalibrationResult
 from imucal.gap import Gap
 from imucal.noise_analysis.noise import NoiseResult
+from imucal.plot.style import shown_unit
+from imucal.recording.recording import Recording
+from imucal.report.blocks import finding_texts
 from imucal.report.gap_tables import effects_table, gap_figures_table
+from imucal.report.inspection_page import predicted_table, rests_table
 from imucal.report.noise_page import noise_table
 from imucal.report.page import MARKS, Verdict
-from imucal.report.tables import checks_table, figures_table, item_list, paragraph, parameter_table
+from imucal.report.tables import checks_table, figures_table, item_list, paragraph, parameter_table, table
 
 
 @singledispatch
@@ -63,6 +70,43 @@ def of_evaluation(judged: Evaluation) -> str:
 def of_noise(noise: NoiseResult) -> str:
     """Verdict and noise figures."""
     return _lead(sentences.of_noise(noise)) + noise_table(noise)
+
+
+@html_of.register
+def of_inspection(seen: Inspection) -> str:
+    """Whether the recording determines all parameters, findings, rests, and predicted accuracy."""
+    return (
+        _lead(sentences.of_inspection(seen))
+        + item_list(finding_texts(seen.findings))
+        + rests_table(seen)
+        + predicted_table(seen)
+    )
+
+
+@html_of.register
+def of_recording(recording: Recording) -> str:
+    """Length, rate, and the range of every column in the units of the recording."""
+    columns: list[tuple[str, str, Any]] = []
+    for prefix, samples, unit in (
+        ("accel", recording.specific_force, recording.accel_unit),
+        ("gyro", recording.angular_rate, recording.gyro_unit),
+    ):
+        if samples is not None:
+            columns += [(f"{prefix}_{axis}", unit, samples[:, k]) for k, axis in enumerate("xyz")]
+    if recording.temperature_degc is not None:
+        columns.append(("temperature", "°C", recording.temperature_degc))
+    columns += [(name, "", values) for name, values in recording.auxiliary.items()]
+    rows = [[name, *_range(values), shown_unit(unit) or "-"] for name, unit, values in columns]
+    words = recording.said(len(recording), recording.duration_s)
+    return paragraph(words) + table(["column", "smallest", "mean", "largest", "unit"], rows)
+
+
+def _range(values: Any) -> list[str]:
+    known = np.asarray(values, dtype=float)
+    known = known[np.isfinite(known)]
+    if len(known) == 0:
+        return ["-", "-", "-"]
+    return [f"{value:.5g}" for value in (known.min(), known.mean(), known.max())]
 
 
 @html_of.register

@@ -12,7 +12,9 @@
   const tabs = [...document.querySelectorAll(".tab")];
   const bar = document.getElementById("tabs");
   const toggle = document.getElementById("theme");
-  const PAPER_WIDTH = 680;
+  // A column of a printed page, CSS pixels, and the share of the height that figures keep in it.
+  const PAPER_WIDTH = 330;
+  const PAPER_HEIGHT = 0.78;
   let chosen = null;
 
   // A figure is drawn when its tab is first seen; on a phone all of them at once would take seconds.
@@ -24,12 +26,26 @@
     figure.look = look;
     const { data, layout } = JSON.parse(figure.text, (_, value) =>
       theme === "dark" && typeof value === "string" && value in dark ? dark[value] : value);
-    if (width) layout.width = width;
+    if (width) {
+      layout.width = width;
+      layout.height = Math.max(150, PAPER_HEIGHT * layout.height);
+      layout.font.size = 9;
+      if (layout.legend) layout.legend.font = { size: 8 };
+      (layout.annotations ?? []).forEach((note) => { note.font = { ...note.font, size: 9 }; });
+      Object.keys(layout).filter((key) => /^[xy]axis/.test(key)).forEach((key) => {
+        layout[key].tickfont = { ...layout[key].tickfont, size: 8 };
+        if (layout[key].title) layout[key].title.font = { size: 9 };
+      });
+    }
     // A ball that was turned stays so.
     if (layout.scene && figure.place.layout) layout.scene.camera = figure.place.layout.scene.camera;
     // A finger that moves over a flat plot scrolls the page.
     if (touch) layout.dragmode = false;
-    return Plotly.react(figure.place, data, layout, { responsive: true, displayModeBar: false, scrollZoom: false });
+    return Plotly.react(figure.place, data, layout, {
+      responsive: true,
+      displayModeBar: false,
+      scrollZoom: false,
+    });
   }
 
   function paint() {
@@ -117,7 +133,8 @@
     before = tabs.map((tab) => tab.hidden);
     tabs.forEach((tab) => { tab.hidden = false; });
     root.dataset.theme = "light";
-    figures.forEach((figure) => draw(figure, "light", PAPER_WIDTH));
+    figures.filter((figure) => !figure.place.closest(".screen"))
+      .forEach((figure) => draw(figure, "light", PAPER_WIDTH));
   });
   addEventListener("afterprint", () => {
     tabs.forEach((tab, i) => { tab.hidden = before[i]; });

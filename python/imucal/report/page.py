@@ -45,7 +45,8 @@ class Verdict:
 class Shown:
     """A figure with its caption in plain text, and an identifier that is unique in the page.
 
-    printed  whether it is part of the page on paper; figures that repeat a table are not
+    printed  whether it is part of the page on paper. Figures that repeat a table are not, nor are views in
+             space, whose canvas is empty there
     """
 
     name: str
@@ -75,6 +76,7 @@ def write_page(
     tabs: Sequence[Tab],
     verdict: Verdict,
     *,
+    footer: str | None = None,
     compressed: bool = False,
     reload_s: float | None = None,
 ) -> None:
@@ -82,6 +84,7 @@ def write_page(
 
     path        the HTML file
     title       heading of the page and title of the browser window
+    footer      text at the foot of every printed page, beside its number; default: the title
     compressed  whether plotly.js is compressed, to 2 MB instead of 5 MB; needs a browser of 2023 or newer
     reload_s    time, s, after which the browser loads the page again, or None
     """
@@ -93,6 +96,7 @@ def write_page(
         title=escape(title),
         reload="" if reload_s is None else f'<meta http-equiv="refresh" content="{reload_s:g}">\n',
         style=(folder / "page.css").read_text(encoding="utf-8"),
+        footer=_css_string(title if footer is None else footer),
         plotly=_plotly_script(compressed) if figures else "",
         dark=_json(json.dumps(DARK)),
         script=(folder / "page.js").read_text(encoding="utf-8"),
@@ -124,12 +128,18 @@ def _tab_html(tab: Tab) -> str:
 def _figure_html(shown: Shown) -> str:
     caption = escape(shown.caption)
     height = shown.figure.layout.height
+    opening = "<figure>" if shown.printed else '<figure class="screen">'
     return (
-        f"<figure>\n<figcaption>{caption}</figcaption>\n"
+        f"{opening}\n<figcaption>{caption}</figcaption>\n"
         f'<div class="plot" id="figure-{shown.name}" role="img" aria-label="{caption}" '
         f'style="min-height: {height}px"></div>\n'
         f'<script type="application/json">{_json(shown.figure.to_json())}</script>\n</figure>'
     )
+
+
+def _css_string(text: str) -> str:
+    """A string of CSS; characters that could end it or the style element are escaped."""
+    return '"' + "".join(c if c.isalnum() or c in " .,-_" else f"\\{ord(c):x} " for c in text) + '"'
 
 
 def _json(text: str | None) -> str:
@@ -172,7 +182,9 @@ _PAGE = """<!doctype html>
 style-src 'unsafe-inline'; img-src data: blob:">
 <title>{title}</title>
 <style>
-{style}</style>
+{style}@media print {{ @page {{ @bottom-left {{ content: {footer}; font: 8pt system-ui, sans-serif; \
+color: #5b636c; }} }} }}
+</style>
 {plotly}
 </head>
 <body>

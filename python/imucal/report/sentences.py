@@ -10,6 +10,7 @@ from imucal.units import SHOWN
 
 if TYPE_CHECKING:
     from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.inspection import Inspection
     from imucal.estimation.result import CalibrationResult
     from imucal.gap import Gap
     from imucal.noise_analysis.noise import NoiseResult
@@ -49,6 +50,24 @@ def of_evaluation(judged: Evaluation) -> Verdict:
     if judged.judgement is not None:
         beside += f" {judged.judgement.count}."
     return _judged(judged, "Good: the calibration holds on these recordings.", beside.strip())
+
+
+def of_inspection(seen: Inspection) -> Verdict:
+    """Whether a recording can be calibrated, and whether it determines all parameters."""
+    beside = (
+        f"{seen.samples} samples, {seen.duration_s:.5g} s, {seen.rate_hz:.5g} Hz, {seen.sensors_in_words}, "
+        f"{len(seen.rests)} rests."
+    )
+    if not seen.usable:
+        codes = dict.fromkeys(finding.code for finding in seen.findings if finding.severity == "error")
+        return Verdict("poor", f"A calibration would refuse this recording: {', '.join(codes)}.", beside)
+    if seen.missing is not None:
+        return Verdict(
+            "incomplete",
+            "This recording alone does not determine all parameters.",
+            f"{seen.missing} {beside}",
+        )
+    return Verdict("good", "This recording determines all parameters.", beside)
 
 
 def of_noise(found: NoiseResult) -> Verdict:

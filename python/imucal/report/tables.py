@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucal.document.plain import plain
 from imucal.plot.style import shown_unit
-from imucal.units import SHOWN
+from imucal.units import SHOWN, datasheet
 
 if TYPE_CHECKING:
     from imucal.calibration.triad import Parameter
@@ -24,6 +24,8 @@ FIGURES = {
 }
 # Maximum number of items of a list on a page; the JSON contains all.
 MOST_ITEMS = 40
+# Largest number of columns of a table that fits into a column of a printed page with text of normal size.
+WIDE = 5
 
 
 def paragraph(text: str) -> str:
@@ -61,23 +63,32 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[
         + "</tr>"
         for first, *rest in rows
     )
-    return f'<div class="table"><table>{head}<tbody>\n{body}\n</tbody></table></div>'
+    # A wide table has smaller text on paper, to fit into one of the two columns of a page.
+    wide = " wide" if len(header) > WIDE else ""
+    return f'<div class="table{wide}"><table>{head}<tbody>\n{body}\n</tbody></table></div>'
 
 
 def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] | None = None) -> str:
-    """Value, standard deviation and unit of every parameter, with true value and error if known."""
+    """Value and standard deviation of every parameter in the units of datasheets.
+
+    With `truth`, true values in SI units by name, it has the true value and the error as well.
+    """
     header = ["parameter", "value", "1 σ", "unit", *(["truth", "error / σ"] if truth else [])]
     rows = []
     for p in parameters:
-        std = math.nan if p.std is None else p.std
+        scale = datasheet(p.name, p.unit)
+        std = math.nan if p.std is None else abs(scale.factor) * p.std
+        value = scale.shown(p.value)
         row = [
-            p.name,
-            rounded_to(p.value, std),
+            # A diagonal entry in ppm is shown as its difference from 1.
+            f"{p.name} − {scale.zero:g}" if scale.zero else p.name,
+            rounded_to(value, std),
             rounded_to(std, std) if p.std else "-",
-            shown_unit(p.unit) or "1",
+            shown_unit(scale.unit) or "1",
         ]
         if truth:
-            row += _beside_truth(p.value, std, truth.get(p.name))
+            true = truth.get(p.name)
+            row += _beside_truth(value, std, None if true is None else scale.shown(true))
         rows.append(row)
     return table(header, rows)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from click.exceptions import Exit
 
-from imucal.cli.options import MIN_REST_S, Gravity, JsonPath, MinRest, UnitsOption, UnitSystem
-from imucal.cli.output import POOR_VERDICT, Output, require_apart
+from imucal.cli.options import MIN_REST_S, Gravity, JsonPath, MinRest, ReportPath, UnitsOption, UnitSystem
+from imucal.cli.output import POOR_VERDICT, Output, prepare_report, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 from imucal.units import STANDARD_GRAVITY_MPS2
@@ -20,6 +20,7 @@ def inspect(
     gravity: Gravity = STANDARD_GRAVITY_MPS2,
     min_rest_s: MinRest = MIN_REST_S,
     units: UnitsOption = UnitSystem.datasheet,
+    report: ReportPath = None,
     json: JsonPath = None,
 ) -> None:
     """Show sampling rate, faults and rests of recordings, and the parameters that they determine.
@@ -30,11 +31,14 @@ def inspect(
     Ends with 2 if a calibration would refuse one of the recordings.
 
     Example: imucal inspect run.csv
+
+    Example: imucal inspect run.csv --report run.html
     """
     import imucal
     from imucal.estimation.inspection import only_moves_determine
 
-    require_apart(recordings, {"--json": json})
+    require_apart(recordings, {"--report": report, "--json": json})
+    prepare_report(report)
     with working("reading"):
         unit_data = reading.each(recordings)
     inspections = []
@@ -42,6 +46,10 @@ def inspect(
         for recording in unit_data:
             inspections.append(imucal.inspect(recording, gravity_mps2=gravity, min_rest_s=min_rest_s))
             stage.step()
+    if report is not None:
+        from imucal.report import write_inspection_page
+
+        write_inspection_page(report, inspections, unit_data)
     out = Output(json, units)
     out.document({"recordings": [inspection.to_dict() for inspection in inspections]})
     for seen in inspections:
