@@ -255,8 +255,9 @@ pub(crate) struct GapQuestion<'py> {
     given: Option<Given<'py>>,
 }
 
-/// Finds the missing effect. `stage(effects, candidates)` is called before each step. Its arguments are the names of
-/// the effects before a fit, the number of candidates before a search, and None for both before errors are predicted.
+/// Finds the missing effect. `stage(effects, candidates)` is called before each step. Before a fit, `effects` contains
+/// the names of the effects. Before a search, `candidates` is the number of candidates. Before the prediction of
+/// errors, both are None.
 #[pyfunction]
 pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAny>) -> PyResult<GapResult> {
     let GapQuestion { recordings, control, options, candidates, user_effects, given } = question;

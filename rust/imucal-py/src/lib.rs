@@ -64,7 +64,7 @@ mod _core {
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
     /// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the difference
-    /// from it.
+    /// from this temperature.
     #[pymodule_export]
     const REFERENCE_TEMPERATURE_DEGC: f64 = library::recording::REFERENCE_TEMPERATURE_DEGC;
 

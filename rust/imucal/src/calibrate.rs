@@ -87,8 +87,8 @@ pub struct Options<'a> {
     pub wander: Option<UnitWander>,
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of the effects that may be only partly determined. A prior determines their unobservable
-    /// directions.
+    /// Names of the effects that may be only partly determined. A prior determines the unobservable directions of
+    /// these effects.
     pub partly: Vec<String>,
     /// User-defined effects, given by their fields at every sample.
     pub user_fields: Vec<UserField<'a>>,
@@ -104,8 +104,8 @@ pub struct Options<'a> {
 pub struct ModelOptions<'a> {
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of the effects that may be only partly determined. A prior determines their unobservable
-    /// directions.
+    /// Names of the effects that may be only partly determined. A prior determines the unobservable directions of
+    /// these effects.
     pub partly: Vec<String>,
     /// User-defined effects, given by their fields at every sample.
     pub user_fields: Vec<UserField<'a>>,

@@ -7,8 +7,9 @@
 //!
 //! The fields of effects depend on more than rate and force. A recording provides the time since its first sample, the
 //! temperature minus [`REFERENCE_TEMPERATURE_DEGC`] if it has a temperature column, and the angular acceleration as the
-//! derivative of the rate ([`angular_acceleration`]). It provides neither the attitude nor the angles of a stand. For
-//! lack of the attitude, the rate of the Earth is not removed, and a gyroscope measures it correctly anyway.
+//! derivative of the rate ([`angular_acceleration`]). It provides neither the attitude nor the angles of a stand.
+//! Because the attitude is missing, the rate of the Earth is not removed. The rate of the Earth is not an error of the
+//! gyroscope, because a gyroscope measures the rate relative to the stars.
 
 use crate::cancellation::checkpoint;
 use crate::error::Error;

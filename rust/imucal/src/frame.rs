@@ -54,7 +54,7 @@ pub fn convert(from: &Sensitivities, frame: Frame) -> Result<Sensitivities, Erro
     Ok(Sensitivities { accelerometer, gyroscope: from.gyroscope * rotation.transpose() })
 }
 
-/// Derivative of [`convert`] with respect to the sensitivities, applied to a change of them.
+/// Derivative of [`convert`] with respect to the sensitivities, applied to a change of the sensitivities.
 pub(crate) fn convert_change(
     from: &Sensitivities,
     to: &Sensitivities,

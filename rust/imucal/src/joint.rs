@@ -220,8 +220,8 @@ pub(crate) fn predict(
 /// `width` typical sizes, and estimates the weights from the residuals at the start.
 ///
 /// With weights from noise alone, the large residuals at the start could drive an effect far from its true value. For
-/// example, a g-sensitivity that is equal on all axes rotates the unit about gravity. The moves do not observe this
-/// rotation. If the estimated rotation is fast, it averages out all other errors.
+/// example, a g-sensitivity that is equal on all axes acts at rest like a rotation about gravity, which the moves do
+/// not observe. If the fit makes this rotation fast, it averages out all other errors.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,

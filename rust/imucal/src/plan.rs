@@ -11,8 +11,8 @@
 //!
 //! The information matrix is that of the joint fit. It contains the mean force and the mean rate at each rest, and the
 //! propagation of gravity from rest to rest, with the direction of gravity at each rest as an unknown. An information
-//! filter accumulates it along the run. The computing time is therefore proportional to the length of the run, and no
-//! large matrix is needed.
+//! filter accumulates the matrix along the run. The computing time is therefore proportional to the length of the run,
+//! and no large matrix is needed.
 //!
 //! ```
 //! use imucal::plan::{Goal, Limits, Search, Sensors, optimal};

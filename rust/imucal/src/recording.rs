@@ -9,7 +9,7 @@ use std::ops::Range;
 use crate::error::Error;
 
 /// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the difference from
-/// it.
+/// this temperature.
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
 /// Time step from which a step counts as a pause between two runs, s. No inertial sensor that can be calibrated has a

@@ -24,8 +24,8 @@ use statrs::function::erf::erfc;
 /// 0.58 steps, the rounding error of a mean is below 3e-4 steps, and the variance of the samples includes q^2 / 12.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
 /// Distance between two readings, in steps, at which the Gaussian factor of the correlation of their errors is
-/// exp(-1/2). The correlation is this factor times the cosine above. Errors of readings that are more than a step apart
-/// count as independent, because their phases are not known well enough.
+/// exp(-1/2). The correlation is this factor times the cosine in the formula for cov(d_k, d_l). Errors of readings that
+/// are more than a step apart count as independent, because their phases are not known well enough.
 const CORRELATED: f64 = 0.5;
 /// Smallest and largest standard deviation of the noise that is tried, in steps. At the smallest, nearly all samples of
 /// a rest are equal. At the largest, rounding causes no error of the mean.
@@ -54,9 +54,9 @@ pub struct Rounding {
     /// Variance of the error that rounding leaves in the mean of a rest. It does not depend on the duration of the
     /// rest.
     pub error_variance: f64,
-    /// Whether the reading of a rest determines its rounding error, so that equal readings have equal errors. This is
-    /// false for a force whose samples all have one level, because the true force may lie anywhere within half a step
-    /// of this level. It is true for rates even in this case, because the true rate is zero at every rest.
+    /// Whether the reading of a rest determines its rounding error, so that equal readings have equal errors. False for
+    /// a force whose samples all have one level, because the true force may lie anywhere within half a step of this
+    /// level. True for a rate even if its samples all have one level, because the true rate is zero at every rest.
     pub is_determined: bool,
 }
 

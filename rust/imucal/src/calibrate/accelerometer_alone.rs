@@ -60,8 +60,7 @@ pub struct AccelerometerOutcome {
     /// Share of the variance of each parameter that comes from the priors of the held parameters, in the order of
     /// `names`; empty if none is held.
     pub prior_shares: Vec<f64>,
-    /// Errors due to the uncertainty of the priors, of which the error of a rotation is NaN; `None` if no parameter is
-    /// held.
+    /// Errors due to the uncertainty of the priors; the error of a rotation is NaN. `None` if no parameter is held.
     pub prior_cost: Option<PriorCost>,
     /// Goodness of fit of the norms of gravity at the rests relative to noise alone; empty if there are no degrees of
     /// freedom.

@@ -36,7 +36,7 @@ pub struct Checked<'a> {
     recordings: Vec<Recording<'a>>,
     /// All options except those of the model.
     options: Options<'static>,
-    /// Rests, noise and findings. The list of recordings in it is empty, because `Checked` owns the recordings.
+    /// Rests, noise and findings. Its list of recordings is empty, because `Checked` owns the recordings.
     data: UnitData<'static>,
     accelerometer: AccelerometerFit,
     moves: Vec<Move>,
@@ -61,8 +61,8 @@ impl<'a> Checked<'a> {
         refuse_errors(&several_units(recordings, Err(error), |recording| fit_alone(recording, options))?)
     }
 
-    /// As [`Checked::try_new`], but error messages do not offer a model with fewer parameters, and a failure is not
-    /// tested for recordings of several units as the cause.
+    /// As [`Checked::try_new`], but error messages do not offer a model with fewer parameters, and after a failure it
+    /// is not tested whether the recordings are of several units.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let mut accelerometer = data.fit_accelerometer(options)?;
@@ -144,7 +144,8 @@ impl<'a> Checked<'a> {
         Ok(self.units.get_or_init(|| found).clone())
     }
 
-    /// As [`calibrate`](Self::calibrate), but a failure is not tested for recordings of several units as the cause.
+    /// As [`calibrate`](Self::calibrate), but after a failure it is not tested whether the recordings are of several
+    /// units.
     fn calibrate_one_unit(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
         let options = &self.options.with_model(model);
         options.check_model()?;

@@ -22,7 +22,7 @@ const USUAL_SENSITIVITY_ERROR: f64 = 0.01;
 /// is reported.
 const USUAL_BIAS: [f64; 2] = [0.2, 0.02];
 /// Time constant below which a finding is reported, as a fraction of the duration of the longest recording. An effect
-/// with a shorter time constant ends almost immediately.
+/// with a shorter time constant decays almost immediately.
 const SHORTEST_SHARE: f64 = 0.01;
 
 /// A parameter, or a group of parameters, that a calibration determines poorly.

@@ -25,9 +25,9 @@ const LEAST_SHARE: f64 = 2e-4;
 /// recordings count as not fitting together. An effect that is missing in the model increases both values equally, so
 /// the ratio stays near one.
 const WORSE_TOGETHER: f64 = 4.0;
-/// Share of rests above which the recordings count as not fitting together: rests that the fit to all recordings
-/// excludes but the separate fits use. This criterion is needed because the rests of a second unit may be excluded as
-/// outliers, so that chi2 is that of one unit.
+/// Limit of the share of rests that the fit to all recordings excludes but the separate fits use. Above this limit, the
+/// recordings count as not fitting together. This criterion is needed because the rests of a second unit may be
+/// excluded as outliers, so that chi2 is that of one unit.
 const EXCLUDED: f64 = 0.1;
 /// Difference between the mean temperatures of two recordings, K, above which different scales are not taken as
 /// evidence of different units. Scales of MEMS sensors change by up to 0.05 %/K, whereas misalignments barely change.

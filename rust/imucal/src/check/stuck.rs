@@ -15,9 +15,10 @@ const MOVING_STEPS: f64 = 8.0;
 /// Reports axes that are constant for most of the recording while other axes of the same triad move.
 ///
 /// Two cases are not reported: a rest without noise, in which all axes are constant, and a coarse converter, which
-/// changes axes by single steps. An axis is certainly stuck if the other axes are noisy while it is constant, or if a
-/// whole triad is constant. This is an error. If the other axes have no noise either (coarse converter, simulation
-/// without noise), the motion may simply not have changed this axis. This is a warning.
+/// changes axes by single steps. An axis is certainly stuck if the other axes are noisy while the axis is constant, or
+/// if a whole triad is constant. In this case, the finding is an error. If the other axes have no noise either (coarse
+/// converter, simulation without noise), the motion may simply not have changed this axis. In this case, the finding is
+/// a warning.
 pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [

@@ -136,8 +136,8 @@ fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
     (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
 }
 
-/// The [`median_norm`] if it is outside the limits, otherwise `None`. In most recordings it is inside, which is
-/// determined without sorting.
+/// The [`median_norm`] if it is outside the limits, otherwise `None`. In most recordings the median norm is inside the
+/// limits, which is determined without sorting.
 fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
     let mut lengths = Lengths::default();
     ranges.iter().for_each(|range| lengths.add(&rows.part(range.clone()), limits));

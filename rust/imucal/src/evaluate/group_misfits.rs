@@ -121,9 +121,11 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
 /// p-value relative to noise alone below which the uncertainty of the calibration is taken into account. Above it,
 /// noise explains the residuals.
 const UNLIKELY: f64 = 0.1;
-/// Maximum share of rests, or of moves, that are excluded as outliers. It equals the limit of a calibration.
+/// Maximum share of rests, or of moves, that are excluded as outliers. It equals `MAX_CONTRADICTING_SHARE` of a
+/// calibration.
 const MAX_OUTLIER_SHARE: f64 = 0.1;
-/// p-value below which a rest or move contradicts all others. It equals the limit of a calibration.
+/// p-value below which a rest or move contradicts all others. It equals the significance level of the outlier detection
+/// in a joint fit.
 const OUTLIER_SIGNIFICANCE: f64 = 1e-5;
 /// Magnitude of gravity with which a change of the accelerometer's bias is converted to a change of the direction of
 /// gravity, m/s^2. Local gravity differs from this value by less than 1 %.

@@ -87,8 +87,8 @@ impl StandModel {
     }
 }
 
-/// Start value of the mount rotation: least-squares rotation from the up directions computed from the encoder angles to
-/// the measured up directions `up`.
+/// Start value of the mount rotation: the rotation that, by least squares, takes the up directions that follow from the
+/// encoder angles to the measured up directions `up`.
 pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Vector3<f64> {
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =
@@ -174,8 +174,8 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest, rad: the components, perpendicular to the measured gravity direction, of the gravity
-/// direction from the stand minus the measured one. Each row contains the derivatives, followed by the residual.
+/// Two residuals of a rest, rad: gravity direction from the stand minus measured gravity direction, as two components
+/// perpendicular to the measured direction. Each row contains the derivatives, followed by the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,

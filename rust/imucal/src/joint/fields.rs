@@ -114,7 +114,7 @@ impl Joint<'_> {
     }
 
     /// Derivatives with respect to an error of the rate. The derivatives of the norm and move residuals are written to
-    /// `lines` before whitening. Those of all following residuals are written to `all`, whitened.
+    /// `lines` before whitening. The whitened derivatives of all other residuals are written to `all`.
     fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
         let mut row = lines.nrows();

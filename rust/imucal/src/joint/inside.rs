@@ -60,8 +60,8 @@ impl<'a> Rows<'a> {
     }
 
     /// Writes the whitened derivatives of the residuals of a move with respect to the parameters of `planes`, which has
-    /// one state (three components) per block. The derivative of the residual of a block along d is the product of its
-    /// state with the vector `toward(block, d)`, plus the terms of `edges`.
+    /// one state (three components) per block. The derivative of the residual of a block along d is the dot product of
+    /// the state of the block with the vector `toward(block, d)`, plus the terms of `edges`.
     pub(super) fn write_block(
         &mut self,
         inside: &Inside<'_>,

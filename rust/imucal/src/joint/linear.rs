@@ -175,8 +175,8 @@ impl Prepared<'_> {
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &evaluated), before, after }
         };
-        // If no effect changes the rate, only the rotations are integrated first, which is fast. They determine the
-        // attitude of every rest, so the moves can then be processed in parallel.
+        // If no effect changes the rate, only the rotations of the moves are integrated first, which is fast. The
+        // rotations determine the attitude of every rest, so the moves can then be processed in parallel.
         let goes_ahead = evaluated.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());

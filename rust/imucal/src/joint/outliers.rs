@@ -161,7 +161,7 @@ pub(crate) fn outliers(
 
 /// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. Only the moves predict
 /// such a norm, so it is judged with the excess scatter of the moves. The rows of the design matrix of the norms are
-/// divided by the model errors of model.md (12), and the prior of that section is appended.
+/// divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear

@@ -52,7 +52,7 @@ impl Prepared<'_> {
         (0..self.rests.len()).find(|&k| self.used[k] && !is_reached(k))
     }
 
-    /// Rests in use of one recording, and the start and end time of each, s.
+    /// The rests of one recording that the fit uses, and the start and end time of each, s.
     pub(super) fn rests_of(&self, recording: usize) -> (Vec<usize>, Vec<[f64; 2]>) {
         let own = |k: &usize| self.used[*k] && self.rests[*k].recording == recording;
         let rest = |k: usize| (k, [self.rests[k].rest.start_s, self.rests[k].rest.end_s]);

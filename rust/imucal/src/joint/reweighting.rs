@@ -1,9 +1,9 @@
 //! Weights of the repeated fits (model.md (19)).
 //!
 //! Each fit gives the excess of its residuals, from which the weights of the next fit follow. Plain repetition has two
-//! defects. An excess near its significance limit may be significant in a fit without it and not significant in a fit
-//! with it, so the weights alternate. If residuals of two kinds determine the same parameter, the excess converges
-//! slowly, by a constant factor per fit.
+//! defects. An excess near its significance limit may be significant after a fit with weights from noise alone, and not
+//! significant after a fit whose weights contain this excess, so the weights alternate. If residuals of two kinds
+//! determine the same parameter, the excess converges slowly, by a constant factor per fit.
 
 use super::problem::Joint;
 use super::weights::{FACTORS, WIDENINGS, Widened, Widening};

@@ -167,7 +167,7 @@ fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
 }
 
 /// mantissa * 10^exponent, correctly rounded; `None` for exponents that need a more general algorithm.
-#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation)] // Each cast is exact, as said there.
+#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation)] // Each cast is exact, see below.
 fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     let index = usize::try_from(exponent.unsigned_abs()).ok()?;
     if mantissa <= LARGEST_EXACT {

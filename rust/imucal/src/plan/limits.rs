@@ -1,4 +1,4 @@
-//! Limits of the motors of a stand, or of a hand.
+//! Limits of the motors of a stand, or of a person who moves the unit by hand.
 
 use std::f64::consts::{PI, TAU};
 
@@ -34,7 +34,7 @@ pub struct Zone {
     pub angle_rad: [Option<[f64; 2]>; 3],
 }
 
-/// Limits of a stand, or of a hand.
+/// Limits of a stand, or of a person who moves the unit by hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
     /// Limits of each motor, outermost motor first. `None` for a motor that is missing and remains at zero.

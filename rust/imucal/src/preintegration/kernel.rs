@@ -8,7 +8,7 @@ use super::lanes::{Lanes, MOST_LANES, Quaternions, Three, lane_start, prefetch, 
 use super::step::{LaneState, StepTerm, at_nodes};
 use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 
-/// Number of steps whose samples a lane reads together: half a node.
+/// Number of steps whose samples a lane reads together: half a node of `sums.rs`.
 const TILE: usize = STEPS_OF_A_NODE / 2;
 /// Number of samples by which memory is prefetched ahead of their use.
 const AHEAD: usize = 64;

@@ -34,13 +34,13 @@ pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const RANGE: us
     EVEN && SUMS && RANGE == 0
 }
 
-/// Coefficients in y, with `t^2 = 9 y`, of the polynomial for `3 tan(t/2) / t`.
+/// Coefficients in y of the polynomial for `3 tan(t/2) / t`, where t is the rotation angle of a step and `t^2 = 9 y`.
 const TANGENT: [f64; 7] = by_powers(
     1.5,
     2.25,
     [1.0, 1.0 / 3.0, 2.0 / 15.0, 17.0 / 315.0, 62.0 / 2835.0, 1382.0 / 155_925.0, 21_844.0 / 6_081_075.0],
 );
-/// Coefficients in y, with `t^2 = 9 y`, of the polynomial for `cos^2(t/2)`.
+/// Coefficients in y of the polynomial for `cos^2(t/2)`, where t is the rotation angle of a step and `t^2 = 9 y`.
 const COSINE_SQUARED: [f64; 6] = by_powers(1.0, -2.25, [1.0, 1.0, 1.0 / 3.0, 2.0 / 45.0, 1.0 / 315.0, 2.0 / 14_175.0]);
 
 const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients: [f64; N]) -> [f64; N] {

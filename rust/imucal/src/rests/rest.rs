@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::rounding::Rounding;
 
-/// Unsteadiness (a ratio of variances) from which a rest counts as hand-held. Rests on a table have an unsteadiness
-/// near 1, rests in a hand a larger one (model.md (11)).
+/// Unsteadiness (a ratio of variances) from which a rest counts as hand-held. The unsteadiness is near 1 for rests on a
+/// table and above this limit for rests in a hand (model.md (11)).
 pub(super) const UNSTEADY: f64 = 2.0;
 
 /// Mean of a triad over a rest, in raw units.

@@ -18,13 +18,13 @@ use crate::rounding::{Levels, Rounding};
 /// means, the likelihood of a wide transition between two levels, and thus of large noise, would be overestimated.
 const SAME_READING: f64 = 0.15;
 /// Minimum share of the samples at a level that is more than 1.5 steps from the mean. A level with fewer samples is
-/// omitted, because they come from a jolt or a faulty transmission, and a single one of them would dominate the
+/// omitted, because its samples come from a jolt or a faulty transmission, and a single such sample would dominate the
 /// estimated noise.
 const FOREIGN: f64 = 1e-3;
 
-/// Share of the samples at each end of a rest that do not contribute to its levels. A filter delays the rate, so a rest
-/// that begins when a move ends still contains the last part of the move. With a filter bandwidth of 5 Hz, this part
-/// lasts 0.2 s.
+/// Share of the samples at each end of a rest that are excluded from the numbers of samples at each level. A filter
+/// delays the rate, so a rest that begins when a move ends still contains the last part of the move. With a filter
+/// bandwidth of 5 Hz, this part lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
 /// Ratio of c - 1 before rounding to c - 1 of the rounded samples, with c of model.md (10), for a mean in the middle

@@ -285,8 +285,8 @@ fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<u
     before.zip(after).map(|(start, end)| start..end)
 }
 
-/// Magnitude of gravity in raw units. For raw counts it is an estimate, which is rather too large than too small, even
-/// if the counts have an offset.
+/// Magnitude of gravity in raw units. For raw counts the result is an estimate that is more likely too large than too
+/// small, even if the counts have an offset.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
         return STANDARD_GRAVITY_MPS2;

@@ -57,7 +57,7 @@ impl Step {
 }
 
 /// The accelerometer program of the paper. Motor 3 makes a full revolution in equal steps, then motor 2 makes one such
-/// step. This repeats until motor 2 has turned by half a revolution.
+/// step. The sequence is repeated until motor 2 has turned by half a revolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
     /// Step of both motors, rad. Half a revolution must be an integer multiple of the step. The paper uses 20 deg.

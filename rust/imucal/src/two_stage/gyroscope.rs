@@ -147,8 +147,8 @@ impl<'a> PreintegratedMoves<'a> {
         Weighed { moves: self, ends, rows: (0..self.segments.len()).collect() }
     }
 
-    /// All moves preintegrated with this gyroscope. The most recent preintegration is corrected to first order if it is
-    /// close enough, otherwise the samples are integrated again.
+    /// All moves preintegrated with this gyroscope. The most recent preintegration is corrected to first order if the
+    /// second-order error is small; otherwise the samples are integrated again.
     fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
         if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {

@@ -64,7 +64,7 @@ pub enum Reason {
         set: RecordingSet,
         /// Median standard deviation of the gravity direction after a move, from noise, deg.
         sigma_deg: f64,
-        /// Largest standard deviation with which a gyroscope is judged, deg.
+        /// Largest standard deviation at which a gyroscope is judged, deg.
         limit_deg: f64,
     },
     /// Corrected rates are larger than any such sensor can measure.

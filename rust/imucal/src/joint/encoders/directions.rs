@@ -19,8 +19,8 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Quantile, over the rests, of the largest change of a reading within `SPAN_S`. It defines the change at standstill.
-/// At 0.9, up to a tenth of the rests may be disturbed.
+/// Quantile that defines the change of a reading at standstill. It is taken over the rests; the value of a rest is the
+/// largest change within `SPAN_S`. At 0.9, up to a tenth of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
 /// Time interval over which the change of a reading is computed to detect motion, s. Rotations of half a degree or more
 /// change a reading within this interval by more than the largest change at rest.
@@ -30,8 +30,8 @@ const FEWEST: usize = 8;
 /// A reading has left the level if two consecutive samples deviate from it by more than this number of standard
 /// deviations.
 const OFF: f64 = 3.0;
-/// Margin of the search for the first sample of a motion, in samples. The search begins before the reading leaves the
-/// level, by the number of samples from there to the detected motion plus this margin.
+/// Margin of the search for the first sample of a motion, in samples. If the motion is detected n samples after the
+/// reading leaves the level, the search begins n samples plus this margin before the reading leaves the level.
 const EARLIER: usize = 5;
 /// Angle over which the start of a motion is fitted, as a multiple of the largest change at rest. At larger angles, a
 /// polynomial of fourth degree no longer describes the motion.

@@ -57,7 +57,7 @@ pub(super) fn group_misfits(
     let worst = worst.max_by(|((a, n), _), ((b, m), _)| (a / n).total_cmp(&(b / m)));
     let groups = [
         Some((ResidualGroup::RestNorms, norms, rms(of_norms))),
-        // The angle has two components.
+        // The angle is the root sum square of its two components.
         Some((ResidualGroup::MoveDirections, moves, rms(of_moves) * 2f64.sqrt())),
         Some((ResidualGroup::RestRates, rates, rms(of_rates.flat_map(|(_, lines)| rate(lines))))),
         Some((ResidualGroup::MoveForces, inside, of_noise(inside, force_sigma))),

@@ -198,13 +198,13 @@ pub(super) struct Turned {
 }
 
 impl Turned {
-    /// Starts without segments; `parameters` are the indices of the columns in the parameter vector.
+    /// Sum without any segment; `parameters` are the indices of the columns in the parameter vector.
     pub(super) fn new(parameters: Vec<usize>) -> Self {
         let last = Planes::zeros(parameters, KEPT);
         Self { sum: Aligned::zeros(3 * last.width()), last, count: 0 }
     }
 
-    /// Appends `matrix` times each column as the next segment. `columns` must be padded to a full SIMD register.
+    /// Appends a segment that consists of `matrix` times each column. `columns` must be padded to a full SIMD register.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         let (to, sum) = (self.last.of_mut(self.count % KEPT), &mut *self.sum);

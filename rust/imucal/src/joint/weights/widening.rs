@@ -43,7 +43,8 @@ pub(crate) struct Scales {
     pub(crate) epochs: f64,
 }
 
-/// Kinds of residuals that are widened, and whether the excess of the mean rates is modelled as bias instability.
+/// Kinds of residuals whose standard deviations are increased beyond noise (widened), and whether the excess of the
+/// mean rates is modelled as bias instability.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::joint) struct Widened {
     /// In the order of `Scales`.
