@@ -26,6 +26,7 @@
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
 #   make wheel     dist/*.whl
+#   make wheel-manylinux  a wheel for manylinux2014, linked by zig and tried in another Python: OTHER_PYTHON=path
 #   make format    format Rust and Python
 #   make clean     remove .venv and dist; target/ stays, because its dependencies take minutes to build
 
@@ -95,6 +96,21 @@ $(VENV)/.installed: dist/.wheel $(VENV)/.tools
 	@$(PY) -m pip uninstall -qq --yes imucal-rs
 	$(PY) -m pip install --quiet "$$(echo dist/*.whl)[report]"
 	@touch $@
+
+# Old versions of Linux run what zig links against their C library. The wheel is tried in an empty environment of
+# another Python than that of .venv, with a calibration.
+OTHER_PYTHON ?= /usr/bin/python3
+.PHONY: wheel-manylinux
+wheel-manylinux: $(VENV)/.tools
+	$(call say,Build a wheel for manylinux2014 and install it for $(OTHER_PYTHON))
+	$(PY) -m pip install --quiet --group release
+	@rm -rf dist/manylinux
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin build --release --locked --zig --compatibility manylinux2014 \
+		--interpreter $(PY) --out dist/manylinux
+	$(BIN)/twine check --strict dist/manylinux/*.whl
+	$(OTHER_PYTHON) -m venv --clear $(CARGO_TARGET_DIR)/manylinux-venv
+	$(CARGO_TARGET_DIR)/manylinux-venv/bin/python -m pip install --quiet dist/manylinux/*.whl
+	$(CARGO_TARGET_DIR)/manylinux-venv/bin/python tests/package/wheel_smoke.py
 
 # --- lint --------------------------------------------------------------------------------------------------------
 

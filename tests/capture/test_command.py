@@ -1,0 +1,287 @@
+"""`imucal capture` on a pseudo-terminal, at whose other end a simulated hand makes mistakes, and is killed.
+
+Times are those of the stream, which are printed with each message: the samples arrive faster than in reality.
+"""
+
+import functools
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import imucal
+from children import HANGS_S, heed_signals, wait_until
+from imucal.capture.file import marker_of
+from imucal.capture.poses import standard_poses
+from simulated_hand import COLUMNS, TEMPLATE, Hand, lines
+
+pty = pytest.importorskip("pty", reason="there are no pseudo-terminals")
+tty = pytest.importorskip("tty")
+
+POSES = standard_poses()
+MESSAGE = re.compile(r"\[ *([\d.]+) s\] ([A-Z ]+): (.*)")
+WITHIN_S = 2.0
+# The command says so when it has opened the port, which discards what was sent before.
+LISTENS = "no data yet"
+
+
+class Port:
+    """A serial port as a symbolic link to a pseudo-terminal; it can be unplugged and plugged in."""
+
+    def __init__(self, path):
+        self.path, self.master, self.slave = path, -1, -1
+        self.sent = 0
+        self.plug_in()
+
+    def plug_in(self):
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.slave)
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(self.slave))
+
+    def unplug(self):
+        self.path.unlink()
+        os.close(self.slave)
+        os.close(self.master)
+        self.master = self.slave = -1
+
+    def send(self, data):
+        view = memoryview(data)
+        while view:
+            view = view[os.write(self.master, view) :]
+        self.sent += 1
+
+
+@pytest.fixture
+def port(tmp_path):
+    made = Port(tmp_path / "port")
+    yield made
+    if made.master >= 0:
+        made.unplug()
+
+
+def started(port, output, *options):
+    words = [sys.executable, "-m", "imucal", "capture", str(output), "--source", str(port.path)]
+    return subprocess.Popen(
+        [*words, "--columns", TEMPLATE, "--plain", *options],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=heed_signals,
+    )
+
+
+class Said:
+    """Collects the lines that a process prints."""
+
+    def __init__(self, process):
+        self.lines = []
+        self._thread = threading.Thread(target=self._read, args=(process,), daemon=True)
+        self._thread.start()
+
+    def _read(self, process):
+        for line in process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def wait(self):
+        self._thread.join(HANGS_S)
+        return "\n".join(self.lines)
+
+    def has(self, words):
+        """Whether these words were said; fails if the process has ended without them."""
+        found = any(words in line for line in self.lines)
+        assert found or self._thread.is_alive(), self.lines
+        return found
+
+    @property
+    def messages(self):
+        found = (MESSAGE.match(line) for line in self.lines)
+        return [(float(match[1]), match[2], match[3]) for match in found if match]
+
+
+def result_of(document):
+    """A result without its date."""
+    document = json.loads(json.dumps(document))
+    return {name: value for name, value in document.items() if name not in ("date", "imucal_version")}
+
+
+def calibrated(recording, *options):
+    """The document and the calibration file of `imucal calibrate`."""
+    saved, document = recording.with_suffix(".again"), recording.with_suffix(".doc")
+    words = [sys.executable, "-m", "imucal", "calibrate", recording, "-o", saved, "--json", document]
+    done = subprocess.run([*map(str, words), *options], capture_output=True, text=True, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr
+    return json.loads(document.read_text()), calibration_of(saved)
+
+
+def calibration_of(path):
+    document = json.loads(path.read_text())
+    document["provenance"].pop("date", None)
+    return document
+
+
+def turned(hand, numbers, hold_s=3.6):
+    for number in numbers:
+        hand.turn_to(POSES[number]).hold(hold_s)
+    return hand
+
+
+def test_ten_mistakes_are_said_and_the_result_is_that_of_calibrate(port, tmp_path):
+    hand = turned(Hand().hold(3.6), (1, 2))
+    hand.turn_to(POSES[3]).hold(1.2).mark("moves too early")
+    hand.turn_to(POSES[1]).mark("repeats a pose").hold(2.5)
+    turned(hand, [3]).turn_to(POSES[4]).mark("shakes").shake(3.0).hold(3.6).turn_to(POSES[5])
+    hand.hold(4.0).mark("stays").hold(3.0).mark("too fast").turn_to(POSES[6], 0.8).hold(3.6)
+    hand.mark("clips").turn_to(POSES[7], 0.3).hold(3.6).mark("drops").turn_to(POSES[8]).hold(3.6)
+    turned(hand, [9]).mark("garbage").hold(0.1).turn_to(POSES[10]).hold(3.6)
+    hand.mark("unplugs").hold(0.1)
+    turned(hand, range(11, 22))
+    rows = hand.rows()
+    at = {name: round(mark_s * hand.rate_hz) for name, mark_s in hand.marks.items()}
+    # A range of 400 deg/s.
+    rows[:, 4:] = rows[:, 4:].clip(-7.0, 7.0)
+    sent = lines(rows)
+    output, document = tmp_path / "hand.csv", tmp_path / "hand.doc"
+    process = started(port, output, "--poses", "17", "--json", str(document))
+    said = Said(process)
+    wait_until(functools.partial(said.has, LISTENS))
+    try:
+        for number, line in enumerate(sent):
+            if number == at["garbage"]:
+                port.send(b"\xff\x00 garbage \x81\n3,4\n")
+            if number == at["unplugs"]:
+                wait_until(functools.partial(said.has, "pose 11 of"))
+                port.unplug()
+                wait_until(functools.partial(said.has, "connection to the unit is lost"))
+                port.plug_in()
+                wait_until(functools.partial(said.has, "is open again"))
+            if at["drops"] <= number < at["drops"] + 60:
+                continue
+            if process.poll() is not None:
+                break
+            port.send(line)
+    except OSError:
+        # The command has ended, and has closed its side.
+        assert process.wait(HANGS_S) == 0, said.wait()
+    text = said.wait()
+    assert process.wait(HANGS_S) == 0, text
+    expected = {
+        "moves too early": ("NOT TAKEN", "moved too early: held still for 1."),
+        "repeats a pose": ("NOT TAKEN", "this is pose 2 again (+x up)"),
+        "shakes": ("NOT TAKEN", "it trembles in place"),
+        "stays": ("NOT TAKEN", "the unit is still in it"),
+        "too fast": ("WARNING", "rotated too fast"),
+        "clips": ("WARNING", "saturated at 7 rad/s"),
+        "drops": ("WARNING", "60 samples are missing"),
+        "garbage": ("WARNING", "lines do not have the expected columns"),
+        "unplugs": ("WARNING", "the connection to the unit is lost"),
+    }
+    for name, (kind, words) in expected.items():
+        found = [time_s for time_s, word, text in said.messages if word == kind and words in text]
+        found = [time_s for time_s in found if time_s >= hand.marks[name] - 0.3]
+        assert found and found[0] <= hand.marks[name] + WITHIN_S, (name, hand.marks[name], said.messages)
+    captured = json.loads(document.read_text())
+    assert captured["ending"] == "finished" and len(captured["poses"]) >= 17
+    assert "--exclude-saturated" in text and not marker_of(output).exists()
+    again, calibration = calibrated(output, "--exclude-saturated")
+    assert result_of(captured["result"]) == result_of(again)
+    assert calibration_of(output.with_suffix(".json")) == calibration
+
+
+def test_wrong_units_are_said_and_an_interrupt_leaves_a_recording(port, tmp_path):
+    rows = turned(Hand().hold(3.6), (1,)).rows()
+    output = tmp_path / "hand.csv"
+    words = [sys.executable, "-m", "imucal", "capture", str(output), "--source", str(port.path), "--plain"]
+    in_g = TEMPLATE.replace("_mps2", "_g")
+    process = subprocess.Popen(
+        [*words, "--columns", in_g],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=heed_signals,
+    )
+    said = Said(process)
+    wait_until(functools.partial(said.has, LISTENS))
+    for line in lines(rows):
+        port.send(line)
+    wait_until(functools.partial(said.has, "pose 2 of 18 is taken"))
+    process.send_signal(signal.SIGINT)
+    text = said.wait()
+    assert process.wait(HANGS_S) == 130 and "the same command continues it" in text
+    (first, *_) = [(time_s, text) for time_s, word, text in said.messages if word == "WARNING"]
+    assert first[0] <= WITHIN_S and "looks like m/s^2" in first[1]
+    read = imucal.read(output)
+    assert len(read) >= len(rows) - 30
+    np.testing.assert_array_equal(read.specific_force[:, 0], np.round(rows[: len(read), 1], 6) * 9.80665)
+
+
+@pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.slow)])
+def test_a_killed_capture_loses_at_most_the_last_second_and_goes_on(kills, port, tmp_path):
+    hand = turned(Hand(seed=kills).hold(3.6), range(1, 18)).turn_to(POSES[0]).hold(30)
+    sent = lines(hand.rows())
+    output = tmp_path / "hand.csv"
+    random = np.random.default_rng(kills)
+    moments = np.sort(random.choice(np.arange(300, 8600), kills, replace=False))
+    # Ten times faster than the hand.
+    rate_hz = 10.0 * hand.rate_hz
+    number, kept, gone = 0, 0, 0
+    for moment in [*moments, len(sent)]:
+        process = started(port, output, "--json", str(tmp_path / "doc"))
+        said = Said(process)
+        wait_until(functools.partial(said.has, LISTENS))
+        assert not number or said.has("are in the file already")
+        start_s, first = time.monotonic(), number
+        while number < moment and process.poll() is None:
+            port.send(sent[number])
+            number += 1
+            if number % 20 == 0:
+                time.sleep(max(0.0, start_s + (number - first) / rate_hz - time.monotonic()))
+        if moment < len(sent):
+            process.kill()
+            process.wait(HANGS_S)
+            said.wait()
+            rows = output.read_bytes().count(b"\n") - 1
+            lost = number - first - (rows - kept)
+            assert 0 <= lost <= rate_hz, (number, first, rows, kept)
+            assert imucal.read(output).specific_force.shape[1] == 3
+            kept, gone = rows, gone + lost
+            # What the port still holds is lost with the process that would have read it.
+            port.unplug()
+            port.plug_in()
+    text = said.wait()
+    assert process.wait(HANGS_S) == 0, text
+    assert "FINISHED" in text and not marker_of(output).exists()
+    assert result_of(json.loads((tmp_path / "doc").read_text())["result"]) == result_of(calibrated(output)[0])
+
+
+def test_a_file_that_is_there_is_not_overwritten(port, tmp_path):
+    output = tmp_path / "hand.csv"
+    output.write_text(",".join(COLUMNS) + "\n")
+    process = started(port, output)
+    assert "exists: give another file" in Said(process).wait() and process.wait(HANGS_S) == 1
+    assert output.read_text() == ",".join(COLUMNS) + "\n"
+
+
+def test_a_pipe(tmp_path):
+    """Standard input gives the samples; it ends, and the calibration is made from what there is."""
+    sent = b"".join(lines(turned(Hand().hold(3.6), range(1, 14)).rows()))
+    words = [sys.executable, "-m", "imucal", "capture", str(tmp_path / "hand.csv"), "--source", "-"]
+    done = subprocess.run([*words, "--columns", TEMPLATE], input=sent, capture_output=True, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr
+    assert b"14 poses" in done.stdout and b"verdict: good" in done.stdout
+    short = subprocess.run(
+        [*words[:4], str(tmp_path / "short.csv"), "--source", "-", "--columns", TEMPLATE],
+        input=sent[:50000],
+        capture_output=True,
+        timeout=HANGS_S,
+    )
+    assert short.returncode == 1 and b"the same command continues it" in short.stdout
