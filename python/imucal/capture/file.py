@@ -79,6 +79,8 @@ class CaptureFile:
 
     def __exit__(self, *_: object) -> None:
         with suppress(OSError):
+            # An interrupt may have come between the writing of a row and its count.
+            os.ftruncate(self._file, self._size)
             os.fsync(self._file)
         os.close(self._file)
         if not self._ends:

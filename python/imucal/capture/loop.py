@@ -8,7 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
 
-from imucal.capture.events import Event
+import numpy as np
+
+from imucal.capture.events import Event, Kind
 from imucal.capture.file import CaptureFile
 from imucal.capture.session import Session
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
@@ -22,6 +24,8 @@ Ending: TypeAlias = Literal["finished", "ended_by_person", "stopped", "stream_en
 
 # Longest wait for samples in one iteration, s.
 WAIT_S: Final = 0.05
+# Number of rows that the session sees before the next ones are written: at 100 Hz a third of a second.
+ROWS_AT_ONCE: Final = 32
 # Interval between two flushes to the disk, s.
 SYNC_S: Final = 0.5
 # Time without a sample after which the unit counts as silent, s of the computer, and between its reminders.
@@ -55,7 +59,7 @@ class Capture:
     commands: queue.SimpleQueue[Command] = field(default_factory=queue.SimpleQueue)
 
     def run(self) -> Ending:
-        """Record until the end. The source is closed, the file is flushed but stays open."""
+        """Record until the end. The source is closed, and the file stays open."""
         try:
             if len(self.file.existing):
                 self._tell(self.session.resume(self.file.existing))
@@ -71,43 +75,61 @@ class Capture:
         self._heard_s, self._silent_said_s = now_s, math.inf
         self._synced_s = self._damaged_s = now_s
         self._damaged: dict[str, int] = {}
+        self._received_s = self.session.snapshot.time_s
+        # Rows that are in the file, and that the session has not seen yet.
+        pending = np.zeros((0, len(self.session.samples.columns)))
+        has_ended = False
         while True:
-            rows = self.source.read(WAIT_S)
+            rows = self.source.read(0.0 if len(pending) else WAIT_S)
             now_s = self.clock.now_s()
             if len(rows):
-                self._back(now_s)
+                # The disk comes first: the session may be slower than the unit for a while.
                 self.file.append(rows)
-                self._tell(self.session.feed(rows))
-            for event in self.source.events():
-                if event.code == "unit_link_lost" and not self.source.comes_back:
-                    return "stream_ended"
-                text = _link_text(event.code, event.message)
-                self._tell([Event(self.session.snapshot.time_s, "warning", event.code, text)])
+                self._received_s = float(self.session.samples.times_s(rows[-1:])[0])
+                self._back(now_s)
+                pending = np.concatenate([pending, rows])
+            has_ended = self._link_events() or has_ended
             self._silence(now_s)
             self._damage(now_s)
             if now_s - self._synced_s >= SYNC_S:
                 self.file.sync()
                 self._synced_s = now_s
+            self._tell(self.session.feed(pending[:ROWS_AT_ONCE]))
+            pending = pending[ROWS_AT_ONCE:]
             if self.session.done:
+                self.file.truncate(len(self.session.samples))
                 return "finished"
-            ending = self._obey()
-            if ending is not None:
-                return ending
+            if has_ended and not len(pending):
+                return "stream_ended"
+            command = self._command()
+            if command == "undo":
+                self._undo()
+                pending = pending[:0]
+            elif command is not None:
+                return "ended_by_person" if command == "finish" else "stopped"
 
-    def _obey(self) -> Ending | None:
+    def _link_events(self) -> bool:
+        """Say what has happened to the connection; whether the stream has ended for good."""
+        for event in self.source.events():
+            if event.code == "unit_link_lost" and not self.source.comes_back:
+                return True
+            self._say("warning", event.code, _link_text(event.code, event.message))
+        return False
+
+    def _command(self) -> Command | None:
         try:
-            command = self.commands.get_nowait()
+            return self.commands.get_nowait()
         except queue.Empty:
             return None
-        if command == "finish":
-            return "ended_by_person"
-        if command == "stop":
-            return "stopped"
+
+    def _undo(self) -> None:
         kept, events = self.session.undo()
-        if kept < len(self.file):
+        if any(event.code == "undone" for event in events):
             self.file.truncate(kept)
         self._tell(events)
-        return None
+
+    def _say(self, kind: Kind, code: str, text: str) -> None:
+        self._tell([Event(self._received_s, kind, code, text)])
 
     def _tell(self, events: list[Event]) -> None:
         for event in events:
@@ -130,7 +152,7 @@ class Capture:
             text = f"no data yet: {self.source.hint or UNIT_SILENT}"
         else:
             text = f"no data for {silent_s:.0f} s: {UNIT_SILENT}"
-        self._tell([Event(self.session.snapshot.time_s, "warning", "silent", text)])
+        self._say("warning", "silent", text)
 
     def _back(self, now_s: float) -> None:
         silent_s = now_s - self._heard_s
@@ -138,7 +160,7 @@ class Capture:
         if self._silent_said_s != math.inf:
             self._silent_said_s = math.inf
             text = f"data arrive again after {silent_s:.1f} s without; the pose during the gap does not count"
-            self._tell([Event(self.session.snapshot.time_s, "info", "back", text)])
+            self._say("info", "back", text)
 
     def _damage(self, now_s: float) -> None:
         """Say that data are damaged or lost."""
@@ -152,7 +174,7 @@ class Capture:
             f"{new[worst]} {DAMAGED[worst]}: check the cable, the baud rate and the load of the computer"
             f"{_example(self.source) if worst == 'lines_damaged' else ''}"
         )
-        self._tell([Event(self.session.snapshot.time_s, "warning", worst, text)])
+        self._say("warning", worst, text)
 
 
 def _example(source: StreamSource) -> str:
