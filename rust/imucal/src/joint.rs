@@ -199,7 +199,8 @@ fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Soluti
 fn minimize_within(problem: &Joint<'_>, start: &[f64], tolerance: f64, iterations: u64) -> Result<Solution, Error> {
     let found = lsq::minimize_within(problem, start, tolerance, iterations.min(lsq::ITERATION_LIMIT))?;
     if found.termination == Termination::NotFinite {
-        return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
+        let message = "the joint fit has residuals that are not finite: leave effects out, or check units";
+        return Err(Error::Fit(message.into()));
     }
     Ok(found)
 }

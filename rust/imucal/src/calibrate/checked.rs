@@ -191,10 +191,7 @@ impl<'a> Checked<'a> {
         if self.recordings.len() < 2 || started_from.iter().any(is_error) {
             return Ok(());
         }
-        Err(self.of_contradiction(Error::Fit(format!(
-            "the joint fit leaves the gains that sensors have: {}",
-            wrong.message
-        ))))
+        Err(self.of_contradiction(Error::Fit(format!("the joint fit has gains that no sensor has: {}", wrong.message))))
     }
 
     /// Adds the possible cause to an error of the joint fit of several recordings.

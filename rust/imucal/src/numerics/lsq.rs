@@ -169,7 +169,7 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
     }
     let eigen = (r.transpose() * &r)
         .self_adjoint_eigen(faer::Side::Lower)
-        .map_err(|_| Error::Fit("the singular values of the design did not converge: check the data".into()))?;
+        .map_err(|_| Error::Fit("the singular value decomposition did not converge: check the data".into()))?;
     let values = (0..n).rev().map(|i| eigen.S()[i].max(0.0).sqrt()).collect();
     Ok((values, Mat::from_fn(n, n, |i, j| eigen.U()[(i, n - 1 - j)])))
 }

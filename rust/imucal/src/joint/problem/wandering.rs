@@ -65,15 +65,17 @@ impl Wandering {
         }
         if !covariance.is_all_finite() {
             return Err(Error::Fit(
-                "the joint fit left the range of numbers: leave effects out, or check units".into(),
+                "the covariance of the residuals is not finite: leave effects out, or check units".into(),
             ));
         }
         let factor = covariance.llt(faer::Side::Lower).map_err(|_| {
             Error::Fit(match unit {
                 Some(_) => {
-                    "the wandering of the biases outgrows all else: check bias_instability and random_walk".into()
+                    "the variation of the biases is so large that the covariance of the residuals cannot be factored: \
+                     check bias_instability and random_walk"
+                        .into()
                 }
-                None => "the joint fit left the range of numbers: leave effects out, or check units".into(),
+                None => "the covariance of the residuals cannot be factored: leave effects out, or check units".into(),
             })
         })?;
         Ok(Some(Self { factor: factor.L().to_owned() }))
