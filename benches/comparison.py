@@ -115,11 +115,16 @@ def by_scipy(recording: imucal.Recording, gravity: float) -> Linear:
     return Linear(found.accel_sensitivity, found.accel_bias, found.gyro_sensitivity, found.gyro_bias)
 
 
-def imu_calib(recording: imucal.Recording, gravity: float) -> tuple[Linear, float]:
-    """The result of the crate imu-calib, and its time, s."""
+def imu_calib(
+    recording: imucal.Recording, gravity: float, first_rest_s: float | None = None
+) -> tuple[Linear, float]:
+    """The result of the crate imu-calib, and its time, s; `first_rest_s` is 4 s unless it is given."""
     rows = np.column_stack([recording.time_s, recording.specific_force, recording.angular_rate])
     program = Path(os.environ["CARGO_TARGET_DIR"]) / "release" / "peer-imu-calib"
-    done = subprocess.run([program, f"{gravity!r}"], input=rows.tobytes(), capture_output=True, check=True)
+    options = [] if first_rest_s is None else [f"{first_rest_s!r}"]
+    done = subprocess.run(
+        [program, f"{gravity!r}", *options], input=rows.tobytes(), capture_output=True, check=True
+    )
     numbers = np.array(done.stdout.split(), dtype=float)
     accel, gyro = numbers[:18].reshape(2, 3, 3)
     return Linear(accel, numbers[18:21], gyro, numbers[21:24]), float(numbers[24])
@@ -282,13 +287,18 @@ def judged(found: Linear, recording: imucal.Recording) -> float | None:
     return imucal.evaluate(calibration, recording).figures.gravity_direction_rms_deg
 
 
-def speed(_: Path) -> str:
+def xsens() -> imucal.Recording:
+    """The Xsens recording in SI units by the nominal sensitivities, for programs that need them."""
     raw = imucal.read(XSENS / "xsens_acc.mat", XSENS / "xsens_gyro.mat", format="imu_tk")
-    recording = imucal.Recording(
+    return imucal.Recording(
         raw.time_s,
         (np.asarray(raw.specific_force, dtype=float) - XSENS_ZERO) / XSENS_ACCEL,
         (np.asarray(raw.angular_rate, dtype=float) - XSENS_ZERO) / XSENS_GYRO,
     )
+
+
+def speed(_: Path) -> str:
+    recording = xsens()
     crate, crate_s = imu_calib(recording, XSENS_GRAVITY_MPS2)
     rows = [
         (

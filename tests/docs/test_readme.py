@@ -108,6 +108,7 @@ def test_readme_runs(tmp_path):
         ("hand-held.md", 10),
         ("raw-counts.md", 7),
         ("one-sensor.md", 10),
+        ("few-poses.md", 5),
         ("thermal.md", 14),
         ("plan.md", 8),
         ("faces.md", 5),
