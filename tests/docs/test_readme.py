@@ -100,6 +100,20 @@ def test_readme_runs(tmp_path):
         assert (tmp_path / name).stat().st_size > 0
 
 
+def test_readme_has_the_figures_of_the_comparison():
+    rows = {
+        page: [
+            [cell.strip(" *") for cell in line.strip("|").split("|")]
+            for line in (ROOT / page).read_text(encoding="utf-8").splitlines()
+            if line.startswith("|") and line.rstrip("|").rsplit("|", 1)[-1].strip()[:1].isdigit()
+        ]
+        for page in ("README.md", "docs/comparison.md")
+    }
+    shown = [row[-2:] for row in rows["README.md"]]
+    assert len(shown) == 4
+    assert [pair for pair in shown if pair not in [row[-2:] for row in rows["docs/comparison.md"]]] == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("page", "number_of_steps"),
