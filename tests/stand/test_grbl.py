@@ -227,7 +227,7 @@ class Mishearing(Controller):
         self.heard = heard
 
     def _execute(self, line):
-        if self.heard is not None and "G1" in line and self.position[0] > 1.0:
+        if self.heard is not None and line.endswith("G1") and self.position[0] > 1.0:
             line, self.heard = self.heard(line), None
         super()._execute(line)
 

@@ -13,6 +13,7 @@ controller or a lost position ends the run: the stand is not moved again without
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final
@@ -28,6 +29,7 @@ from imucal.stand.grbl_port import RESET, GrblPort
 from imucal.stand.grbl_report import Parser, Report, Triple
 from imucal.stand.grbl_session import GrblSession, StoppedError, Timeouts, TroubleError, Waiting
 from imucal.stand.grbl_start import Consent, Ready, prepared, require_zero
+from imucal.stand.grbl_times import Instants
 from imucal.stand.grbl_track import Track
 from imucal.stand.link import LinkLostError, serial_port
 
@@ -54,10 +56,17 @@ SAME_DEG: Final = 0.0015
 MARK_DEG: Final = 0.004
 # A move may take this multiple of its duration, in addition to `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5
-# Modes of all lines: millimetres (degrees here), absolute positions, feed per minute. Without a motion mode
-# (G80) a line whose command is lost is refused instead of moving the motors.
-SETUP: Final = "G21G90G94G80"
-# grblHAL refuses G43.1 after G80.
+# Largest error of the angles in moves, deg, that is not mentioned.
+UNCERTAIN_DEG: Final = 1.0
+# Time after the planned end of a move, s, after which the operator is told that it takes longer.
+SLOW_S: Final = 2.0
+# Modes of all lines: millimetres (degrees here), absolute positions. With inverse time as feed (G93), GRBL
+# refuses an axis word without a feed in its line, so a G92 whose command is lost does not move the motors.
+SETUP: Final = "G21G90G93G1F1"
+# Feed per minute for the move, and no motion mode (G80): a move whose command is lost is refused. GRBL
+# refuses G92 after G80, so this follows the confirmed target.
+MOVING: Final = "G94G80"
+# grblHAL refuses G43.1 after G80 and G93.
 SETUP_HAL: Final = "G21G90G94"
 # Zeros with a decimal point: a single damaged bit changes them by less than a degree. The command is the last
 # word, because after the loss of the letter, `G1X.0` would be read as `G1.0`, which moves the other motors
@@ -122,7 +131,7 @@ class GrblDriver:
         self._work: Waiting | None = None
         self._phase = "moving"
         self._failed: Status | None = None
-        self._readings: list[Position] = []
+        self._instants = Instants()
         self._events: list[Event] = []
 
     def start(self) -> None:
@@ -134,6 +143,7 @@ class GrblDriver:
             self._blocks = blocks_of(self._program, ready.limits)
             self._track = Track(ready.position_deg, max(ready.limits.max_rate_dps) * 3**0.5)
             self.zero_deg, self._done = self._start_from(ready.position_deg)
+            self._say_uncertainty()
         except (LinkLostError, StoppedError, TroubleError) as error:
             self._session.port.close()
             raise ImucalError(f"the stand cannot be driven: {error}") from None
@@ -166,8 +176,8 @@ class GrblDriver:
 
     def positions(self) -> Sequence[Position]:
         """Motor angles reported since the last call, relative to the stand's zero."""
-        readings, self._readings = self._readings, []
-        return readings
+        is_over = self._work is None or self._failed is not None
+        return self._instants.settled(math.inf if is_over else self._clock.now_s())
 
     def events(self) -> Sequence[Event]:
         """Events since the last call."""
@@ -230,6 +240,20 @@ class GrblDriver:
             )
         return zero, step
 
+    def _say_uncertainty(self) -> None:
+        """The times of the two ways are not known one by one, only their sum."""
+        half_s = (self._session.port.shortest_s or 0.0) / 2
+        rate_dps = max((block.feed_dpm or 0.0 for block in self._blocks), default=0.0) / 60.0
+        if half_s * rate_dps > UNCERTAIN_DEG:
+            self._events.append(
+                Event(
+                    "angles_uncertain",
+                    f"a report comes {2e3 * half_s:.0f} ms after its query: if one way is faster than the "
+                    f"other, angles in moves are off by up to {half_s * rate_dps:.1f} deg at "
+                    f"{rate_dps:.0f} deg/s",
+                )
+            )
+
     # --- received reports ---
 
     def _receive(self) -> None:
@@ -246,7 +270,8 @@ class GrblDriver:
             return
         if self._session.is_late(report):
             return
-        found = track.judge(position, self._session.instant_s(report))
+        early_s, late_s = self._session.bounds_s(report)
+        found = track.judge(position, late_s)
         if found == "jumped":
             raise StoppedError(
                 "position_lost",
@@ -257,8 +282,7 @@ class GrblDriver:
             self._phase = "elsewhere"
         if found != "accepted":
             return
-        x, y, z = _difference(position, self.zero_deg)
-        self._readings.append((self._session.instant_s(report), x, y, z))
+        self._instants.add(early_s, late_s, _difference(position, self.zero_deg), track.rate_dps)
 
     def _check_offset(self, report: Report) -> None:
         """A controller without the confirmed offset has restarted, although its message did not arrive."""
@@ -312,8 +336,11 @@ class GrblDriver:
         """Set and confirm the target, and move to it until the motors are reported at rest there."""
         self._phase = "moving"
         target = self._marked(_sum(self.zero_deg, angles_deg))
-        yield from self._session.command(SETUP_HAL if self._ready and self._ready.is_hal else SETUP)
+        is_hal = self._ready is not None and self._ready.is_hal
+        yield from self._session.command(SETUP_HAL if is_hal else SETUP)
         yield from self._set_offset(target)
+        if not is_hal:
+            yield from self._session.command(MOVING)
         feed = feed_dpm or RETURN_DPS * 60.0
         for _ in range(MOST_MOVES):
             if self._rests_at(target):
@@ -347,6 +374,8 @@ class GrblDriver:
             has_moved = has_moved or not is_idle
             if is_idle and waited_s > (self._timeouts.stall_s / 3 if has_moved else self._timeouts.stall_s):
                 return
+            if waited_s > duration_s + SLOW_S and self._phase == "moving":
+                self._phase = "waiting for the end of a move that takes longer than planned"
             if waited_s > SLOW_FACTOR * duration_s + self._timeouts.stall_s:
                 raise TroubleError(
                     "stalled", f"a move of {duration_s:.1f} s has not ended after {waited_s:.1f} s"
@@ -388,8 +417,10 @@ class GrblDriver:
                 if self._ready.is_hal
                 else ("G92", _difference(self._track.last_deg, target))
             )
-            self._session.offset_deg = None
             yield from self._session.command(f"{code}{self._axes.words(words)}")
+            # A report before the answer may be that of an attempt whose answer was lost, and the last attempt
+            # may have been damaged.
+            self._session.offset_deg = None
             yield from self._session.until(
                 lambda: (
                     self._session.offset_deg is not None and _near(self._session.offset_deg, target, SAME_DEG)

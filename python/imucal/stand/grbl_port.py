@@ -15,13 +15,17 @@ from typing import Any, Final
 from imucal.stand.clock import Clock
 from imucal.stand.link import LinkLostError
 
-__all__ = ["HOLD", "RESET", "RESUME", "STATUS", "GrblPort"]
+__all__ = ["GOLDEN", "HOLD", "RESET", "RESUME", "STATUS", "GrblPort"]
 
 # Characters that the controller executes at once, also within a line.
 RESET, HOLD, RESUME, STATUS = b"\x18", b"!", b"~", b"?"
 # Shortest interval between two status queries, s: between two reports the angles are interpolated linearly,
 # and at an acceleration of 1000 deg/s^2 an interval of 0.04 s gives an error of 0.2 deg.
 QUERY_S: Final = 0.04
+# Share by which the intervals between queries vary. A controller or a port that works in a fixed cycle (20 ms
+# in a simulator, 16 ms in a converter) would otherwise always answer as late as in the first cycle.
+SPREAD: Final = 0.25
+GOLDEN: Final = 0.618
 # Longest report, characters; queries use at most a third of the line.
 REPORT_LENGTH: Final = 90
 # Longest wait for a byte, s: the thread then checks whether a query is due.
@@ -32,6 +36,8 @@ LONGEST: Final = 512
 LOST_AFTER: Final = 4
 # Additional delay of a report, s, above which its query counts as lost if later queries may be meant.
 LOST_S: Final = 0.25
+# Time after a loss, s, in which reports do not shorten the shortest time, as they may answer older queries.
+CERTAIN_S: Final = 1.0
 # Time that a thread may take to end, s.
 JOIN_S: Final = 1.0
 
@@ -40,14 +46,14 @@ class GrblPort:
     """A port with its listening thread. Methods except `close` raise LinkLostError once the device is gone.
 
     queries     whether the thread sends status queries
-    shortest_s  shortest time between a query and its report, s; None until the driver has measured it
+    shortest_s  shortest time between a query and its report so far, s; None until the driver has measured it
     """
 
     def __init__(self, port: str, baud: int, open_port: Callable[[str, int], Any], clock: Clock) -> None:
         self.name = port
         self.queries = True
         self.shortest_s: float | None = None
-        self._baud, self._open_port, self._clock = baud, open_port, clock
+        self.baud, self._open_port, self._clock = baud, open_port, clock
         self._query_s = max(QUERY_S, 3 * REPORT_LENGTH * 10 / baud)
         self._port: Any = None
         self._lost: str | None = None
@@ -55,6 +61,8 @@ class GrblPort:
         # Host times of the queries that are not answered.
         self._asked: deque[float] = deque()
         self._shifted = 0
+        # Host time at which a query was last taken for lost, or the queries were forgotten.
+        self._lost_s = 0.0
         # Status queries of the thread and lines of the driver must not interleave within a write.
         self._writing = threading.Lock()
         self._closing = threading.Event()
@@ -69,9 +77,9 @@ class GrblPort:
         """Open or reopen the port and start to listen."""
         self.close()
         self._lines.clear()
-        self._asked.clear()
+        self.forget_queries()
         self._lost = None
-        self._port = self._open_port(self.name, self._baud)
+        self._port = self._open_port(self.name, self.baud)
         self._port.timeout = WAIT_S
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._listen, args=(self._closing,), daemon=True)
@@ -102,6 +110,7 @@ class GrblPort:
     def forget_queries(self) -> None:
         """Forget the queries that are not answered."""
         self._asked.clear()
+        self._lost_s = self._clock.now_s()
 
     def close(self) -> None:
         """Close the port; never raises."""
@@ -118,7 +127,7 @@ class GrblPort:
         self._port = self._thread = self._lost = None
 
     def _listen(self, closing: threading.Event) -> None:
-        port, left, queried_s = self._port, b"", -self._query_s
+        port, left, queried_s, count = self._port, b"", -self._query_s, 0
         try:
             while not closing.is_set():
                 data = port.read(1)
@@ -133,8 +142,9 @@ class GrblPort:
                         if text:
                             asked_s = self._query_of(now_s) if text.endswith(">") else None
                             self._lines.append((now_s, asked_s, text))
-                if self.queries and now_s - queried_s >= self._query_s and not closing.is_set():
-                    queried_s = now_s
+                interval_s = self._query_s * (1.0 + SPREAD * (count * GOLDEN % 1.0))
+                if self.queries and now_s - queried_s >= interval_s and not closing.is_set():
+                    queried_s, count = now_s, count + 1
                     self._asked.append(now_s)
                     with self._writing:
                         port.write(STATUS)
@@ -152,10 +162,16 @@ class GrblPort:
 
         while now_s - self._asked[0] > shortest_s + LOST_S and next_is_old_enough():
             self._asked.popleft()
+            self._lost_s = now_s
         # After the loss of a single query all later answers seem to be late by one interval.
         seems_late = now_s - self._asked[0] > shortest_s + 0.75 * self._query_s
         self._shifted = self._shifted + 1 if seems_late and next_is_old_enough() else 0
         if self._shifted > LOST_AFTER:
             self._shifted = 0
             self._asked.popleft()
-        return self._asked.popleft()
+            self._lost_s = now_s
+        asked_s = self._asked.popleft()
+        # Unless the report may belong to a query that was taken for lost.
+        if not self._asked and now_s - self._lost_s > CERTAIN_S:
+            self.shortest_s = min(shortest_s, now_s - asked_s)
+        return asked_s

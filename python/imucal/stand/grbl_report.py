@@ -61,6 +61,7 @@ ERRORS: Final = {
     15: "a jog exceeds the travel",
     20: "a command is unknown",
     22: "the feed rate is missing",
+    31: "a line has an angle without a command that uses it",
 }
 # Error with which a locked controller answers G-code.
 LOCKED_ERROR: Final = 9

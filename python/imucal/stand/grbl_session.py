@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias
 
 from imucal.stand.clock import Clock
 from imucal.stand.driver import Event
-from imucal.stand.grbl_port import HOLD, RESET, STATUS, GrblPort
+from imucal.stand.grbl_port import GOLDEN, HOLD, RESET, STATUS, GrblPort
 from imucal.stand.grbl_report import (
     ALARMS,
     ERRORS,
@@ -27,6 +27,7 @@ from imucal.stand.grbl_report import (
     is_welcome,
     number_in,
 )
+from imucal.stand.grbl_times import one_way_s
 from imucal.stand.link import LinkLostError
 
 __all__ = ["GrblSession", "StoppedError", "Timeouts", "TroubleError"]
@@ -42,10 +43,13 @@ STOP_EVERY_S: Final = 0.3
 # Time within which moving motors must have stopped, s.
 STOP_S: Final = 6.0
 # Queries with which the shortest time between query and report is measured.
-ROUND_TRIPS: Final = 5
-# Additional delay of a report, s, above which the instant of its position is not known well enough: at 40
-# deg/s its error is 1 deg. A compiled simulator waits up to 20 ms.
-LATE_S: Final = 0.025
+ROUND_TRIPS: Final = 16
+# Longest pause between two of them, s. The pauses vary, because a controller or a port with a fixed cycle
+# would otherwise answer as late as in its first cycle each time.
+CYCLE_S: Final = 0.02
+# Additional delay of a report, s, above which it is not used. Shorter than the interval of queries: after a
+# loss a report may be taken for the answer to the query before.
+LATE_S: Final = 0.03
 # A setting is known once this number of readings agree, because the text has no checksum.
 AGREEING: Final = 2
 
@@ -105,6 +109,8 @@ class GrblSession:
         self.is_locked = ""
         self.events: list[Event] = []
         self.reported_s = clock.now_s()
+        # Length of the last report, characters.
+        self._length = 0
         self.answers: list[str] = []
         self._expects_welcome = True
         self._is_welcomed = False
@@ -125,6 +131,7 @@ class GrblSession:
                 self._take(line)
                 continue
             self.report, self.reported_s = report, arrived_s
+            self._length = len(line) + len("\r\n")
             self.offset_deg = report.offset_deg or self.offset_deg
             reports.append(report)
         return reports
@@ -136,19 +143,20 @@ class GrblSession:
             return True
         return report.arrived_s - report.asked_s > shortest_s + LATE_S
 
-    def instant_s(self, report: Report) -> float:
-        """Host time of the position in a report: half of the shortest time of an answer before it arrives.
-
-        A controller that answers later has waited before it took its position, and answers at once.
-        """
-        return report.arrived_s - (self.port.shortest_s or 0.0) / 2
+    def bounds_s(self, report: Report) -> tuple[float, float]:
+        """Host times between which the position of a report that is not late was taken."""
+        up_s, down_s = one_way_s(self.port.shortest_s or 0.0, self._length, self.port.baud)
+        late_s = report.arrived_s - down_s
+        early_s = late_s if report.asked_s is None else report.asked_s + up_s
+        return min(early_s, late_s), late_s
 
     def measure_delay(self) -> Waiting:
         """Measure the shortest time between a query and its report, one query at a time."""
         trips: list[float] = []
         self.port.queries = False
         yield from self.pause(self.timeouts.answer_s / 4)
-        for _ in range(ROUND_TRIPS):
+        for number in range(ROUND_TRIPS):
+            yield from self.pause(CYCLE_S * (number * GOLDEN % 1.0))
             self.report, asked_s = None, self._clock.now_s()
             self.port.send(STATUS)
             if (yield from self.until(lambda: self.report is not None)) and self.report is not None:

@@ -43,6 +43,11 @@ class Track:
         x, y, z = self._target.tolist()
         return (x, y, z)
 
+    @property
+    def rate_dps(self) -> float:
+        """Combined rate of the commanded move, deg/s; at rest the highest one."""
+        return self._rate_dps or self._max_rate_dps
+
     def command(self, target_deg: Sequence[float], rate_dps: float) -> None:
         """A move from the last position; a combined `rate_dps`, deg/s, is not exceeded."""
         self._start, self._target = np.array(self.last_deg), np.array(target_deg)

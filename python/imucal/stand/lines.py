@@ -27,11 +27,12 @@ LONGEST_SHOWN: Final = 60
 class LineDecoder:
     """Decodes bytes to rows of numbers, one for each line that matches the template.
 
-    columns  names of the columns that are not ignored
+    columns     names of the columns that are not ignored
+    is_checked  whether the lines have a checksum
     """
 
     def __init__(self, template: str) -> None:
-        self._has_checksum = template.rstrip().endswith("*")
+        self.is_checked = template.rstrip().endswith("*")
         names = column_list(template.rstrip().removesuffix("*"))
         if not all(names):
             raise InputError(f"the columns {template!r} contain an empty name: give - for a column to ignore")
@@ -68,7 +69,7 @@ class LineDecoder:
         return {"lines_damaged": self.damaged}
 
     def _row(self, line: bytes) -> tuple[float, ...] | None:
-        if self._has_checksum:
+        if self.is_checked:
             line, star, given = line.removeprefix(b"$").rpartition(b"*")
             checksum = 0
             for byte in line:

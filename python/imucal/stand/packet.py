@@ -113,6 +113,7 @@ class PacketDecoder:
         kept = [(i, field) for i, field in enumerate(form.fields) if field.name != SKIP]
         self.columns = tuple(field.name for _, field in kept)
         self.wraps_at = tuple(field.wraps_at for _, field in kept)
+        self.is_checked = True
         self.damaged = 0
         self.remark = f"no packet starts with {form.sync.hex()} and has a correct checksum"
         self.skipped_bytes = 0

@@ -35,6 +35,8 @@ class PhoneDecoder:
 
     columns = COLUMNS
     wraps_at: tuple[float | None, ...] = (None,) * len(COLUMNS)
+    # The network delivers messages unchanged.
+    is_checked = True
 
     def __init__(self) -> None:
         self.damaged = 0

@@ -17,6 +17,7 @@ from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.driver import Event
 from imucal.stand.journal import Logged
 from imucal.stand.link import Link, LinkLostError
+from imucal.stand.time_check import TimeCheck, Timed
 
 __all__ = ["StreamSource"]
 
@@ -30,10 +31,15 @@ WRAP_SHARE: Final = 0.9
 
 
 class Decoder(Protocol):
-    """Converts bytes to rows of numbers; `wraps_at` is the value at which each column wraps, or None."""
+    """Converts bytes to rows of numbers.
+
+    wraps_at    value at which each column wraps, or None
+    is_checked  whether a checksum proves that a row is intact
+    """
 
     columns: tuple[str, ...]
     wraps_at: tuple[float | None, ...]
+    is_checked: bool
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]: ...
 
@@ -50,7 +56,8 @@ class StreamSource:
     rate_hz  sampling rate, Hz, for a unit that sends no time; with a column `sequence`, lost samples leave
              gaps in time
 
-    Counters that wrap are continued. Raises InputError if the time of a sample cannot be determined.
+    Counters that wrap are continued. Times in text without a checksum are checked against the host clock, and
+    rows with a damaged one are left out. Raises InputError if the time of a sample cannot be determined.
     """
 
     def __init__(
@@ -77,6 +84,20 @@ class StreamSource:
         if rate_hz is not None and not rate_hz > 0:
             raise InputError(f"the sample rate is {rate_hz}: give a positive number, Hz")
         self._rate_hz = rate_hz
+        # The column that gives the time, and its ticks per second.
+        timing = (
+            (self._time, TICKS_PER_S[names[self._time]])
+            if self._time is not None
+            else (self._sequence, rate_hz)
+        )
+        self._check = (
+            TimeCheck(timing[0], timing[1])
+            if timing[0] is not None
+            and timing[1] is not None
+            and not decoder.is_checked
+            and decoder.wraps_at[timing[0]] is None
+            else None
+        )
         self._kept = [i for i in range(len(names)) if i != self._sequence]
         self.columns = (*(() if rate_hz is None else ("time_s",)), *(names[i] for i in self._kept))
         self._before: tuple[float, ...] | None = None
@@ -123,11 +144,12 @@ class StreamSource:
                         self._resumed = ((self._numbered - 1) / (self._rate_hz or 1.0), self._last_sample_s)
                 else:
                     self.bytes_received += len(arrived)
-                    rows += [row for raw in self._decoder.feed(arrived) if (row := self._sample(raw, at_s))]
-                    self._arrivals += [at_s] * (len(rows) - len(self._arrivals))
+                    for raw in self._decoder.feed(arrived):
+                        self._take(self._checked(raw, at_s), rows)
                 at_s, arrived = self._arrived.get_nowait()
         except queue.Empty:
-            pass
+            if self._check is not None:
+                self._take(self._check.overdue(self._clock.now_s()), rows)
         self._count["samples"] += len(rows)
         return np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
 
@@ -152,7 +174,8 @@ class StreamSource:
 
     def counts(self) -> dict[str, int]:
         """Counts of received, lost and damaged data by stable names."""
-        return {**self._count, **self._decoder.counts()}
+        checked = {} if self._check is None else {"times_damaged": self._check.damaged}
+        return {**self._count, **checked, **self._decoder.counts()}
 
     @property
     def comes_back(self) -> bool:
@@ -203,6 +226,29 @@ class StreamSource:
             except LinkLostError:
                 self._closed.wait(REOPEN_S)
         return False
+
+    def _take(self, timed: Sequence[Timed], rows: list[list[float]]) -> None:
+        """Add the samples of rows, and their arrivals."""
+        for raw, arrived_s in timed:
+            if row := self._sample(raw, arrived_s):
+                rows.append(row)
+                self._arrivals.append(arrived_s)
+
+    def _checked(self, raw: tuple[float, ...], at_s: float) -> Sequence[Timed]:
+        """The row with the host time of its arrival, earlier ones that have waited for it, or nothing yet."""
+        if self._check is None:
+            return [(raw, at_s)]
+        was_void = self._check.is_void
+        passed = self._check.passed(raw, at_s)
+        if self._check.is_void and not was_void:
+            self._events.append(
+                Event(
+                    "unit_time_unchecked",
+                    "the unit's time does not run like the clock of this computer, so damaged times cannot "
+                    "be told: check the unit of the time column, or send lines with a checksum",
+                )
+            )
+        return passed
 
     def _sample(self, raw: tuple[float, ...], now_s: float) -> list[float] | None:
         """A sample with continued counters; None for a repeated packet or a counter that is NaN."""

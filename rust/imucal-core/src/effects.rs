@@ -136,8 +136,9 @@ pub struct Effect<F: RealField + Copy> {
     pub reads: &'static [Sensor],
     /// Quantities of the [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
-    /// The field times the parameters, `Phi theta`, from the state, the shape and theta.
-    pub sum: fn(&State<F>, F, &[F]) -> Vector3<F>,
+    /// The field times the parameters, `Phi theta`, from the state, the shape and theta, which is zero after its last
+    /// parameter.
+    pub sum: fn(&State<F>, F, &[F; MAX_PARAMETERS]) -> Vector3<F>,
     /// Field function: sets the columns of Phi, one for each parameter, from the state and the shape.
     #[cfg(feature = "catalogue")]
     pub columns: fn(&State<F>, F, &mut Columns<F>),
@@ -314,13 +315,13 @@ const fn parameters<const N: usize>(names: [&'static str; N], unit: &'static str
 }
 
 /// Squares of the components: `(x^2, y^2, z^2)`.
-#[inline]
+#[inline(always)]
 fn squares<F: RealField + Copy>(v: &Vector3<F>) -> Vector3<F> {
     each(v, v)
 }
 
 /// Products of two different components: `(y z, x z, x y)`.
-#[inline]
+#[inline(always)]
 fn cross_products<F: RealField + Copy>(v: &Vector3<F>) -> Vector3<F> {
     Vector3::new(v.y * v.z, v.x * v.z, v.x * v.y)
 }

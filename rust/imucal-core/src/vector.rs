@@ -6,38 +6,38 @@
 
 use nalgebra::{Matrix3, RealField, Vector3};
 
-#[inline]
+#[inline(always)]
 pub(crate) fn add<F: RealField + Copy>(a: &Vector3<F>, b: &Vector3<F>) -> Vector3<F> {
     Vector3::new(a.x + b.x, a.y + b.y, a.z + b.z)
 }
 
-#[inline]
+#[inline(always)]
 pub(crate) fn sub<F: RealField + Copy>(a: &Vector3<F>, b: &Vector3<F>) -> Vector3<F> {
     Vector3::new(a.x - b.x, a.y - b.y, a.z - b.z)
 }
 
-#[inline]
+#[inline(always)]
 pub(crate) fn neg<F: RealField + Copy>(a: &Vector3<F>) -> Vector3<F> {
     Vector3::new(-a.x, -a.y, -a.z)
 }
 
-#[inline]
+#[inline(always)]
 pub(crate) fn scaled<F: RealField + Copy>(a: &Vector3<F>, factor: F) -> Vector3<F> {
     Vector3::new(a.x * factor, a.y * factor, a.z * factor)
 }
 
 /// Component-wise product.
-#[inline]
+#[inline(always)]
 pub(crate) fn each<F: RealField + Copy>(a: &Vector3<F>, b: &Vector3<F>) -> Vector3<F> {
     Vector3::new(a.x * b.x, a.y * b.y, a.z * b.z)
 }
 
-#[inline]
+#[inline(always)]
 pub(crate) fn dot<F: RealField + Copy>(a: &Vector3<F>, b: &Vector3<F>) -> F {
     a.x * b.x + a.y * b.y + a.z * b.z
 }
 
-#[inline]
+#[inline(always)]
 pub(crate) fn cross<F: RealField + Copy>(a: &Vector3<F>, b: &Vector3<F>) -> Vector3<F> {
     Vector3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 }
@@ -52,7 +52,7 @@ pub(crate) fn product<F: RealField + Copy>(m: &Matrix3<F>, v: &Vector3<F>) -> Ve
     )
 }
 
-#[inline]
+#[inline(always)]
 pub(crate) fn magnitude<F: RealField + Copy>(x: F) -> F {
     if x < F::zero() { -x } else { x }
 }
@@ -63,7 +63,7 @@ pub(crate) fn largest<F: RealField + Copy>(v: &Vector3<F>) -> F {
     larger(larger(magnitude(v.x), magnitude(v.y)), magnitude(v.z))
 }
 
-#[inline]
+#[inline(always)]
 #[allow(clippy::eq_op)] // NaN is the value that differs from itself.
 fn larger<F: RealField + Copy>(a: F, b: F) -> F {
     if b > a || a != a { b } else { a }

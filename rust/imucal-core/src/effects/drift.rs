@@ -129,6 +129,7 @@ fn time<F: RealField + Copy>(state: &State<F>) -> F {
     state.surroundings.time_s.unwrap_or(F::zero())
 }
 
+#[inline(always)]
 fn bias_warmup<F: RealField + Copy>(state: &State<F>, tau: F, terms: &mut impl Terms<F>) {
     // If the time is unknown, the warm-up is assumed to be over, because the unit has most likely been on for long.
     let left = state.surroundings.time_s.map_or(F::zero(), |time_s| (-time_s / tau).exp());

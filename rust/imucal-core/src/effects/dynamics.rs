@@ -116,6 +116,7 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
+#[inline(always)]
 fn earth_rate<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let world_from_body = state.surroundings.rotation_world_from_body.map(UnitQuaternion::to_rotation_matrix);
     for i in 0..3 {
@@ -123,6 +124,7 @@ fn earth_rate<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) 
     }
 }
 
+#[inline(always)]
 fn lever_arm<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let lever = lever(state);
     terms.column(Vector3::new(lever.m11, lever.m21, lever.m31));
@@ -130,6 +132,7 @@ fn lever_arm<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     terms.column(Vector3::new(lever.m13, lever.m23, lever.m33));
 }
 
+#[inline(always)]
 fn size_effect<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let lever = lever(state);
     for cause in [lever.m21, lever.m22, lever.m23] {

@@ -80,6 +80,7 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
+#[inline(always)]
 fn eccentricity<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     // If the state of the stand is unknown, the effect is zero, so the cosines must be zero as well.
     let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };

@@ -185,18 +185,22 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
+#[inline(always)]
 fn quadratic<F: RealField + Copy>(v: &Vector3<F>, terms: &mut impl Terms<F>) {
     terms.axes(squares(v));
 }
 
+#[inline(always)]
 fn cubic<F: RealField + Copy>(v: &Vector3<F>, terms: &mut impl Terms<F>) {
     terms.axes(each(&squares(v), v));
 }
 
+#[inline(always)]
 fn asymmetry<F: RealField + Copy>(v: &Vector3<F>, terms: &mut impl Terms<F>) {
     terms.axes(Vector3::new(magnitude(v.x), magnitude(v.y), magnitude(v.z)));
 }
 
+#[inline(always)]
 fn accelerometer_cross_axis<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let own = squares(&state.specific_force);
     let mixed = cross_products(&state.specific_force);

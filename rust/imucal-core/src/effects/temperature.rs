@@ -110,12 +110,14 @@ const fn linear_and_square(per_kelvin: &'static str, per_square: &'static str, t
     [x, y, z, xx, yy, zz]
 }
 
+#[inline(always)]
 fn bias<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let difference = state.surroundings.temperature_difference_k.unwrap_or(F::zero());
     terms.axes(same(difference));
     terms.axes(same(difference * difference));
 }
 
+#[inline(always)]
 fn scale<F: RealField + Copy>(v: &Vector3<F>, state: &State<F>, terms: &mut impl Terms<F>) {
     terms.axes(scaled(v, state.surroundings.temperature_difference_k.unwrap_or(F::zero())));
 }

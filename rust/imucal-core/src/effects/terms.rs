@@ -2,6 +2,7 @@
 
 #[cfg(feature = "catalogue")]
 use super::Columns;
+use super::MAX_PARAMETERS;
 use nalgebra::{RealField, Vector3};
 
 /// Receives the columns of Phi, in the order of the parameters.
@@ -19,7 +20,7 @@ pub(super) trait Terms<F: RealField + Copy> {
     fn z(&mut self, cause: F);
 
     /// The next three parameters: `diag(theta) cause`.
-    #[inline]
+    #[inline(always)]
     fn axes(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
         self.y(cause.y);
@@ -27,12 +28,17 @@ pub(super) trait Terms<F: RealField + Copy> {
     }
 
     /// The next nine parameters: `Theta cause`, where Theta is a 3x3 matrix that is filled row by row.
-    #[inline]
+    #[inline(always)]
     fn entries(&mut self, cause: Vector3<F>) {
-        let causes = [cause.x, cause.y, cause.z];
-        causes.iter().for_each(|&cause| self.x(cause));
-        causes.iter().for_each(|&cause| self.y(cause));
-        causes.iter().for_each(|&cause| self.z(cause));
+        self.x(cause.x);
+        self.x(cause.y);
+        self.x(cause.z);
+        self.y(cause.x);
+        self.y(cause.y);
+        self.y(cause.z);
+        self.z(cause.x);
+        self.z(cause.y);
+        self.z(cause.z);
     }
 }
 
@@ -73,27 +79,31 @@ impl<F: RealField + Copy> Terms<F> for ToColumns<'_, F> {
     }
 }
 
-/// Adds up the columns times the parameters.
+/// Adds up the columns times the parameters. Everything is inlined at any optimisation, so that the places of the
+/// parameters are constants; otherwise a device spends most of the correction with calls.
 pub(super) struct Sum<'a, F: RealField + Copy> {
-    values: core::slice::Iter<'a, F>,
+    values: &'a [F; MAX_PARAMETERS],
+    next: usize,
     pub(super) sum: Vector3<F>,
 }
 
 impl<'a, F: RealField + Copy> Sum<'a, F> {
-    #[inline]
-    pub(super) fn new(values: &'a [F]) -> Self {
-        Self { values: values.iter(), sum: same(F::zero()) }
+    #[inline(always)]
+    pub(super) fn new(values: &'a [F; MAX_PARAMETERS]) -> Self {
+        Self { values, next: 0, sum: same(F::zero()) }
     }
 
     /// The next parameter; zero after the last one of the plain form.
-    #[inline]
+    #[inline(always)]
     fn value(&mut self) -> F {
-        self.values.next().copied().unwrap_or(F::zero())
+        let value = self.values.get(self.next).copied().unwrap_or(F::zero());
+        self.next += 1;
+        value
     }
 }
 
 impl<F: RealField + Copy> Terms<F> for Sum<'_, F> {
-    #[inline]
+    #[inline(always)]
     fn column(&mut self, column: Vector3<F>) {
         let value = self.value();
         self.sum.x += column.x * value;
@@ -101,19 +111,19 @@ impl<F: RealField + Copy> Terms<F> for Sum<'_, F> {
         self.sum.z += column.z * value;
     }
 
-    #[inline]
+    #[inline(always)]
     fn x(&mut self, cause: F) {
         let value = self.value();
         self.sum.x += cause * value;
     }
 
-    #[inline]
+    #[inline(always)]
     fn y(&mut self, cause: F) {
         let value = self.value();
         self.sum.y += cause * value;
     }
 
-    #[inline]
+    #[inline(always)]
     fn z(&mut self, cause: F) {
         let value = self.value();
         self.sum.z += cause * value;
@@ -121,7 +131,7 @@ impl<F: RealField + Copy> Terms<F> for Sum<'_, F> {
 }
 
 /// The vector with three equal components.
-#[inline]
+#[inline(always)]
 pub(super) fn same<F: RealField + Copy>(x: F) -> Vector3<F> {
     Vector3::new(x, x, x)
 }

@@ -71,7 +71,7 @@ impl<F: RealField + Copy> EffectValues<F> {
     /// or to the motor angles (rad).
     #[inline]
     pub fn at(&self, state: &State<F>) -> Vector3<F> {
-        (self.effect.sum)(state, self.shape, self.values())
+        (self.effect.sum)(state, self.shape, &self.values)
     }
 }
 
@@ -187,13 +187,14 @@ impl<F: RealField + Copy> EffectSet<F> {
     ) -> (Vector3<F>, Vector3<F>) {
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
         let [rate_counts, force_counts] = reads;
+        let (rate_size, force_size) = (largest(&seen_rate), largest(&seen_force));
         for _ in 0..MAX_PASSES {
             let (on_rate, on_force) = self.at(&state);
             let (own_rate, own_force) = own(&state);
             let (on_rate, on_force) = (add(&on_rate, &own_rate), add(&on_force, &own_force));
             let (rate, force) = (sub(&seen_rate, &on_rate), sub(&seen_force, &on_force));
-            let settled = is_rounding(rate_counts, &sub(&rate, &state.angular_rate), &seen_rate, &on_rate)
-                && is_rounding(force_counts, &sub(&force, &state.specific_force), &seen_force, &on_force);
+            let settled = is_rounding(rate_counts, &sub(&rate, &state.angular_rate), rate_size, &on_rate)
+                && is_rounding(force_counts, &sub(&force, &state.specific_force), force_size, &on_force);
             if settled {
                 return (rate, force);
             }
@@ -210,16 +211,11 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
     Vector3::new(F::zero(), F::zero(), F::zero())
 }
 
-/// Whether the change of `seen - effects` between two iterations is of the order of rounding. A change that no field
-/// depends on (`counts` is false) may have any size.
-fn is_rounding<F: RealField + Copy>(
-    counts: bool,
-    change: &Vector3<F>,
-    seen: &Vector3<F>,
-    effects: &Vector3<F>,
-) -> bool {
+/// Whether the change of `seen - effects` between two iterations is of the order of rounding; `seen` is the largest
+/// component. A change that no field depends on (`counts` is false) may have any size.
+fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
-    let limit = rounding * (largest(seen) + largest(effects));
+    let limit = rounding * (seen + largest(effects));
     // If the effects diverge to infinity, the limit is infinite; the iteration has not converged.
     if counts { largest(change) <= limit && limit.is_finite() } else { F::zero() <= limit && limit.is_finite() }
 }
