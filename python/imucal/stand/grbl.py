@@ -270,8 +270,8 @@ class GrblDriver:
             return
         if self._session.is_late(report):
             return
-        early_s, late_s = self._session.bounds_s(report)
-        found = track.judge(position, late_s)
+        latest_s = self._session.latest_s(report)
+        found = track.judge(position, latest_s)
         if found == "jumped":
             raise StoppedError(
                 "position_lost",
@@ -282,7 +282,7 @@ class GrblDriver:
             self._phase = "elsewhere"
         if found != "accepted":
             return
-        self._instants.add(early_s, late_s, _difference(position, self.zero_deg), track.rate_dps)
+        self._instants.add(latest_s, _difference(position, self.zero_deg), track.rate_dps)
 
     def _check_offset(self, report: Report) -> None:
         """A controller without the confirmed offset has restarted, although its message did not arrive."""

@@ -36,8 +36,6 @@ LONGEST: Final = 512
 LOST_AFTER: Final = 4
 # Additional delay of a report, s, above which its query counts as lost if later queries may be meant.
 LOST_S: Final = 0.25
-# Time after a loss, s, in which reports do not shorten the shortest time, as they may answer older queries.
-CERTAIN_S: Final = 1.0
 # Time that a thread may take to end, s.
 JOIN_S: Final = 1.0
 
@@ -46,7 +44,7 @@ class GrblPort:
     """A port with its listening thread. Methods except `close` raise LinkLostError once the device is gone.
 
     queries     whether the thread sends status queries
-    shortest_s  shortest time between a query and its report so far, s; None until the driver has measured it
+    shortest_s  shortest time between a query and its report, s; None until the driver has measured it
     """
 
     def __init__(self, port: str, baud: int, open_port: Callable[[str, int], Any], clock: Clock) -> None:
@@ -61,8 +59,6 @@ class GrblPort:
         # Host times of the queries that are not answered.
         self._asked: deque[float] = deque()
         self._shifted = 0
-        # Host time at which a query was last taken for lost, or the queries were forgotten.
-        self._lost_s = 0.0
         # Status queries of the thread and lines of the driver must not interleave within a write.
         self._writing = threading.Lock()
         self._closing = threading.Event()
@@ -110,7 +106,6 @@ class GrblPort:
     def forget_queries(self) -> None:
         """Forget the queries that are not answered."""
         self._asked.clear()
-        self._lost_s = self._clock.now_s()
 
     def close(self) -> None:
         """Close the port; never raises."""
@@ -162,16 +157,10 @@ class GrblPort:
 
         while now_s - self._asked[0] > shortest_s + LOST_S and next_is_old_enough():
             self._asked.popleft()
-            self._lost_s = now_s
         # After the loss of a single query all later answers seem to be late by one interval.
         seems_late = now_s - self._asked[0] > shortest_s + 0.75 * self._query_s
         self._shifted = self._shifted + 1 if seems_late and next_is_old_enough() else 0
         if self._shifted > LOST_AFTER:
             self._shifted = 0
             self._asked.popleft()
-            self._lost_s = now_s
-        asked_s = self._asked.popleft()
-        # Unless the report may belong to a query that was taken for lost.
-        if not self._asked and now_s - self._lost_s > CERTAIN_S:
-            self.shortest_s = min(shortest_s, now_s - asked_s)
-        return asked_s
+        return self._asked.popleft()

@@ -143,12 +143,9 @@ class GrblSession:
             return True
         return report.arrived_s - report.asked_s > shortest_s + LATE_S
 
-    def bounds_s(self, report: Report) -> tuple[float, float]:
-        """Host times between which the position of a report that is not late was taken."""
-        up_s, down_s = one_way_s(self.port.shortest_s or 0.0, self._length, self.port.baud)
-        late_s = report.arrived_s - down_s
-        early_s = late_s if report.asked_s is None else report.asked_s + up_s
-        return min(early_s, late_s), late_s
+    def latest_s(self, report: Report) -> float:
+        """Host time at which the position of a report was taken at the latest."""
+        return report.arrived_s - one_way_s(self.port.shortest_s or 0.0, self._length, self.port.baud)[1]
 
     def measure_delay(self) -> Waiting:
         """Measure the shortest time between a query and its report, one query at a time."""
