@@ -12,6 +12,9 @@ from distributed import Client
 
 __all__ = ["Cluster"]
 
+# Longest time, s, in which a scheduler or its workers start, also on a computer with other work.
+START_S = 240.0
+
 
 class Cluster:
     """A scheduler and workers on this computer; `address` is that of the scheduler.
@@ -33,12 +36,12 @@ class Cluster:
         words = ["worker", "--nworkers", str(workers), "--nthreads", "1", "--no-dashboard"]
         words += ["--local-directory", str(folder), "--scheduler-file", str(found)]
         self._workers = _started(words, environment)
-        end_s = time.monotonic() + 60.0
+        end_s = time.monotonic() + START_S
         while not found.exists() and time.monotonic() < end_s:
             time.sleep(0.05)
         self.address = str(json.loads(found.read_text())["address"])
-        with Client(self.address, set_as_default=False, timeout=60) as client:
-            client.wait_for_workers(workers, timeout=60)
+        with Client(self.address, set_as_default=False, timeout=START_S) as client:
+            client.wait_for_workers(workers, timeout=START_S)
 
     @property
     def worker_parent(self) -> int:

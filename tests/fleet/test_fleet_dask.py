@@ -82,7 +82,7 @@ def test_a_recording_that_hangs_on_a_cluster_costs_its_own_row_alone(small_fleet
     start_files = small_fleet / "sitecustomize"
     with Cluster(tmp_path, workers=2, start_files=start_files) as cluster:
         tally = imucal.Fleet(tmp_path / "units.sqlite").run(
-            small_fleet / "hanging.csv", scheduler=cluster.address, time_limit_s=2.0
+            small_fleet / "hanging.csv", scheduler=cluster.address, time_limit_s=5.0
         )
     assert tally.verdicts == {"good": UNITS - 2, "failed": 2}
     assert tally.codes == {"format": 1, "time_limit": 1}

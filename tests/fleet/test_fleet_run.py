@@ -13,6 +13,7 @@ import imucal
 import imucal.cli.live_page as live_page
 from children import HANGS_S, heed_signals
 from fleet.killing import check, kill, start, workers_of
+from imucal.fleet.job import keyed
 from imucal.fleet.local import Ended
 from imucal.fleet.outcome import Outcome
 from imucal.fleet.run import run_jobs
@@ -23,6 +24,10 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform != "linux", reason="processes are killed and found by /proc"),
 ]
+
+
+# Longest time of a unit, s, also on a computer with other work.
+LIMIT_S = 5.0
 
 
 def counts(store):
@@ -51,6 +56,30 @@ def test_a_second_run_computes_nothing(small_fleet, tmp_path):
     assert (again.done, again.skipped) == (1, UNITS - 1)
 
 
+def test_a_recording_that_is_given_twice_is_stored_once(small_fleet, tmp_path):
+    (path,) = small_fleet.glob("*/00001-*.npz")
+    jobs = [imucal.fleet.job.Job("1", (str(path),)), imucal.fleet.job.Job("2", (str(path),))] * 2
+    jobs.append(imucal.fleet.job.Job("3", (str(tmp_path / "none.npz"),)))
+    fleet, told = imucal.Fleet(tmp_path / "units.sqlite"), []
+    # A new store takes the keys from the processes that read the files, the second run computes them itself.
+    for done, skipped in ((2, 2), (0, 4)):
+        told.clear()
+        tally = fleet.run(jobs, workers=1, tell=lambda job, *rest: told.append((job.serial, *rest[:2])))
+        assert (tally.done, tally.skipped, tally.unreadable) == (done, skipped, 1)
+        assert ("3", "failed", "file_missing") in told
+        assert fleet.count() == {"good": 2, "failed": 1}
+    with imucal.fleet.store.Store(tmp_path / "units.sqlite") as store:
+        assert not store.is_new
+
+
+def test_another_run_makes_a_store_an_old_one(small_fleet, tmp_path):
+    (path,) = small_fleet.glob("*/00001-*.npz")
+    with imucal.fleet.store.Store(tmp_path / "units.sqlite") as store:
+        assert store.is_new
+        imucal.Fleet(tmp_path / "units.sqlite").run([path], workers=1)
+        assert not store.is_new
+
+
 def test_a_poisoned_file_costs_its_own_row_alone(small_fleet, tmp_path):
     store = tmp_path / "units.sqlite"
     run = start(store, small_fleet / "poisoned.csv", start_files=small_fleet / "sitecustomize")
@@ -69,12 +98,12 @@ def test_a_poisoned_file_costs_its_own_row_alone(small_fleet, tmp_path):
 def test_a_recording_that_hangs_costs_its_own_row_alone(small_fleet, tmp_path):
     store = tmp_path / "units.sqlite"
     run = start(
-        store, small_fleet / "hanging.csv", start_files=small_fleet / "sitecustomize", time_limit_s=2.0
+        store, small_fleet / "hanging.csv", start_files=small_fleet / "sitecustomize", time_limit_s=LIMIT_S
     )
     assert run.wait() == 0, run.output.read_text()
     assert counts(store) == {"good": UNITS - 2, "failed": 2}
     rows = dict(imucal.Fleet(store).rows(("code", "message"), serial="00017")[1])
-    assert "longer than the time limit of 2 s" in rows["time_limit"]
+    assert "longer than the time limit of 5 s" in rows["time_limit"]
     # The limit is not part of a job's key, so another limit computes nothing.
     again = imucal.Fleet(store).run(small_fleet / "hanging.csv", workers=1, time_limit_s=60.0)
     assert (again.done, again.skipped) == (0, UNITS)
@@ -96,9 +125,10 @@ class KilledFromOutside:
     def next(self):
         self.ends -= 1
         work = self.works.pop()
-        return work, Ended() if self.ends >= 0 else [
-            Outcome(each, "failed", "format", "x") for each in work.jobs
-        ]
+        if self.ends >= 0:
+            return work, Ended()
+        keys = [keyed(job, work.options.text) for job in work.jobs]
+        return work, [Outcome(each, "failed", "format", "x") for each in keys]
 
     def close(self):
         pass

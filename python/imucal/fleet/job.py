@@ -27,8 +27,21 @@ from imucal.estimation.calibrate import calibrate
 from imucal.limits.limits import Limits
 from imucal.rig.unit import Unit, unit_of
 
-__all__ = ["Job", "KeyedJob", "Options", "as_date", "hash_of", "keyed", "path_text"]
+__all__ = [
+    "UNREAD",
+    "Job",
+    "KeyedJob",
+    "Options",
+    "as_date",
+    "hash_of",
+    "keyed",
+    "keyed_by",
+    "path_text",
+    "unread",
+]
 
+# Start of the key of a job whose files cannot be read, which has their paths in the place of a hash.
+UNREAD: Final = "unread:"
 # Arguments of `calibrate` that belong to a job and not to the options of a run.
 OF_A_JOB: Final = ("control", "serial_number", "frame")
 
@@ -148,9 +161,19 @@ def keyed(job: Job, options: str) -> KeyedJob:
 
     options   text of the options
     """
-    hashes = tuple(hash_of(path) for path in (*job.files, *job.control))
+    return keyed_by(job, options, tuple(hash_of(path) for path in (*job.files, *job.control)))
+
+
+def keyed_by(job: Job, options: str, hashes: tuple[str, ...]) -> KeyedJob:
+    """The job whose files have these hashes."""
     recording = _hash([job.serial, hashes[: len(job.files)], hashes[len(job.files) :]])
     return KeyedJob(job, recording, _hash([recording, options, str(_core.__version__)]), hashes)
+
+
+def unread(job: Job, options: str) -> KeyedJob:
+    """A job whose files have no hash, because one of them cannot be read; its key is that of their paths."""
+    place = UNREAD + "\0".join((job.serial, *job.files, "", *job.control, options))
+    return KeyedJob(job, place, place, ())
 
 
 def hash_of(path: str) -> str:

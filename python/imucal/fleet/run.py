@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from imucal.errors import ImucalError
-from imucal.fleet.job import Job, KeyedJob, Options, keyed
+from imucal.fleet.job import UNREAD, Job, KeyedJob, Options, keyed, unread
 from imucal.fleet.local import Ended, Pool
 from imucal.fleet.outcome import TRANSIENT, Outcome
-from imucal.fleet.store import UNREAD, Known, Store
-from imucal.fleet.task import Task, failure_of
+from imucal.fleet.store import Known, Store
+from imucal.fleet.task import FILE_MISSING, Task, failure_of
 
 __all__ = ["Tally", "run_jobs"]
 
@@ -197,14 +197,20 @@ class _Run:
                 return
             ends.append(answer.how)
         message = _poisoned(ends)
-        self._put([Outcome(each, "poisoned", "poisoned", message) for each in task.jobs])
+        for each in task.jobs:
+            found = each if isinstance(each, KeyedJob) else self._keyed(each)
+            if found is not None:
+                self._put([Outcome(found, "poisoned", "poisoned", message)])
 
     def _tasks(self, jobs: Iterable[Job]) -> Iterator[Task]:
         """Tasks of the jobs that have to be computed."""
-        waiting: list[KeyedJob] = []
+        waiting: list[Job | KeyedJob] = []
         jobs = iter(jobs)
         while block := list(islice(jobs, PER_TASK)):
-            waiting += self._new_ones(block)
+            # All jobs are new for a new store, so that only the processes of the pool read their files. With
+            # a time limit the keys are needed of jobs whose process does not answer.
+            is_new = self._options.time_limit_s is None and self._store.is_new
+            waiting += block if is_new else self._new_ones(block)
             size = self._task_size()
             while len(waiting) >= size:
                 yield Task(tuple(waiting[:size]), self._options)
@@ -239,8 +245,7 @@ class _Run:
             if each.key in known.keys() - set(again):
                 continue
             if each.key in self._pending:
-                self._tally.skipped += 1
-                self._tell(each.job, "skipped", "given_twice", "the same files are given twice for this unit")
+                self._skip(each.job)
                 continue
             self._pending.add(each.key)
             new.append(each)
@@ -258,18 +263,30 @@ class _Run:
         except ImucalError as error:
             code, message = failure_of(error)
             if not all(Path(path).exists() for path in (*job.files, *job.control)):
-                code = "file_missing"
-            self._store.put([_unread(job, code, message, self._text)], self._text)
+                code = FILE_MISSING
+            self._store.put([Outcome(unread(job, self._text), "failed", code, message)], self._text)
             self._tally.unreadable += 1
             self._count(job, "failed", code, message)
             return None
 
     def _put(self, outcomes: Sequence[Outcome]) -> None:
-        self._store.put(outcomes, self._text)
-        for outcome in outcomes:
-            self._pending.discard(outcome.keyed.key)
-            self._tally.done += 1
-            self._count(outcome.keyed.job, outcome.verdict, outcome.code, outcome.message)
+        is_new = self._store.is_new
+        stored = self._store.put(outcomes, self._text)
+        for outcome, was_new in zip(outcomes, stored, strict=True):
+            job, key = outcome.keyed.job, outcome.keyed.key
+            self._pending.discard(key)
+            if is_new and not was_new:
+                self._skip(job)
+                continue
+            if key.startswith(UNREAD):
+                self._tally.unreadable += 1
+            else:
+                self._tally.done += 1
+            self._count(job, outcome.verdict, outcome.code, outcome.message)
+
+    def _skip(self, job: Job) -> None:
+        self._tally.skipped += 1
+        self._tell(job, "skipped", "given_twice", "the same files are given twice for this unit")
 
     def _count(self, job: Job, verdict: str, code: str | None, message: str | None) -> None:
         self._tally.verdicts[verdict] += 1
@@ -284,9 +301,3 @@ def _poisoned(ends: Sequence[str]) -> str:
         f"each process that reads this recording ends{f' {how}' if how else ''} without an answer, in "
         f"{len(ends)} attempts when nothing else runs: it crashes, or needs more memory than there is"
     )
-
-
-def _unread(job: Job, code: str, message: str, options: str) -> Outcome:
-    """The failure of a job whose files have no hash; its key is that of their paths."""
-    place = UNREAD + "\0".join((job.serial, *job.files, "", *job.control, options))
-    return Outcome(KeyedJob(job, place, place, ()), "failed", code, message)

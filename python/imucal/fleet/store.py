@@ -14,7 +14,7 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.document.json_document import now
-from imucal.fleet.job import KeyedJob
+from imucal.fleet.job import UNREAD, KeyedJob
 from imucal.fleet.outcome import TRANSIENT, Outcome
 from imucal.fleet.schema import (
     BASE_NAMES,
@@ -26,7 +26,7 @@ from imucal.fleet.schema import (
     packed_figures,
 )
 
-__all__ = ["UNREAD", "Known", "Store"]
+__all__ = ["Known", "Store"]
 
 JOB_COLUMNS: Final = (
     *(
@@ -60,8 +60,6 @@ RESULT_COLUMNS: Final = (
     *("other_figures", "other_parameters", "names", "parameter_values", "sigmas"),
     *("figure_names", "figure_values"),
 )
-# Start of the key of a job whose files cannot be read, which has their paths in the place of a hash.
-UNREAD: Final = "unread:"
 # What a manifest says about a job besides its files; a later manifest may correct it.
 ABOUT: Final = ("date", "station", "operator", "batch", "role")
 
@@ -98,6 +96,9 @@ class Store:
         self._connection = connect_writing(path)
         # Identifiers of texts that many rows share: serial numbers are too many to keep.
         self._ids: dict[tuple[str, str], int] = {}
+        with self._failing():
+            (self._was_empty,) = self._connection.execute("SELECT NOT EXISTS (SELECT 1 FROM jobs)").fetchone()
+            self._others = self._version_by_others()
 
     def __enter__(self) -> Store:
         return self
@@ -115,16 +116,24 @@ class Store:
             ).fetchall()
         return {key: Known(*rest) for key, *rest in rows}
 
-    def put(self, outcomes: Sequence[Outcome], options: str) -> None:
+    @property
+    def is_new(self) -> bool:
+        """Whether all jobs in the store were put by this object."""
+        with self._failing():
+            return bool(self._was_empty) and self._version_by_others() == self._others
+
+    def put(self, outcomes: Sequence[Outcome], options: str) -> list[bool]:
         """Store outcomes in one transaction: after a crash it has all of them or none.
 
-        An outcome whose key is in the store already is left as it is.
+        An outcome whose key is in the store already is left as it is. Returns for each outcome whether it was
+        new.
         """
+        moment, version = now(), str(_core.__version__)
         with self._transaction():
             number = self._id("options", "options", options)
-            for outcome in outcomes:
-                self._put(outcome, number, str(_core.__version__), now())
+            new = [self._put(outcome, number, version, moment) for outcome in outcomes]
         self.stored += len(outcomes)
+        return new
 
     def describe(self, jobs: Sequence[KeyedJob]) -> None:
         """Correct date, station, operator, batch and role of jobs in the store to those of their manifest."""
@@ -162,7 +171,8 @@ class Store:
             source.close()
         return taken
 
-    def _put(self, outcome: Outcome, options: int, version: str, moment: str) -> None:
+    def _put(self, outcome: Outcome, options: int, version: str, moment: str) -> bool:
+        """Whether the key is new."""
         job, keyed = outcome.keyed.job, outcome.keyed
         self._forget_failures_of(keyed)
         code, message = outcome.code, outcome.message
@@ -181,7 +191,7 @@ class Store:
         )
         number = self._insert_job(row, keyed.recording)
         if number is None or outcome.measured is None:
-            return
+            return number is not None
         given = outcome.measured
         values = dict(zip((name for name, _ in given.names), np.frombuffer(given.values), strict=True))
         sigmas = dict(zip(values, np.frombuffer(given.sigmas), strict=True))
@@ -213,6 +223,7 @@ class Store:
         self._connection.execute(
             "INSERT INTO documents VALUES (?, ?, ?)", (number, given.covariance, given.document)
         )
+        return True
 
     def _insert_job(self, row: Sequence[Any], recording: str) -> int | None:
         """The identifier of the new row; None if its key is in the store already."""
@@ -250,6 +261,11 @@ class Store:
                 fields[name] = self._id("names", "names", names)
             self._connection.execute(_insert(table, columns), list(fields.values()))
         return True
+
+    def _version_by_others(self) -> int:
+        """A number that changes when another connection changes the store."""
+        (version,) = self._connection.execute("PRAGMA data_version").fetchone()
+        return int(version)
 
     def _unit(self, serial: str) -> int:
         self._connection.execute("INSERT INTO units (serial) VALUES (?) ON CONFLICT DO NOTHING", [serial])

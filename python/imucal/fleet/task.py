@@ -12,12 +12,12 @@ from typing import Final
 
 from imucal.errors import FitError, FormatError, ImucalError, InputError, NotEnoughMotionError
 from imucal.estimation.calibrate import calibrate
-from imucal.fleet.job import KeyedJob, Options
+from imucal.fleet.job import Job, KeyedJob, Options, keyed, keyed_by, unread
 from imucal.fleet.outcome import Outcome, measured_of
 from imucal.io import files_per_recording, read
 from imucal.recording.recording import Recording
 
-__all__ = ["TIME_LIMIT", "Task", "failure_of"]
+__all__ = ["FILE_MISSING", "TIME_LIMIT", "Task", "failure_of"]
 
 # Code of an error without a finding.
 CODES = (
@@ -30,15 +30,19 @@ CODES = (
 )
 
 
+FILE_MISSING: Final = "file_missing"
 # Code of a recording that takes longer than the time limit.
 TIME_LIMIT: Final = "time_limit"
 
 
 @dataclass(frozen=True)
 class Task:
-    """Jobs that one process computes one after the other; their files travel as paths."""
+    """Jobs that one process computes one after the other; their files travel as paths.
 
-    jobs: tuple[KeyedJob, ...]
+    A job without a key gets it in that process, which reads its files anyway.
+    """
+
+    jobs: tuple[Job | KeyedJob, ...]
     options: Options
 
     def __len__(self) -> int:
@@ -51,12 +55,12 @@ class Task:
         """
         limit_s = self.options.time_limit_s
         if limit_s is None:
-            return [_outcome(keyed, self.options) for keyed in self.jobs]
+            return [_outcome(job, self.options) for job in self.jobs]
         found: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
 
         def compute() -> None:
-            for keyed in self.jobs:
-                found.put(_outcome(keyed, self.options))
+            for job in self.jobs:
+                found.put(_outcome(job, self.options))
 
         threading.Thread(target=compute, daemon=True).start()
         outcomes: list[Outcome] = []
@@ -69,7 +73,8 @@ class Task:
                     "give a larger --time-limit-s with --retry"
                 )
                 late = self.jobs[len(outcomes)]
-                return [*outcomes, Outcome(late, "failed", TIME_LIMIT, message, limit_s)]
+                keyed_job = late if isinstance(late, KeyedJob) else unread(late, self.options.text)
+                return [*outcomes, Outcome(keyed_job, "failed", TIME_LIMIT, message, limit_s)]
         return outcomes
 
     def is_stuck(self, answer: list[Outcome]) -> bool:
@@ -91,29 +96,41 @@ def failure_of(error: BaseException) -> tuple[str, str]:
     return str(code), message
 
 
-def _outcome(keyed: KeyedJob, options: Options) -> Outcome:
+def _outcome(given: Job | KeyedJob, options: Options) -> Outcome:
     start_s = time.perf_counter()
     try:
-        return _calibrated(keyed, options, start_s)
+        return _calibrated(given, options, start_s)
     except (KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:
         # A panic of the compiled library is a BaseException.
         code, message = failure_of(error)
-        return Outcome(keyed, "failed", code, message, time.perf_counter() - start_s)
+        job = given.job if isinstance(given, KeyedJob) else given
+        if isinstance(error, InputError) and not all(
+            Path(path).exists() for path in (*job.files, *job.control)
+        ):
+            code = FILE_MISSING
+        return Outcome(_with_key(given, options), "failed", code, message, time.perf_counter() - start_s)
 
 
-def _calibrated(keyed: KeyedJob, options: Options, start_s: float) -> Outcome:
-    job = keyed.job
+def _with_key(given: Job | KeyedJob, options: Options) -> KeyedJob:
+    if isinstance(given, KeyedJob):
+        return given
     try:
-        unit_data, control = _read(job.files, options), _read(job.control, options)
-    except InputError as error:
-        gone = [path for path in (*job.files, *job.control) if not Path(path).exists()]
-        if gone:
-            return Outcome(keyed, "failed", "file_missing", str(error), time.perf_counter() - start_s)
-        raise
-    if changed := _changed(keyed, [*unit_data, *control]):
-        return Outcome(keyed, "failed", "file_changed", changed, time.perf_counter() - start_s)
+        return keyed(given, options.text)
+    except ImucalError:
+        return unread(given, options.text)
+
+
+def _calibrated(given: Job | KeyedJob, options: Options, start_s: float) -> Outcome:
+    job = given.job if isinstance(given, KeyedJob) else given
+    unit_data, control = _read(job.files, options), _read(job.control, options)
+    if isinstance(given, KeyedJob):
+        keyed_job = given
+        if changed := _changed(given, [*unit_data, *control]):
+            return Outcome(given, "failed", "file_changed", changed, time.perf_counter() - start_s)
+    else:
+        keyed_job = _keyed_by_sources(job, options, [*unit_data, *control])
     result = calibrate(unit_data, control=control or None, serial_number=job.serial, **options.calibrate)
     if options.limits is not None:
         result = result.judged_by(options.limits)
@@ -126,7 +143,7 @@ def _calibrated(keyed: KeyedJob, options: Options, start_s: float) -> Outcome:
         given = {name: value for name, value in options.calibrate.items() if name in same}
         gap = find_gap(unit_data, control=control or None, calibration=result.calibration, **given)
     measured = measured_of(result, gap)
-    return Outcome(keyed, result.verdict, None, None, time.perf_counter() - start_s, measured)
+    return Outcome(keyed_job, result.verdict, None, None, time.perf_counter() - start_s, measured)
 
 
 def _read(files: Sequence[str], options: Options) -> list[Recording]:
@@ -143,9 +160,19 @@ def _read(files: Sequence[str], options: Options) -> list[Recording]:
     return [read(*files[start : start + size], **options.read) for start in range(0, len(files), size)]
 
 
-def _changed(keyed: KeyedJob, recordings: Sequence[Recording]) -> str | None:
+def _keyed_by_sources(job: Job, options: Options, recordings: Sequence[Recording]) -> KeyedJob:
+    """The job with the hashes of its files that reading has computed."""
+    found = {source.path: source.sha256 for recording in recordings for source in recording.sources}
+    files = (*job.files, *job.control)
+    if not all(path in found for path in files):
+        # The files in a folder are several sources.
+        return keyed(job, options.text)
+    return keyed_by(job, options.text, tuple(found[path] for path in files))
+
+
+def _changed(given: KeyedJob, recordings: Sequence[Recording]) -> str | None:
     """The message if a file is another one than that which was hashed."""
-    hashes = dict(zip((*keyed.job.files, *keyed.job.control), keyed.hashes, strict=True))
+    hashes = dict(zip((*given.job.files, *given.job.control), given.hashes, strict=True))
     for recording in recordings:
         for source in recording.sources:
             if hashes.get(source.path, source.sha256) != source.sha256:
