@@ -8,6 +8,7 @@
 #   make comparison  accuracy and speed compared with other programs, to docs/comparison.md; needs crates.io and PyPI
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make six-positions  coverage of bias and scale from six positions, to docs/results/six-positions.md
+#   make one-sensor  coverage and errors of an accelerometer or a gyroscope alone, to docs/results/one-sensor.md
 #   make rounding  coverage of the intervals with noise below a step of the converter, to docs/results/rounding.md
 #   make faces     coverage and errors of a unit that rests on the faces of a box alone, to docs/results/faces.md
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
@@ -210,7 +211,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy rounding faces six-positions gap-benchmark laws-benchmark plan traps signals stand first-steps
+.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark plan traps signals stand first-steps
 .PHONY: docs-figures docs-pictures fleet stand-driver firmware comparison
 demo: $(VENV)/.installed
 	$(call say,Demo)
@@ -240,6 +241,10 @@ accuracy: $(VENV)/.installed
 
 six-positions: $(VENV)/.installed
 	PYTHONPATH=benches $(PY) benches/six_positions.py
+
+one-sensor: $(VENV)/.installed
+	$(call say,One sensor)
+	PYTHONPATH=benches $(PY) benches/one_sensor.py
 
 rounding: $(VENV)/.installed
 	$(call say,Rounding)

@@ -75,12 +75,12 @@ def processes(folder: Path) -> list[Process]:
 def median_ms(found: list[Process]) -> dict[str, float]:
     """Median processor times over interleaved rounds, all on one processor."""
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-    # Installed packages have compiled bytecode; with this variable a checkout would be compiled in each process.
+    # Installed packages have bytecode; with this variable the sources would be compiled in each process.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     times: dict[str, list[float]] = {process.name: [] for process in found}
     for turn in range(ROUNDS + 1):
         for process in found:
-            with open(process.stdin or os.devnull, "rb") as stdin:
+            with (process.stdin or Path(os.devnull)).open("rb") as stdin:
                 child = subprocess.Popen(
                     process.command, stdin=stdin, stdout=subprocess.DEVNULL, env={**environment, **one}
                 )

@@ -149,6 +149,18 @@ def test_the_rotation_of_the_board_is_reported(tmp_path, known, values, way_out)
     assert all(way_out in str(finding) for finding in found)
 
 
+def test_a_rotated_log_is_converted_only_with_axes(tmp_path, known, command):
+    rotation = encoded("PARM", 1, "AHRS_ORIENTATION", 2.0)
+    dataflash(tmp_path / "flight.bin", ["IMU", "PARM"], [rotation, *imu(known)])
+    call = ["convert", str(tmp_path / "flight.bin"), "-o", str(tmp_path / "rec.csv")]
+    refused = command(*call)
+    assert refused.returncode == 1
+    assert "AHRS_ORIENTATION is 2" in refused.stderr and "--axes" in refused.stderr
+    assert not (tmp_path / "rec.csv").exists()
+    assert command(*call, "--axes", "x,y,z").returncode == 0
+    assert_is(imucal.read(tmp_path / "rec.csv"), known)
+
+
 def test_dataflash_sensors_at_their_own_rate(tmp_path, known):
     time_us = microseconds(known)
     messages = [*raw("ACC", time_us, known.accel), *raw("GYR", time_us, known.gyro)]

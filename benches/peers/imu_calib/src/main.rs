@@ -2,8 +2,8 @@
 //!
 //! Standard input: rows of seven f64 in the byte order of the processor: time, s; specific force, m/s^2; angular rate,
 //! rad/s. Arguments: local gravity, m/s^2; the length of the rest at the start from which the thresholds for rests
-//! follow, s; and the number of repetitions. Output: one line of numbers: the 3x3 matrices `M_a` and `M_g C_gyro_i` by
-//! rows, both biases, and the median time of a calibration, s.
+//! follow, s; and the number of repetitions. Output: one line of numbers per result: the 3x3 matrices `M_a` and
+//! `M_g C_gyro_i` by rows, both biases, and the time of the calibration, s.
 
 use std::io::Read;
 use std::time::Instant;

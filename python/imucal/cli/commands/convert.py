@@ -14,6 +14,7 @@ from imucal.cli.output import Output, require_apart
 from imucal.cli.parameters import argument, option
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
+from imucal.errors import InputError
 
 if TYPE_CHECKING:
     from imucal.recording.recording import Recording
@@ -27,6 +28,18 @@ def _print_formats(wanted: bool) -> None:
 
         print(page(), end="")
         raise Exit
+
+
+def _without_rotation(pieces: Iterator[Recording], output: Path) -> Iterator[Recording]:
+    """The pieces. Raises InputError if an autopilot has rotated them, which the output could not say."""
+    for piece in pieces:
+        rotated = [finding for finding in piece.findings if finding.code == "board_rotated"]
+        if rotated:
+            raise InputError(
+                f"{rotated[0].message}, which {output.name} would not say: calibrate from the log itself, or "
+                "give the axes that the output is to have (--axes; x,y,z for those of the vehicle)"
+            )
+        yield piece
 
 
 @reading_options
@@ -54,7 +67,8 @@ def convert(
 ) -> None:
     """Convert files of other programs to a recording.
 
-    Repairs to the data are printed, because the output file does not contain them.
+    Repairs to the data are printed, because the output file does not contain them. A log that an autopilot
+    has rotated is converted only with --axes.
 
     Example: imucal convert xsens_acc.mat xsens_gyro.mat --format imu_tk -o run.csv
     """
@@ -65,7 +79,8 @@ def convert(
     require_apart(files, {"--output": output, "--json": json})
 
     def written(pieces: Iterator[Recording]) -> Whole:
-        whole = Whole(hold_temperature(pieces) if hold else pieces)
+        kept = pieces if reading.axes else _without_rotation(pieces, output)
+        whole = Whole(hold_temperature(kept) if hold else kept)
         write_pieces(whole, output)
         return whole
 
