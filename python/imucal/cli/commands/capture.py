@@ -131,8 +131,9 @@ def capture(
     all is recorded. OUT.csv is on disk all the time: after an interrupt or a crash, the same command
     continues. Needs `pip install 'imucal-rs[capture]'` for the full screen and serial ports.
 
-    Example: imucal capture hand.csv --source /dev/ttyUSB0 --columns
-    time_us,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps
+    Example: imucal capture hand.csv --source /dev/ttyUSB0 --packet packet.json
+
+    Example: imucal capture accel.csv --source /dev/ttyUSB0 --columns time_us,accel_x_g,accel_y_g,accel_z_g
 
     Example: imucal capture phone.csv --source http://:8000 --target gyro_sensitivity=5e-4
 
