@@ -437,10 +437,12 @@ def test_the_figure_shows_points_bands_and_model(found):
     points = [trace for trace in figure.data if trace.mode == "markers"]
     assert [trace.name for trace in points] == ["x", "y", "z"]
     axis = found.axes["gyro_z"]
-    assert list(points[2].y) == axis.deviations.tolist()
-    np.testing.assert_allclose(points[2].y + points[2].error_y.array, axis.high)
-    assert len(figure.data) == 6
-    assert "rad/s" in figure.layout.yaxis.title.text
+    deg_h = 3600.0 * np.degrees(1.0)
+    np.testing.assert_allclose(points[2].y, deg_h * axis.deviations)
+    np.testing.assert_allclose(points[2].y + points[2].error_y.array, deg_h * axis.high)
+    models = [trace for trace in figure.data if trace.mode == "lines" and trace.showlegend is False]
+    assert len(models) == 3
+    assert "deg/h" in figure.layout.yaxis.title.text
 
 
 @pytest.mark.slow

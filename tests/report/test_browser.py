@@ -344,7 +344,9 @@ def test_the_page_of_noise_shows_its_json(opened, reports):
         traces = drawn(page, f"allan-{sensor}")
         for axis in "xyz":
             assert traces[axis]["x"] == result["axes"][f"{sensor}_{axis}"]["taus_s"]
-            assert traces[axis]["y"] == result["axes"][f"{sensor}_{axis}"]["deviations"]
+            factor = 3600 * np.degrees(1.0) if sensor == "gyro" else 1e3 * MG
+            expected = [factor * y for y in result["axes"][f"{sensor}_{axis}"]["deviations"]]
+            assert traces[axis]["y"] == pytest.approx(expected, rel=1e-12)
     table = {row[0]: row for row in rows(open_tab(page, "Figures"))}
     density = result["axes"]["gyro_y"]["noise_density"]
     shown = table["gyro_y noise density"]

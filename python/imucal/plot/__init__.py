@@ -28,7 +28,7 @@ from imucal.plot.propagated import propagated_gravity
 from imucal.plot.recording import recording_signals
 from imucal.plot.residuals import move_residuals, rest_residuals
 from imucal.plot.shares import effect_sizes, probabilities, waterfall, waterfall_steps
-from imucal.plot.soak import soak_law, soak_residuals
+from imucal.plot.soak import soak
 from imucal.plot.sphere import coverage
 from imucal.plot.thinning import MOST
 
@@ -57,8 +57,7 @@ __all__ = [
     "residual_against",
     "rest_residuals",
     "sigmas",
-    "soak_law",
-    "soak_residuals",
+    "soak",
     "sphere_before_and_after",
     "waterfall",
     "waterfall_steps",

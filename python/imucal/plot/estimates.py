@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["limits", "parameters", "sigmas"]
 
-SENSORS: Final = {"accel": "Accelerometer", "gyro": "Gyroscope"}
+# Short, for the titles of panels on a phone.
+SENSORS: Final = {"accel": "accel", "gyro": "gyro"}
 # Heights, pixels: row of a parameter, row of a check, title and labels of a panel, and margin of the figure.
 ROW_PX: Final = 24
 CHECK_PX: Final = 29
@@ -133,6 +134,7 @@ def _panels(result: CalibrationResult | Calibration, trace: Callable[[Any, list[
         figure.add_trace(trace(go, panel), row=row, col=1)
         figure.update_yaxes(rows_of([p.name for p in panel]), row=row, col=1)
     figure.update_annotations(x=0, xanchor="left", font={"size": 13})
+    figure.update_xaxes(nticks=4, tickangle=0, tickfont={"size": 11})
     figure.update_layout(showlegend=False)
     return styled(figure, height + 2 * MARGIN_PX)
 

@@ -41,9 +41,9 @@ VARIABLES: Final = {
 CANDIDATES: Final = 15
 ROW_PX: Final = 26
 FIGURES: Final = {
-    "chi2_per_dof": "χ² per degree of freedom (1: noise only)",
+    "chi2_per_dof": "χ² per degree of freedom",
     "gravity_norm_rms_mps2": "|f| − g at rest, rms, mg",
-    "gravity_direction_rms_deg": "gravity direction per move, rms error, deg",
+    "gravity_direction_rms_deg": "direction error per move, rms, deg",
 }
 # Names of the channels of residuals; the axis is appended.
 CHANNELS: Final = {

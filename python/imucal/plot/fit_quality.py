@@ -147,12 +147,14 @@ def correlations(calibration: Calibration) -> Figure:
     Raises InputError for a calibration without covariance, ImucalError without plotly.
     """
     names, matrix = _correlation(calibration)
+    # Short enough for the screen of a phone; T is the sensitivity.
+    labels = [name.replace("_sensitivity_", " T ").replace("_", " ") for name in names]
     go, _ = plotly()
     figure = go.Figure(
         go.Heatmap(
             z=matrix[::-1],
-            x=names,
-            y=names[::-1],
+            x=labels,
+            y=labels[::-1],
             zmin=-1,
             zmax=1,
             colorscale=[[0, VERMILION], [0.5, PAPER], [1, BLUE]],
@@ -161,9 +163,9 @@ def correlations(calibration: Calibration) -> Figure:
         )
     )
     # Every name is shown, in small print, on a phone as well.
-    ticks = {"tickmode": "array", "tickfont": {"size": 9}}
-    figure.update_xaxes(**ticks, tickvals=names, tickangle=-90)
-    figure.update_yaxes(**ticks, tickvals=names)
+    ticks = {"tickmode": "array", "tickfont": {"size": 7}}
+    figure.update_xaxes(**ticks, tickvals=labels, tickangle=-90)
+    figure.update_yaxes(**ticks, tickvals=labels)
     return styled(figure, 230 + 14 * len(names))
 
 

@@ -2,56 +2,120 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+import math
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from imucal.plot.style import BLUE, GREEN, VERMILION, plotly, shown_unit, styled
+from imucal.arrays import FloatArray
+from imucal.plot.style import BLUE, GREEN, GREY, INK, VERMILION, plotly, shown_unit, styled
+from imucal.units import datasheet
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from imucal.noise_analysis.noise import NoiseResult
+    from imucal.noise_analysis.noise import AxisNoise, NoiseResult
 
-__all__ = ["allan"]
+__all__ = ["allan", "marks", "slopes"]
 
 LOOKS = (("x", VERMILION, "circle"), ("y", GREEN, "square"), ("z", BLUE, "diamond"))
+# Allan deviation of flicker noise with the coefficient B, over B: sqrt(2 ln 2 / pi).
+FLAT: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
+# Averaging times at which the asymptotes of N and K have the values N and K, s.
+TAU_N_S: Final = 1.0
+TAU_K_S: Final = 3.0
+# Figure, letter, slope of its asymptote, and words of the legend.
+KINDS: Final = (
+    ("noise_density", "N", -0.5, "slope −1/2: white noise N"),
+    ("bias_instability", "B", 0.0, "slope 0: bias instability B"),
+    ("random_walk", "K", 0.5, "slope +1/2: random walk K"),
+)
+DASHES: Final = ("dot", "dash", "dashdot")
+
+
+def marks(axis: AxisNoise) -> dict[str, tuple[float, float]]:
+    """Averaging time, s, and Allan deviation at which N, B and K are read, if they have values.
+
+    N at 1 s and K at 3 s, where their asymptotes have these values; 0.664 B where the model is lowest.
+    """
+    found = {}
+    density, instability, walk = axis.noise_density.value, axis.bias_instability.value, axis.random_walk.value
+    if density is not None:
+        found["N"] = (TAU_N_S, density)
+    if instability is not None:
+        found["B"] = (float(axis.taus_s[int(np.argmin(axis.model))]), FLAT * instability)
+    if walk is not None:
+        found["K"] = (TAU_K_S, walk)
+    return found
+
+
+def slopes(axes: tuple[AxisNoise, ...]) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Asymptotes of N, B and K over the averaging times, for the geometric mean of the axes."""
+    taus = axes[0].taus_s
+    ends = np.array([taus[0], taus[-1]])
+    lines = {}
+    for name, letter, slope, _ in KINDS:
+        values = [axis.figures[name].value for axis in axes]
+        known = [value for value in values if value is not None and value > 0.0]
+        if known:
+            mean = float(np.exp(np.mean(np.log(known))))
+            at = {"N": TAU_N_S, "B": 1.0, "K": TAU_K_S}[letter]
+            level = FLAT * mean if letter == "B" else mean
+            lines[letter] = (ends, level * (ends / at) ** slope)
+    return lines
 
 
 def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
-    """Allan deviation over averaging time for the three axes of a sensor.
+    """Allan deviation over averaging time for the three axes of a sensor, in deg/h or µg.
 
-    Points with 95 % confidence intervals are measured, lines are the identified noise model.
+    Points with 95 % confidence intervals are measured, lines are the identified noise model. Straight lines
+    are the asymptotes of white noise, bias instability and random walk, for the mean of the axes; stars mark
+    where N, B and K of each axis are read.
 
     Raises ImucalError without plotly, and InputError for a sensor that the recording does not have.
     """
     go, _ = plotly()
     figure = go.Figure()
-    unit = shown_unit((noise.accel_unit if sensor == "accel" else noise.gyro_unit) or "")
-    for (axis, colour, symbol), of_axis in zip(LOOKS, noise.triad(sensor), strict=True):
+    si_unit = (noise.accel_unit if sensor == "accel" else noise.gyro_unit) or ""
+    scale = datasheet("bias_instability", si_unit)
+    factor, unit = scale.factor, shown_unit(scale.unit)
+    axes = noise.triad(sensor)
+    lines = slopes(axes)
+    for (_, letter, _, words), dash in zip(KINDS, DASHES, strict=True):
+        if letter in lines:
+            at, values = lines[letter]
+            figure.add_scatter(
+                x=at, y=factor * values, name=words, mode="lines", hoverinfo="skip",
+                line={"color": GREY, "width": 1.5, "dash": dash},
+            )  # fmt: skip
+    for (axis, colour, symbol), of_axis in zip(LOOKS, axes, strict=True):
         error = {
             "type": "data",
             "symmetric": False,
-            "array": of_axis.high - of_axis.deviations,
-            "arrayminus": of_axis.deviations - of_axis.low,
+            "array": factor * (of_axis.high - of_axis.deviations),
+            "arrayminus": factor * (of_axis.deviations - of_axis.low),
             "thickness": 1,
             "width": 2,
         }
         figure.add_scatter(
-            x=of_axis.taus_s,
-            y=of_axis.deviations,
-            error_y=error,
-            name=axis,
-            mode="markers",
+            x=of_axis.taus_s, y=factor * of_axis.deviations, error_y=error, name=axis, mode="markers",
             marker={"color": colour, "symbol": symbol, "size": 6},
             hovertemplate=f"%{{x:.4g}} s<br>{axis}: %{{y:.4g}} {unit}<extra></extra>",
-        )
-        line = {"color": colour, "width": 1}
+        )  # fmt: skip
         figure.add_scatter(
-            x=of_axis.taus_s, y=of_axis.model, mode="lines", line=line, showlegend=False, hoverinfo="skip"
-        )
+            x=of_axis.taus_s, y=factor * of_axis.model, mode="lines", line={"color": colour, "width": 1},
+            showlegend=False, hoverinfo="skip",
+        )  # fmt: skip
+        for letter, (tau, value) in marks(of_axis).items():
+            figure.add_scatter(
+                x=[tau], y=[factor * value], name=f"{letter} of {axis}", mode="markers+text",
+                # One letter for the three axes, which often lie on one another.
+                text=[letter if axis == "x" else ""], textposition="top right", textfont={"size": 14},
+                marker={"color": colour, "symbol": "star", "size": 13, "line": {"color": INK, "width": 1}},
+                showlegend=False, hovertemplate=f"{letter} of {axis}<extra></extra>",
+            )  # fmt: skip
     # The range of the axis is set by the points, because the intervals at the longest times are very wide.
-    everything = np.concatenate([axis.deviations for axis in noise.triad(sensor)])
+    everything = factor * np.concatenate([axis.deviations for axis in axes])
     positive = everything[everything > 0]
     axis_style: dict[str, Any] = {"type": "log", "dtick": 1}
     figure.update_xaxes(title_text="averaging time, s", **axis_style)
@@ -59,4 +123,9 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
     if positive.size:
         low, high = np.log10(positive.min()), np.log10(positive.max())
         figure.update_yaxes(range=[low - 0.5, high + 0.5])
-    return styled(figure, 420)
+        figure.update_xaxes(range=[math.log10(axes[0].taus_s[0]) - 0.2, math.log10(axes[0].taus_s[-1]) + 0.2])
+    figure = styled(figure, 480)
+    # Decades as numbers, such as 0.01 and 1000.
+    return figure.update_layout(
+        xaxis={"exponentformat": "none"}, yaxis={"exponentformat": "none"}, margin={"t": 78}
+    )

@@ -21,7 +21,7 @@ KINDS: Final = {
     "move_direction": "gravity direction after moves",
     "rest_rate": "rate at rest",
 }
-ROW_PX: Final = 30
+ROW_PX: Final = 34
 PANEL_PX: Final = 66
 # Least probability of a candidate that is drawn, and largest number of them.
 LEAST: Final = 1e-3
@@ -64,18 +64,17 @@ def waterfall(gap: Gap) -> Figure:
     )
     for row, own in enumerate(steps.values(), start=1):
         names = ["gap", *(name for name, _ in own)]
+        # The residuals of unseen data vary, so that the share left may be slightly negative.
+        left = max(own[-1][1], 0.0)
+        text = ["100 %", *(f"−{100 * share:.0f} %" for _, share in own[:-1]), f"{100 * left:.0f} %"]
         figure.add_trace(
             go.Waterfall(
                 orientation="h",
                 y=names,
-                x=[100.0, *(-100.0 * share for _, share in own[:-1]), 100.0 * own[-1][1]],
+                x=[100.0, *(-100.0 * share for _, share in own[:-1]), 100.0 * left],
                 measure=["absolute", *["relative"] * (len(own) - 1), "total"],
-                text=[
-                    "100 %",
-                    *(f"−{100 * share:.0f} %" for _, share in own[:-1]),
-                    f"{100 * own[-1][1]:.0f} %",
-                ],
-                textposition="auto",
+                text=text,
+                textposition="none",
                 increasing={"marker": {"color": VERMILION}},
                 decreasing={"marker": {"color": GREEN}},
                 totals={"marker": {"color": BLUE}},
@@ -85,7 +84,9 @@ def waterfall(gap: Gap) -> Figure:
             row=row,
             col=1,
         )
-        figure.update_yaxes(rows_of(names), row=row, col=1)
+        # The shares are part of the labels, because a short bar has no place for text.
+        labels = [f"{name}<br>{share}" for name, share in zip(names, text, strict=True)]
+        figure.update_yaxes(rows_of(names), ticktext=labels, row=row, col=1)
     figure.update_xaxes(rangemode="tozero", ticksuffix=" %")
     figure.update_annotations(x=0, xanchor="left", font={"size": 13})
     figure.update_layout(showlegend=False)

@@ -143,7 +143,7 @@ h1 { font-size: 16pt; margin: 0 0 .2rem; } h2 { font-size: 11pt; margin: .8rem 0
 table { border-collapse: collapse; font-size: 8.5pt; font-variant-numeric: tabular-nums; }
 th, td { padding: .08rem .7rem .08rem 0; border-bottom: 1px solid #c9ced4; text-align: right; }
 th:first-child { text-align: left; font-weight: normal; }
-.fail { color: #c04f00; font-weight: 600; }
+.fail { color: #b34a00; font-weight: 600; }
 dl { display: grid; grid-template-columns: 9rem 1fr; margin: 0; font-size: 9pt; }
 dd { margin: 0; overflow-wrap: anywhere; }
 """

@@ -133,7 +133,8 @@ def evidence(gap: Gap) -> Iterator[Shown | str]:
     rows = [
         [
             score["name"],
-            f"{score['log_bayes_factor']:.1f}",
+            # Without the sign of a zero.
+            f"{round(score['log_bayes_factor'], 1) + 0.0:.1f}",
             f"{score['statistic']:.1f}",
             str(score["dof"]),
             f"{score['p_value']:.2g}",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import imucal.plot as plot
 from imucal.plot.style import shown_unit
+from imucal.report.meaning import meanings
 from imucal.report.page import Shown, Tab, Verdict, write_page
 from imucal.report.tables import paragraph, rounded_to, table
 
@@ -31,7 +32,7 @@ def write_soak_page(path: str | Path, found: Soak) -> None:
         for sensor in found.sensors
     )
     beside = f"Residual on held-out epochs, relative to one cubic in the temperature: {left}."
-    write_page(path, f"Soak {found.name}", tabs, Verdict("good", sentence, beside))
+    write_page(path, f"Soak {found.name}", tabs, Verdict("found" if names else "good", sentence, beside))
 
 
 def _tab(found: Soak, sensor: SoakedSensor) -> Tab:
@@ -46,17 +47,18 @@ def _tab(found: Soak, sensor: SoakedSensor) -> Tab:
         (
             Shown(
                 f"law-{sensor.sensor}",
-                plot.soak_law(found, sensor),
+                plot.soak(found, sensor),
                 "Mean reading of each epoch over temperature, relative to the reference temperature. A loop "
                 "between heating and cooling is a lag or hysteresis.",
             ),
             Shown(
                 f"residuals-{sensor.sensor}",
-                plot.soak_residuals(found, sensor),
+                plot.soak(found, sensor, "time"),
                 "Residuals of one cubic in the temperature, and of the model.",
             ),
             table(["parameter", "value", "1 σ", "unit"], rows)
             if rows
             else paragraph("The reading does not depend on temperature beyond its scatter."),
+            *meanings([term.name for term in sensor.terms]),
         ),
     )

@@ -28,6 +28,18 @@ pub fn octave_factors(samples: usize) -> Vec<usize> {
         .collect()
 }
 
+/// Averaging factors of about four for each octave, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13, 16, ..., up to half of
+/// `samples`: enough points for the slopes of a plot.
+pub fn quarter_octave_factors(samples: usize) -> Vec<usize> {
+    let mut factors: Vec<usize> = octave_factors(samples)
+        .into_iter()
+        .flat_map(|m| [0.0, 0.25, 0.5, 0.75].map(|part: f64| (m as f64 * part.exp2()).round() as usize))
+        .filter(|m| m.saturating_mul(2) <= samples)
+        .collect();
+    factors.dedup();
+    factors
+}
+
 /// Averaging factors 1, 2, 4, 10, 20, 40, 100, ... up to half of `samples`.
 pub fn decade_factors(samples: usize) -> Vec<usize> {
     std::iter::successors(Some(1), |&decade: &usize| decade.checked_mul(10))
@@ -176,8 +188,9 @@ mod tests {
     #[test]
     fn factors_end_where_two_means_do() {
         assert_eq!(octave_factors(9), [1, 2, 4]);
+        assert_eq!(quarter_octave_factors(33), [1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13, 16]);
         assert_eq!(decade_factors(40), [1, 2, 4, 10, 20]);
-        assert!(octave_factors(1).is_empty() && decade_factors(0).is_empty());
+        assert!(octave_factors(1).is_empty() && decade_factors(0).is_empty() && quarter_octave_factors(1).is_empty());
     }
 
     #[test]

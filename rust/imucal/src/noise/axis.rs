@@ -10,7 +10,7 @@ use super::likelihood::{Fit, Likelihood};
 use super::power_law::{FLICKER, KINDS, PerKind, QUANTISATION, WALK, WHITE, allan_variance, degrees_of_freedom};
 use crate::cancellation::checkpoint;
 use crate::error::Error;
-use crate::noise::allan::{octave_factors, overlapping_deviations};
+use crate::noise::allan::{overlapping_deviations, quarter_octave_factors};
 use crate::recording::Samples;
 
 /// Limit of the deviation of the power in an octave from the model, in standard deviations, above which the model does
@@ -233,7 +233,7 @@ fn allan_points(
     rate_hz: f64,
 ) -> Result<Vec<AllanPoint>, Error> {
     let samples = values.len();
-    let mut factors = octave_factors(samples);
+    let mut factors = quarter_octave_factors(samples);
     factors.retain(|m| m * LONGEST_SHARE <= samples);
     let deviations = overlapping_deviations(values, &factors, NonZeroUsize::MIN)?;
     let mut theta: PerKind = model.best.theta;
