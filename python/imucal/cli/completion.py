@@ -8,6 +8,7 @@ __all__ = [
     "effects_and_disturbances",
     "effects_to_estimate",
     "effects_to_simulate",
+    "exports",
     "formats",
     "line_programs",
     "plans",
@@ -47,6 +48,13 @@ def effects_to_estimate(incomplete: str) -> list[str]:
 def effects_to_simulate(incomplete: str) -> list[str]:
     """Effects, noise and faults with their typical sizes."""
     return _starting([f"{name}=typical" for name in effects_and_disturbances("")], incomplete)
+
+
+def exports(incomplete: str) -> list[str]:
+    """Formats in which a calibration is written."""
+    from imucal.exporting import FORMATS
+
+    return _starting(list(FORMATS), incomplete)
 
 
 def formats(incomplete: str) -> list[str]:

@@ -36,16 +36,25 @@ def show_fit(out: Output, fit: Fit) -> None:
 def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Move]) -> None:
     """Tables of rests and moves: residual, its expected standard deviation, and whether it is used."""
     are_long = any(rest.epochs > 1 for rest in rests)
+    scale = out.scale("norm_error", "m/s^2")
     out.table(
-        ("rest", "from s", "to s", *(["epochs"] if are_long else []), "|f| - g, m/s^2", "1 sigma", "use"),
+        (
+            "rest",
+            "from s",
+            "to s",
+            *(["epochs"] if are_long else []),
+            f"|f| - g, {scale.unit}",
+            "1 sigma",
+            "use",
+        ),
         (
             (
                 str(index),
                 _number(rest.start_s, ".3f"),
                 _number(rest.end_s, ".3f"),
                 *([str(rest.epochs)] if are_long else []),
-                _number(rest.norm_error_mps2, "+.2e"),
-                _number(rest.norm_sigma_mps2, ".2e"),
+                _number(rest.norm_error_mps2, "+.3g", scale.factor),
+                _number(rest.norm_sigma_mps2, ".3g", scale.factor),
                 _use(rest),
             )
             for index, rest in enumerate(rests)
@@ -100,8 +109,8 @@ def show_noise_fits(out: Output, found: NoiseResult) -> None:
     )
 
 
-def _number(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
+def _number(value: float | None, form: str, factor: float = 1.0) -> str:
+    return "-" if value is None else format(factor * value, form)
 
 
 def _use(item: Rest | Move) -> str:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from imucal.calibration.triad import Parameter
     from imucal.finding import Finding
     from imucal.limits.judgement import Judgement
+    from imucal.units import Scale
 
 
 class _Predicted(Protocol):
@@ -125,6 +126,10 @@ class Output:
         self._json_path = json_path
         self._units = units
         self._stream = sys.stderr if json_path == "-" else sys.stdout
+
+    def scale(self, name: str, si_unit: str) -> Scale:
+        """The scale in which a quantity with this name and SI unit is printed."""
+        return self._units.units(name, si_unit)
 
     def document(self, document: Mapping[str, Any]) -> None:
         """Write the JSON document if it was requested."""

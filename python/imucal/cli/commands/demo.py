@@ -11,7 +11,7 @@ import click
 import imucal.cli.demo_gap as demo_gap
 from imucal.cli.demo_folder import prepare_folder
 from imucal.cli.group import Commands
-from imucal.cli.options import JsonPath
+from imucal.cli.options import JsonPath, UnitsOption, UnitSystem
 from imucal.cli.output import Output
 from imucal.cli.parameters import option
 from imucal.cli.working import working
@@ -28,6 +28,7 @@ def demo(
         bool | None,
         option("--open/--no-open", help="Open the report in the browser; by default only in a terminal."),
     ] = None,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Simulate the paper's stand run, calibrate it, evaluate it on a control run, and write a report.
@@ -62,7 +63,7 @@ def demo(
     page = folder / "report.html"
     write_calibration_page(page, result, title="Simulated calibration of the paper's unit", truth=truth)
 
-    out = Output(json)
+    out = Output(json, units)
     out.document({**result.to_dict(), "truth": run.truth.to_dict(), "page": str(page)})
     out.parameters(result.parameters, truth)
     out.figures({"control set, uncalibrated": result.control_before, "calibrated": result.control_set})

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import imucal.cli.completion as completion
 from imucal.cli.options import MIN_REST_S, Control, JsonPath, MinRest
 from imucal.cli.output import Output, require_apart
 from imucal.cli.parameters import argument, option
@@ -26,7 +27,10 @@ def export(
     reading: Reading,
     calibration: Annotated[Path | None, argument(metavar="CAL", help="Calibration file.")] = None,
     to: Annotated[
-        str | None, option("--to", metavar="FORMAT", help="Format; --list shows all formats.")
+        str | None,
+        option(
+            "--to", metavar="FORMAT", help="Format; --list shows all formats.", completion=completion.exports
+        ),
     ] = None,
     output: Annotated[
         Path | None, option("--output", "-o", metavar="FILE", help="File to write; default: print.")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from imucal.cli.fleet_selection import CsvPath, Selection, StorePath, selection_options, store_of, write_table
-from imucal.cli.options import JsonPath, writing_option
+from imucal.cli.options import JsonPath, UnitsOption, UnitSystem, writing_option
 from imucal.cli.output import Output
 from imucal.cli.parameters import argument, option
 from imucal.errors import InputError
@@ -54,6 +54,7 @@ def show(
     serial: Annotated[str, argument(metavar="SERIAL", help="Serial number of the unit.")],
     output: Annotated[Path | None, writing_option("Calibration file to write, of the last result.")] = None,
     csv: CsvPath = None,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Show all calibrations of a unit, or write the last one to a calibration file.
@@ -64,7 +65,7 @@ def show(
     names, rows = fleet.rows(LISTED, serial=serial)
     if not rows:
         raise InputError(f"{store} has no unit {serial!r}: `imucal fleet list {store}` lists the units")
-    out = _write(fleet, names, rows, csv=csv, json=json, short=SHORT)
+    out = _write(fleet, names, rows, csv=csv, json=json, short=SHORT, units=units)
     for row in (dict(zip(names, row, strict=True)) for row in rows):
         what = row["message"] or "; ".join(json_module.loads(row["reasons"] or "[]")) or "no reasons"
         out.line(f"{row['date'] or row['stored_at']}: {row['verdict']}: {what}")
@@ -139,11 +140,12 @@ def _write(
     csv: Path | None,
     json: str | None,
     short: tuple[str, ...] | list[str],
+    units: UnitSystem = UnitSystem.datasheet,
 ) -> Output:
     """Write rows as CSV, as JSON, and some of their columns as a table."""
     readable = [tuple(_plain(value) for value in row) for row in rows]
     write_table(csv, names, readable)
-    out = Output(json)
+    out = Output(json, units)
     if json is not None:
         items = [dict(zip(names, row, strict=True)) for row in readable]
         out.document({"schema": SCHEMA, "verdict": None, "store": str(fleet.path), "rows": items})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from imucal.cli.options import JsonPath, ReportPath
+from imucal.cli.options import JsonPath, ReportPath, UnitsOption, UnitSystem
 from imucal.cli.output import Output, prepare_report, require_apart
 from imucal.cli.parameters import argument, option
 from imucal.cli.reading import Reading, reading_options
@@ -28,6 +28,7 @@ def soak(
         option("--calibration", metavar="CAL", help="Calibration of the unit, to correct the readings with."),
     ] = None,
     report: ReportPath = None,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Find how the biases of a unit at rest in one pose depend on temperature: polynomial, lag, hysteresis.
@@ -46,7 +47,7 @@ def soak(
         loaded = reading.one(recording)
     with working("comparing models of the temperature"):
         found = imucal.soak(loaded, calibration=known)
-    out = Output(json)
+    out = Output(json, units)
     out.document(found.to_dict())
     _print(out, found)
     if report is not None:
@@ -57,6 +58,8 @@ def soak(
 
 
 def _print(out: Output, found: Soak) -> None:
+    from imucal.calibration.triad import Parameter
+
     low, high = found.temperature_degc.min(), found.temperature_degc.max()
     out.line(f"{found.name}: {len(found.time_s)} epochs, {low:.1f} to {high:.1f} degC")
     for sensor in found.sensors:
@@ -66,11 +69,11 @@ def _print(out: Output, found: Soak) -> None:
             f"{axis} {100 * share:.0f} %" for axis, share in zip("xyz", sensor.left, strict=True)
         )
         out.line(f"  residual on held-out epochs, relative to one cubic in the temperature: {left}")
-    rows = [
-        [f"{term.name}_{name}", f"{value:.6g}", f"{term.std[name]:.1e}", term.units[name]]
+    parameters = [
+        Parameter(f"{term.name}_{name}", value, term.std[name], term.units[name])
         for sensor in found.sensors
         for term in sensor.terms
         for name, value in term.parameters.items()
     ]
-    if rows:
-        out.table(["parameter", "value", "1 sigma", "unit"], rows)
+    if parameters:
+        out.parameters(parameters)

@@ -12,7 +12,15 @@ from click.exceptions import Exit
 
 import imucal.cli.completion as completion
 from imucal.cli.equipment import Equipment, equipment_options
-from imucal.cli.options import Gravity, JsonPath, LimitsPath, Require, Required
+from imucal.cli.options import (
+    Gravity,
+    JsonPath,
+    LimitsPath,
+    Require,
+    Required,
+    UnitsOption,
+    UnitSystem,
+)
 from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
 from imucal.cli.parameters import option
 from imucal.units import STANDARD_GRAVITY_MPS2
@@ -74,6 +82,7 @@ def calibrate(
         option("--export", metavar="FORMAT", help="Export if the unit passes; may be repeated."),
     ] = None,
     gravity: Gravity = STANDARD_GRAVITY_MPS2,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Run, calibrate, run a control program, judge, and export one unit.
@@ -134,7 +143,7 @@ def calibrate(
             },
         },
     )
-    out = Output(json)
+    out = Output(json, units)
     if equipment.driver == "simulated":
         out.line("simulated: stand and unit are not real; for real ones give --driver grbl or manual")
     for name, steps in order.programs.items():
