@@ -687,6 +687,18 @@ def adafruit(folder):
     return Made([write(folder, "serial.txt", made)], {"rate_hz": RATE_HZ}, tolerance=6e-6)
 
 
+@sample("SparkFun ICM-20948 examples, serial monitor")
+def sparkfun(folder):
+    made = ["Initialization of the sensor returned: All is well."]
+    for force, rate in zip(FORCE / G * 1000, RATE / DEG, strict=True):
+        acc, gyr = (", ".join(f"{number:08.2f}" for number in axes) for axes in (force, rate))
+        made.append(
+            f"Scaled. Acc (mg) [ {acc} ], Gyr (DPS) [ {gyr} ], Mag (uT) [ 0001.00, 0002.00, 0003.00 ], "
+            "Tmp (C) [ 0025.10 ]"
+        )
+    return Made([write(folder, "serial.txt", made)], {"rate_hz": RATE_HZ}, tolerance=1e-4)
+
+
 @sample("SparkFun OpenLog Artemis")
 def openlog_artemis(folder):
     names = [

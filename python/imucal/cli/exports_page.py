@@ -224,6 +224,12 @@ EXPORTS: Final = (
         f"time, which these programs do not print; {ROUNDED}",
     ),
     Export(
+        "SparkFun ICM-20948 examples, serial monitor",
+        "save the scaled output, `Scaled. Acc (mg) [ ... ], Gyr (DPS) [ ... ]`",
+        "imucal convert serial.txt --rate-hz 100 -o rec.csv",
+        f"time, which these programs do not print; {ROUNDED}",
+    ),
+    Export(
         "SparkFun OpenLog Artemis",
         "log the IMU with the date and time, or with micros",
         "imucal convert dataLog00001.TXT -o rec.csv",

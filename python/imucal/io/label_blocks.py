@@ -1,10 +1,14 @@
-"""Lines with the three axes of one sensor, as the examples of Adafruit's Arduino libraries print them.
+"""Lines with the three axes of a sensor, as the examples of Arduino libraries print them.
+
+Those of Adafruit print a line for each sensor, and the lines of all sensors are one sample:
 
     Acceleration X: 0.04, Y: 0.11, Z: 9.79 m/s^2
     Rotation X: 0.01, Y: -0.02, Z: 0.00 rad/s
     Temperature: 27.63 degC
 
-The lines of all sensors make a block, which is one sample.
+Those of SparkFun for the ICM-20948 print one line:
+
+    Scaled. Acc (mg) [ 00039.15, -0033.29, 00996.78 ], Gyr (DPS) [ 00000.04, -0000.16, -0000.03 ], ...
 """
 
 from __future__ import annotations
@@ -21,6 +25,9 @@ VECTOR: Final = re.compile(
     rf"^\s*([A-Za-z][\w .]*?)\s*X\s*[:=]\s*{_NUMBER}\s*,?\s*Y\s*[:=]\s*{_NUMBER}\s*,?\s*Z\s*[:=]\s*{_NUMBER}"
     r"\s*([^\d\s,;:=][^\d,;:=]{0,20}\d?)?\s*$"
 )
+BRACKETS: Final = re.compile(
+    rf"([A-Za-z][\w .]*?)\s*\(([^()\[\]]*)\)\s*\[\s*{_NUMBER}\s*,\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\]"
+)
 TEMPERATURE: Final = re.compile(
     rf"^\s*(Temp\w*)\s*[:=]?\s*{_NUMBER}\s*(?:deg|°)?\s*(C|F|K)\s*$", re.IGNORECASE
 )
@@ -29,7 +36,7 @@ TEMPERATURE: Final = re.compile(
 def are_blocks(start: bytes) -> bool:
     """Whether at least two sensors occur twice in the lines of a text with three axes each."""
     lines = start.decode(errors="replace").splitlines()[:100]
-    labels = Counter(match[1].strip() for line in lines if (match := VECTOR.match(line)))
+    labels = Counter(label for line in lines for label, _, _ in _vectors(line))
     return sum(count > 1 for count in labels.values()) > 1
 
 
@@ -57,10 +64,20 @@ def rows_of_blocks(lines: list[str]) -> tuple[list[str], int]:
 
 def _cells(line: str) -> dict[str, str]:
     """The numbers of a line by column name; empty for a line of another kind."""
-    match = VECTOR.match(line)
-    if match is not None:
-        label, unit = match[1].strip(), (match[5] or "").strip()
-        shown = f" ({unit})" if unit else ""
-        return {f"{label} {axis}{shown}": match[2 + i] for i, axis in enumerate("XYZ")}
+    vectors = _vectors(line)
+    if vectors:
+        return {
+            f"{label} {axis} ({unit})" if unit else f"{label} {axis}": number
+            for label, unit, numbers in vectors
+            for axis, number in zip("XYZ", numbers, strict=True)
+        }
     match = TEMPERATURE.match(line)
     return {} if match is None else {f"{match[1]} (deg{match[3].upper()})": match[2]}
+
+
+def _vectors(line: str) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Label, unit and the three numbers of each sensor in a line."""
+    match = VECTOR.match(line)
+    if match is not None:
+        return [(match[1].strip(), (match[5] or "").strip(), match.groups()[1:4])]
+    return [(found[1].strip(), found[2].strip(), found.groups()[2:5]) for found in BRACKETS.finditer(line)]
