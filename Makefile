@@ -19,6 +19,7 @@
 #   make firmware  the C code on Cortex-M4F, M0+ and RV32 under QEMU, to docs/results/firmware.md
 #   make fuzz      damaged files of every format for MINUTES=30, then arbitrary recordings with cargo-fuzz
 #   make stand-driver  faults of a stand with a GRBL controller, to docs/results/stand-driver.md; GRBL_SIM=path
+#   make stand-firmware  a whole calibration on firmware, to docs/results/stand-firmware.md; GRBL_SIM=path
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make test-firmware  faults of a stand on a simulator of GRBL or grblHAL: GRBL_SIM=path, see docs/stand.md
 #   make fleet     a simulated fleet, its speed, store and kills, to docs/results/fleet.md; PARTS=kills runs one part
@@ -195,11 +196,12 @@ test-python-fast: $(VENV)/.installed
 	$(call say,Python: tests that are not slow)
 	$(PY) -m pytest --numprocesses auto --dist loadfile -m 'not slow'
 
-# Waits most of the time, so several at once.
+# Each simulator keeps a processor busy, and needs another one at times, so two processors for each.
+FIRMWARE_AT_ONCE ?= 1
 .PHONY: test-firmware
 test-firmware: $(VENV)/.installed
 	$(call say,Stand: faults on the firmware of a controller)
-	GRBL_SIM="$(GRBL_SIM)" $(PY) -m pytest tests/stand/test_firmware.py --numprocesses 4
+	GRBL_SIM="$(GRBL_SIM)" $(PY) -m pytest tests/stand/test_firmware.py --numprocesses $(FIRMWARE_AT_ONCE)
 
 # --- pages -------------------------------------------------------------------------------------------------------
 
@@ -212,7 +214,7 @@ docs: $(VENV)/.installed
 # --- what it can do ----------------------------------------------------------------------------------------------
 
 .PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark plan traps signals stand first-steps
-.PHONY: docs-figures docs-pictures fleet stand-driver firmware comparison
+.PHONY: docs-figures docs-pictures fleet stand-driver stand-firmware firmware comparison
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -286,6 +288,10 @@ signals: $(VENV)/.installed
 stand-driver: $(VENV)/.installed
 	$(call say,Faults of a stand)
 	GRBL_SIM="$(GRBL_SIM)" PYTHONPATH=tests/fixtures $(PY) benches/stand_driver.py
+
+stand-firmware: $(VENV)/.installed
+	$(call say,A calibration on firmware)
+	GRBL_SIM="$(GRBL_SIM)" PYTHONPATH=tests/fixtures $(PY) benches/stand_firmware.py
 
 stand: $(VENV)/.installed
 	$(call say,Units on the line)

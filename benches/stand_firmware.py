@@ -1,9 +1,10 @@
-"""`stand calibrate` with the firmware of a controller: GRBL_SIM=PATH python benches/stand_firmware.py
+"""`stand calibrate` with the firmware of a controller: `make stand-firmware`.
 
-The whole program runs on a GRBL simulator in real time, about nine minutes. The unit is simulated with the
-angles that the firmware reports: they pass a filter that acts like an elastic coupling, so that the angles
-of the unit, its angular rate and its specific force are consistent. The parameters found are compared with
-those of the unit.
+Writes docs/results/stand-firmware.md. The whole program runs on a simulator of GRBL (GRBL_SIM=PATH) in real
+time, about nine minutes. The unit is simulated with the angles that the firmware reports: they pass a filter
+that acts like an elastic coupling, so that the angles of the unit, its angular rate and its specific force
+are consistent. The parameters found are compared with those of the unit, and with those found in a
+simulation of the same programs.
 """
 
 import os
@@ -11,6 +12,7 @@ import tempfile
 import time
 from collections import deque
 from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 
@@ -23,6 +25,8 @@ from serial_lines import MemoryLine
 from stand_devices import ControllerDevice, RealTime
 from stand_scenarios import SETTINGS
 
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs/results/stand-firmware.md"
 UNIT, SEED, CONTROL_SEED, CONTROL_MOVES = "random:bmi088:7", 1, 5, 20
 UNIT_HZ = 100.0
 # Natural frequency of the coupling, rad/s, and the step of its integration, s.
@@ -125,21 +129,60 @@ def main() -> None:
         with RealTime(device, by_clock=True):
             outcome = calibrate_unit(order, equipment, folder, view=lambda _: nullcontext(None))
         firmware.stop()
-        print(outcome.verdict, [f"{reason.code}: {reason.message}" for reason in outcome.reasons])
-        result = outcome.assessment.result if outcome.assessment else None
-        for name, done in outcome.runs.items():
-            print(name, done.state, done.samples, [e["code"] for e in done.events])
-        if result is None:
-            return
-        truth = {parameter.name: parameter.value for parameter in calibration.parameters}
-        pulls = {p.name: (p.value - truth[p.name]) / p.std for p in result.parameters if p.name in truth}
-        print(
-            f"{path}: {result.verdict}, {len(pulls)} parameters, pull rms "
-            f"{np.sqrt(np.mean(np.square(list(pulls.values())))):.2f}, largest "
-            f"{max(map(abs, pulls.values())):.2f}"
-        )
-        for name, pull in pulls.items():
-            print(f"  {name} {pull:+.2f}")
+    result = outcome.assessment.result if outcome.assessment else None
+    truth = {parameter.name: parameter.value for parameter in calibration.parameters}
+    simulated = imucal.calibrate(
+        imucal.simulate(order.program, seed=SEED, unit=UNIT, rate_hz=UNIT_HZ).recording
+    )
+    PAGE.write_text(page(Path(path).name, outcome, result, simulated, truth), encoding="utf-8")
+    print(PAGE.relative_to(ROOT))
+
+
+def pulls(result, truth):
+    """Errors of the parameters over their standard deviations."""
+    return {p.name: (p.value - truth[p.name]) / p.std for p in result.parameters if p.name in truth}
+
+
+def page(firmware, outcome, result, simulated, truth):
+    reasons = "; ".join(f"`{reason.code}`: {reason.message}" for reason in outcome.reasons) or "none"
+    runs = "".join(
+        f"| {name} | {done.state} | {done.samples} | {', '.join(e['code'] for e in done.events)} |\n"
+        for name, done in outcome.runs.items()
+    )
+    found = {"firmware": result, "simulation": simulated}
+    rows, errors = "", {}
+    for name, one in found.items():
+        if one is None:
+            continue
+        errors[name] = pulls(one, truth)
+        sizes = np.abs(list(errors[name].values()))
+        rms = np.sqrt(np.mean(sizes**2))
+        rows += f"| {name} | {one.verdict} | {len(sizes)} | {rms:.2f} | {sizes.max():.2f} |\n"
+    each = "".join(
+        f"| `{name}` | {' | '.join(f'{errors[of].get(name, np.nan):+.2f}' for of in errors)} |\n"
+        for name in next(iter(errors.values()))
+    )
+    return f"""# Calibration with the firmware of a controller
+
+This page, written by `make stand-firmware`, reports `imucal stand calibrate` with the firmware `{firmware}`,
+compiled for the computer, in real time: the program `random` with seed {SEED}, and a control program with
+seed {CONTROL_SEED} and {CONTROL_MOVES} moves. The unit is `{UNIT}` at {UNIT_HZ:g} Hz; it follows the angles
+that the firmware reports, through an elastic coupling. The simulation has the same unit and program without
+a controller.
+
+The verdict of `stand calibrate` is **{outcome.verdict}**. Reasons: {reasons}.
+
+| run | ended as | samples | events |
+|---|---|---|---|
+{runs}
+| motion from | verdict of the calibration | parameters | rms of error / std | largest |
+|---|---|---|---|---|
+{rows}
+The errors of the parameters over their standard deviations:
+
+| parameter | {" | ".join(errors)} |
+|---|{"---|" * len(errors)}
+{each}"""
 
 
 if __name__ == "__main__":
