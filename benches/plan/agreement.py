@@ -86,7 +86,7 @@ def predicted(motions: list[Motion], *, in_hand: bool) -> np.ndarray:
         else m
         for m in motions
     ]
-    sensors = CoreSensors(unit_of("paper"), RATE_HZ, STANDARD_GRAVITY_MPS2, (), 0.0)
+    sensors = CoreSensors(unit_of("paper"), RATE_HZ, STANDARD_GRAVITY_MPS2, (), 0.0, "full", (), ())
     return np.array(_core.predict_sigma(sensors, [m.in_si() for m in still], 1.0, 0.0, in_hand)[0])
 
 
