@@ -140,8 +140,8 @@ def _calibrated(given: Job | KeyedJob, options: Options, start_s: float) -> Outc
         from imucal.gap.find import find_gap
 
         same = ("gravity_mps2", "min_rest_s", "exclude_saturated", "model", "hold")
-        given = {name: value for name, value in options.calibrate.items() if name in same}
-        gap = find_gap(unit_data, control=control or None, calibration=result.calibration, **given)
+        arguments = {name: value for name, value in options.calibrate.items() if name in same}
+        gap = find_gap(unit_data, control=control or None, calibration=result.calibration, **arguments)
     measured = measured_of(result, gap)
     return Outcome(keyed_job, result.verdict, None, None, time.perf_counter() - start_s, measured)
 
