@@ -128,7 +128,13 @@ def _left(gap: Gap) -> Iterator[str]:
             )
         )
     rows.sort(key=lambda row: -row[0])
-    header = ["residuals with the effects" if found else "residuals", "rms", "noise", "unit", "rms / noise"]
+    header = [
+        "calibration recordings, with the effects" if found else "calibration recordings",
+        "rms",
+        "noise",
+        "unit",
+        "rms / noise",
+    ]
     yield table(header, [cells for _, cells in rows])
 
 
