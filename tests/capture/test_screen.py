@@ -2,10 +2,12 @@
 
 import asyncio
 import queue
+import time
 
 import numpy as np
 import pytest
 
+from children import HANGS_S
 from imucal.capture.drawing import draw
 from imucal.capture.file import CaptureFile, marker_of
 from imucal.capture.loop import Capture
@@ -56,29 +58,28 @@ def test_the_screen_shows_the_pose_the_hold_the_refusal_and_what_is_added(tmp_pa
             bells = []
             app.bell = lambda: bells.append(1)
             async with app.run_test(size=(120, 40)) as pilot:
-                seen = set()
+
+                async def until(condition):
+                    end_s = time.monotonic() + HANGS_S
+                    while not condition():
+                        assert time.monotonic() < end_s
+                        await pilot.pause(0.05)
+
+                def has_said():
+                    messages = "\n".join(line.text for line in app.query_one("#messages").lines)
+                    words = ("TAKEN", "moved too early", "NEXT")
+                    return all(word in messages for word in words) and "next: +x up" in text_of(app, "#pose")
+
                 link.bytes.put(sent)
-                for _ in range(200):
-                    await pilot.pause(0.05)
-                    messages = "\n".join(str(line.text) for line in app.query_one("#messages").lines)
-                    seen |= {word for word in ("TAKEN", "moved too early", "NEXT") if word in messages}
-                    if len(seen) == 3 and "next: +x up" in text_of(app, "#pose"):
-                        break
-                assert len(seen) == 3 and bells
+                await until(has_said)
+                assert bells
                 pose, numbers = text_of(app, "#pose"), text_of(app, "#numbers")
                 # Letters of six lines.
                 assert text_of(app, "#large").count("\n") >= 5
                 await pilot.press("u")
-                for _ in range(100):
-                    await pilot.pause(0.05)
-                    if not app._capture.session.poses:
-                        break
-                assert not app._capture.session.poses
+                await until(lambda: not app._capture.session.poses)
                 await pilot.press("ctrl+c")
-                for _ in range(100):
-                    await pilot.pause(0.05)
-                    if app.ending:
-                        break
+                await until(lambda: app.ending)
             return app, pose, numbers
 
     app, pose, _numbers = asyncio.run(played())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import queue
+import threading
+from contextlib import suppress
 from typing import Any, ClassVar, Final
 
 from rich.table import Table
@@ -22,6 +24,8 @@ __all__ = ["CaptureScreen"]
 
 # Interval between two updates of the screen, s.
 EVERY_S: Final = 0.1
+# Longest time that the recording needs to end, s: a calibration of what was recorded may be under way.
+ENDS_WITHIN_S: Final = 30.0
 # Colours of the large text, by the state of the recording.
 COLOURS: Final = {"waiting": "white on dark_blue", "holding": "black on yellow", "taken": "black on green"}
 # Colours of the messages, by kind.
@@ -81,6 +85,7 @@ class CaptureScreen(App[None]):
         self._figlet: Any = library("pyfiglet", "capture", "Large letters")
         self.ending: Ending | None = None
         self.error: BaseException | None = None
+        self._has_started, self._has_ended = False, threading.Event()
         capture.say = self._events.put
 
     def compose(self) -> ComposeResult:
@@ -98,6 +103,7 @@ class CaptureScreen(App[None]):
         """Start the recording in a thread, and update the screen from time to time."""
         self.title = str(self._capture.file.path)
         self.set_interval(EVERY_S, self._update)
+        self._has_started = True
         self.run_worker(self._record, thread=True, exit_on_error=False)
 
     def action_undo(self) -> None:
@@ -117,7 +123,16 @@ class CaptureScreen(App[None]):
             self.ending = self._capture.run()
         except BaseException as error:
             self.error = error
-        self.call_from_thread(self.exit)
+        self._has_ended.set()
+        # A signal may have ended the screen already.
+        with suppress(RuntimeError):
+            self.call_from_thread(self.exit)
+
+    def stop_recording(self) -> None:
+        """End the recording, and wait until its thread no longer writes to the file."""
+        if self._has_started and not self._has_ended.is_set():
+            self._capture.commands.put("stop")
+            self._has_ended.wait(ENDS_WITHIN_S)
 
     def _update(self) -> None:
         snapshot = self._capture.session.snapshot

@@ -249,7 +249,7 @@ def _is_terminal() -> bool:
 
 def _shown(taken: Capture, out: Output, *, is_plain: bool) -> Ending:
     """Run a capture with its view."""
-    if not is_plain and importlib.util.find_spec("textual") is None:
+    if not is_plain and not all(map(importlib.util.find_spec, ("textual", "pyfiglet"))):
         out.line("for the full screen: pip install 'imucal-rs[capture]'")
         is_plain = True
     if is_plain:
@@ -265,7 +265,10 @@ def _shown(taken: Capture, out: Output, *, is_plain: bool) -> Ending:
     from imucal.capture.screen import CaptureScreen
 
     screen = CaptureScreen(taken)
-    screen.run()
+    try:
+        screen.run()
+    finally:
+        screen.stop_recording()
     if screen.error is not None:
         raise screen.error
     return screen.ending or "stopped"
