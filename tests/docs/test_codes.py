@@ -19,8 +19,10 @@ IN_RUST = re.compile(
     re.MULTILINE,
 )
 IN_PYTHON = re.compile(
-    r"(?:Finding\(|remark\(\s*[\w.]+,)\s*(?:code=)?\"([a-z0-9_]+)\""
+    r"(?m)(?:Finding\(|remark\(\s*[\w.]+,)\s*(?:code=)?\"([a-z0-9_]+)\""
     r"|\bcode = \"([a-z_]+)\"|Error, \"([a-z_]+)\"\)|, \"(bug)\"\)"
+    r"|\"failed\", \"([a-z_]+)\","
+    r"|^(?:FILE_MISSING|TIME_LIMIT): Final = \"([a-z_]+)\"$"
 )
 UNIT_TESTS = re.compile(r"#\[cfg\(test\)\]\s*mod tests \{")
 # Files that choose among several codes by a variable, and those of their codes that stand nowhere else.

@@ -365,6 +365,14 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "A file of the manifest does not exist.",
             "Correct the manifest, or copy the file.",
         ),
+        "file_changed": Code(
+            "A file was changed while it was being read.",
+            "Run again when the file is complete.",
+        ),
+        "time_limit": Code(
+            "The recording took longer than `--time-limit-s`, and its process was ended.",
+            "Look at the recording with `imucal inspect`, or allow more time and give `--retry`.",
+        ),
         "memory": Code(
             "The recording does not fit into memory.",
             "Give a shorter recording or fewer workers.",
