@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from imucal.cli.calibration_summary import show_calibration
-from imucal.cli.options import JsonPath, Require, Required, writing_option
+from imucal.cli.options import JsonPath, Require, Required, UnitsOption, UnitSystem, writing_option
 from imucal.cli.output import Output, require_apart
 from imucal.cli.parameters import argument, option
 from imucal.cli.working import working
@@ -123,6 +123,7 @@ def capture(
         option("--plain", help="Lines of text instead of the full screen; the default without a terminal."),
     ] = False,
     require: Require = Required.incomplete,
+    units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
     """Record a unit that you hold in your hand, guided pose by pose, and calibrate it.
@@ -154,7 +155,7 @@ def capture(
     order = _order(hold_s, poses, target, program, gravity)
     unit = unit_source(source, baud=baud, columns=columns, packet=packet, rate_hz=sample_rate_hz)
     session = Session(unit.columns, order)
-    out = Output(json)
+    out = Output(json, units)
     with CaptureFile(recording, unit.columns, {"serial_number": serial_number}) as file:
         if len(file):
             unit.continue_after(file.existing[-1], SYSTEM_CLOCK.now_s() - file.age_s)
