@@ -13,6 +13,7 @@ import imucal
 import imucal._core as _core
 from imucal import effects
 from imucal.effects.disturbance import disturbances
+from imucal.effects.table import has_parameter
 
 # Sampling of the true motion, and a unit in counts with axes that are far from perfect.
 RATE_HZ = 1000.0
@@ -133,6 +134,14 @@ def test_a_name_that_is_nearly_right_is_guessed():
         effects.find("xyz")
     with pytest.raises(imucal.InputError, match="gyro_saturation is a fault: it has no field"):
         effects.find("gyro_saturation")
+
+
+def test_a_parameter_belongs_to_the_effect_whose_name_it_has():
+    assert has_parameter("gyro_bias_temperature", "gyro_bias_temperature_x_square")
+    assert has_parameter("gyro_bias_warmup", "gyro_bias_warmup_tau")
+    # The name of an effect, and of a user-defined one, may be the start of another name.
+    assert not has_parameter("gyro_bias_temperature", "gyro_bias_temperature_board_x")
+    assert has_parameter("gyro_bias_temperature_board", "gyro_bias_temperature_board_x")
 
 
 def test_disturbances_have_names_of_their_own():

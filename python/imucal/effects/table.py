@@ -11,7 +11,7 @@ from imucal.effects.disturbance import disturbances
 from imucal.effects.effect import Alias, Effect, EffectParameter
 from imucal.errors import InputError
 
-__all__ = ["catalogue", "catalogue_by_name", "find", "not_known"]
+__all__ = ["catalogue", "catalogue_by_name", "find", "has_parameter", "not_known"]
 
 
 def catalogue() -> tuple[Effect, ...]:
@@ -47,6 +47,15 @@ def find(name: str) -> Effect:
             what = "noise" if row.kind == "noise" else "a fault"
             raise InputError(f"{name} is {what}: it has no field, so it is not estimated or taken away")
     raise not_known(name, catalogue_by_name())
+
+
+def has_parameter(effect: str, name: str) -> bool:
+    """Whether a parameter belongs to an effect. The name of one effect may be the start of another name."""
+    row = catalogue_by_name().get(effect)
+    if row is None:
+        return name.startswith(f"{effect}_")
+    shape = () if row.shape is None else (row.shape,)
+    return any(name == f"{effect}_{parameter.name}" for parameter in (*row.parameters, *shape))
 
 
 def not_known(name: str, known: Iterable[str]) -> InputError:

@@ -158,10 +158,12 @@ def _named(
     result: CalibrationResult, score: _core.EffectScore, own: Mapping[str, UserEffect]
 ) -> dict[str, Any]:
     effect: Effect | UserEffect = own[score.name] if score.name in own else find(score.name)
+    shape = () if effect.shape is None else (effect.shape,)
+    names = {f"{score.name}_{p.name}": p.name for p in (*effect.parameters, *shape)}
     parameters = [
-        {"name": p.name.removeprefix(f"{score.name}_"), "value": p.value, "std": p.std, "unit": p.unit}
+        {"name": names[p.name], "value": p.value, "std": p.std, "unit": p.unit}
         for p in result.parameters[BASE:]
-        if p.name.startswith(f"{score.name}_")
+        if p.name in names
     ]
     return {"sensor": effect.sensor, "parameters": parameters, **_score(score)}
 

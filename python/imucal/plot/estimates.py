@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
+from imucal.effects.table import has_parameter
 from imucal.plot.style import BAND, BLUE, GREEN, GREY, VERMILION, plotly, rows_of, shown_unit, styled
 from imucal.units import Scale, datasheet
 
@@ -143,7 +144,7 @@ def _kind(parameter: Parameter, calibration: Calibration) -> str:
     """Title of the panel of a parameter; parameters with the same title share an axis."""
     sensor, _, rest = parameter.name.partition("_")
     unit = f", {shown_unit(_scale(parameter).unit)}".removesuffix(", ")
-    effect = next((e.name for e in calibration.effects if parameter.name.startswith(f"{e.name}_")), None)
+    effect = next((e.name for e in calibration.effects if has_parameter(e.name, parameter.name)), None)
     if effect is not None:
         return f"{effect}{unit}"
     if rest.startswith("bias"):

@@ -296,8 +296,7 @@ impl Fit {
     /// the model, or its covariance is singular. A time constant is not tested.
     fn chance_of(&self, name: &str) -> Option<f64> {
         let effect = self.outcome.effects.iter().find(|effect| effect.name == name)?;
-        let prefix = format!("{name}_");
-        let first = self.outcome.names.iter().position(|own| own.starts_with(&prefix))?;
+        let first = self.outcome.names.iter().position(|own| effect.parameter_names.first() == Some(own))?;
         let count = effect.values.len();
         let covariance = DMatrix::from_fn(count, count, |i, j| self.outcome.covariance[first + i][first + j]);
         let values = DVector::from_column_slice(&effect.values);
