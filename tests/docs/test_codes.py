@@ -21,7 +21,7 @@ IN_RUST = re.compile(
 IN_PYTHON = re.compile(
     r"(?m)(?:Finding\(|remark\(\s*[\w.]+,)\s*(?:code=)?\"([a-z0-9_]+)\""
     r"|\bcode = \"([a-z_]+)\"|Error, \"([a-z_]+)\"\)|, \"(bug)\"\)"
-    r"|\"failed\", \"([a-z_]+)\","
+    r"|Outcome\(\w+, \"failed\", \"([a-z_]+)\""
     r"|^(?:FILE_MISSING|TIME_LIMIT): Final = \"([a-z_]+)\"$"
 )
 UNIT_TESTS = re.compile(r"#\[cfg\(test\)\]\s*mod tests \{")
