@@ -1,9 +1,9 @@
 """Processing of the pages by `make docs`; mkdocs.yml names this file twice.
 
 As a hook of mkdocs it completes the navigation, adds the source files to which pages link and the page of the
-commands, adds public names that the page of the Python interface does not list, typesets formulas, and weights the
-pages of the search. As an extension of mkdocstrings it converts aligned columns in docstrings, which describe
-arguments and fields, to lists.
+commands, adds public names that the page of the Python interface does not list, typesets formulas, and sets
+the weight of each page in the search. As an extension of mkdocstrings it converts aligned columns in
+docstrings, which describe arguments and fields, to lists.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Run by `make wheel-manylinux` in an environment that holds the package for other machines, and nothing else.
+"""Test of the wheel for other machines, run by `make wheel-manylinux` in an environment with nothing else.
 
-Plain Python, because pytest is not there. A simulated run is calibrated through Python and by the command, and
-the parameters must be near the truth.
+The test is plain Python because pytest is not installed there. It calibrates a simulated run through the
+Python interface and by the command, and compares the parameters with the truth.
 """
 
 import json
