@@ -276,24 +276,26 @@ EXPORTS: Final = (
 HEAD: Final = """\
 ## Makers and apps
 
-Exports that are read, and what to choose in the program of the maker. Where a header gives sensor, axis
-and unit of every column, the file is read without further options and a warning says how. Where it gives
-no unit, the message shows how the numbers would read in each unit, and the option `--columns` for the
-likely one.
+The table lists the exports that imucal reads and the settings to choose in the program of the maker. If
+the header gives sensor, axis and unit of every column, the file is read without further options, and a
+warning states the unit of each column. If the header gives no unit, the error message shows the values in
+each possible unit, and the option `--columns` for the most likely unit.
 """
 
 FOOT: Final = """\
-Text files in general: the header stands in one of the first 50 lines, after comments (`#`, `%`, `//`), a
-`sep=` line and free text; a second line may give the units. Fields are separated by tab, semicolon, comma
-or spaces; numbers have a decimal point or a decimal comma. UTF-8, UTF-16, and gzip are read, and a zip
-archive of text files. Dates are written as 2026-01-31 12:00:00.123 (also with `/`, `.`, `T`, a colon or
-comma before the fraction, a zone), 31-Jan-2026 12:00:00.123, Jan 31, 2026 12:00:00 PM, 31.01.2026
-12:00:00.123, 20260131T120000.123, or as a time of day, 12:00:00.123 or 00:12.3 (minutes and seconds).
-Lines of text, incomplete lines, rows without values and exact copies of rows are left out, with a warning
-that counts them; a file that is mostly text, or has more than 1 % of garbled lines, is refused.
+In all text files the header must be one of the first 50 lines. Comments (`#`, `%`, `//`), a `sep=` line
+and free text may precede the header, and the line after the header may give the units. Fields are
+separated by tab, semicolon, comma or spaces; numbers have a decimal point or a decimal comma. The
+encoding may be UTF-8 or UTF-16, and files may be compressed with gzip or be in a zip archive. Dates are
+written as 2026-01-31 12:00:00.123 (also with `/`, `.`, `T`, a colon or comma before the fraction, a
+zone), 31-Jan-2026 12:00:00.123, Jan 31, 2026 12:00:00 PM, 31.01.2026 12:00:00.123, 20260131T120000.123,
+or as a time of day, 12:00:00.123 or 00:12.3 (minutes and seconds). Lines of text, incomplete lines, rows
+without values and exact copies of rows are left out, and a warning gives the number of each. A file is
+refused if most of its lines are text, or if more than 1 % are garbled.
 
-Not read, with the way out: spreadsheets (.xlsx, .xls, .ods, .numbers: save the sheet as CSV), timetables
-and tables in .mat files (`writetimetable`, `writetable`), Betaflight logs (`blackbox_decode`).
+Some files must be converted first: save a sheet of a spreadsheet (.xlsx, .xls, .ods, .numbers) as CSV,
+write a timetable or table of a .mat file with `writetimetable` or `writetable`, and convert a Betaflight
+log with `blackbox_decode`.
 """
 
 

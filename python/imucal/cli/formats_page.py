@@ -16,16 +16,17 @@ explicitly. If a file contains several sensors, topics or groups, the error mess
 option that selects one. In Python the options have the same names, with underscores.
 
 Calibrate uncorrected sensor data. If the data have already been corrected by another calibration, the new
-calibration is valid only after that correction.
+calibration is valid only for data that the other calibration has corrected.
 
-`--axes frd` and its like change the axes of any recording after reading; see [Axes and frames](frames.md).
+The option `--axes`, for example `--axes frd`, changes the axes of a recording of any format after
+reading; see [Axes and frames](frames.md).
 """
 
 FOOT = """## Temperature
 
 A temperature is in degC (`temp_degc`), kelvin (`temp_k`) or degrees Fahrenheit (`temp_degf`). Raw counts
-(`temp_lsb`) need the slope and the offset of the datasheet, `--temp-scale SLOPE,OFFSET` in degC per count and
-degC; the slope may be a fraction. Without them the counts become an auxiliary input.
+(`temp_lsb`) need the slope and the offset of the datasheet, `--temp-scale SLOPE,OFFSET` in degC per count
+and degC; the slope may be a fraction. Without `--temp-scale` the counts become an auxiliary input.
 
 | sensor | `--temp-scale` |
 |---|---|
@@ -35,15 +36,15 @@ degC; the slope may be a fraction. Without them the counts become an auxiliary i
 | BMI160, BMI270 | `1/512,23` |
 
 Recordings are written with `temp_degc`. Temperatures outside -60 to 150 degC are refused
-(`temperature_implausible`), with the unit in which they would be plausible.
+(`temperature_implausible`), and the message names the unit in which the values would be plausible.
 
 ## Damaged files
 
-Files of the formats rosbag, mcap, ulog, dataflash, matlab and hdf5 are read by a child process, because the
-libraries of these formats trust the lengths in a file. The child may allocate 100 MB plus 10 times the size
-of the file, and use 6 s of processor time plus 4 s per megabyte. A file that needs more is refused; if it is
-a valid compressed file, save it uncompressed, or as Parquet. Values that an HDF5 file keeps in other files
-are not read.
+Files of the formats rosbag, mcap, ulog, dataflash, matlab and hdf5 are read by a child process, because
+the libraries of these formats trust the lengths in a file. The child may allocate 100 MB plus 10 times
+the size of the file, and use 6 s of processor time plus 4 s per megabyte. A file that needs more memory
+or time is refused. If a valid file is refused because it is compressed, save the data uncompressed, or as
+Parquet. Values that an HDF5 file stores in other files are not read.
 
 ## Arrays with names
 
@@ -62,29 +63,32 @@ with other names:
 
 ## Data frames
 
-In Python, a data frame with these column names is a recording wherever a recording is expected: of pandas
-(2.2), polars, pyarrow, DuckDB, and anything else with the Arrow interface `__arrow_c_stream__`. For other
-names, `imucal.read(frame, columns="time_s=t,...")`. `Recording.to_arrow()` and `Recording.to_pandas()`
-return the columns with these names, bit for bit, and `polars.DataFrame(recording)` takes them directly.
+In Python, a data frame with the canonical column names is accepted wherever a recording is expected. The
+data frame may be of pandas (2.2), polars, pyarrow, DuckDB, or any other library with the Arrow interface
+`__arrow_c_stream__`. `imucal.read(frame, columns="time_s=t,...")` reads a data frame with other column
+names. `Recording.to_arrow()` and `Recording.to_pandas()` return the columns with the canonical names and
+bit-identical values, and `polars.DataFrame(recording)` accepts a recording directly.
 
 ## Separate time stamps
 
 If accelerometer and gyroscope are recorded with different time stamps, they are resampled to one clock:
 
-* The clock is that of the slower sensor, or of the gyroscope if both have the same rate (within 2 %).
-* At the same rate, the other sensor is interpolated between its two neighbouring samples. Interpolated
-  samples share noise, and the white noise per sample is up to 1.41 times smaller; the warning gives the
-  factor. A calibration accounts for this correlation, so its standard deviations do not change.
-  `imucal noise` shows the loss at averaging times of a few samples.
-* A faster sensor is averaged over one interval of the clock, centred at the time stamp. This preserves the
-  angle integrated by a gyroscope.
-* Clock samples without a sample of the other sensor (before its start, after its end, and in its gaps) are
-  left out. The gap remains visible in the time stamps.
+* The common time stamps are those of the slower sensor, or of the gyroscope if both sensors have the same
+  rate (within 2 %).
+* If both sensors have the same rate, the accelerometer is interpolated linearly to the time stamps of the
+  gyroscope. The noise of interpolated samples is correlated, and the white noise per sample is up to 1.41
+  times smaller; the warning gives the factor. A calibration accounts for this correlation, so the
+  standard deviations do not change. `imucal noise` shows the smaller noise at averaging times of a few
+  samples.
+* A faster sensor is averaged over one sampling interval of the slower sensor, centred at the time stamp.
+  The average preserves the integrated angle of a gyroscope.
+* Time stamps at which one sensor has no samples are left out: before the start, after the end, and in
+  gaps of its samples. A gap remains visible in the time stamps.
 * Rates that differ by more than a factor of 10, time stamps that decrease, and values that are not finite
   are refused.
 
-`imucal convert` prints these steps. The commands inspect, calibrate, evaluate and noise report them as
-findings.
+`imucal convert` prints each of these steps that was applied. The commands inspect, calibrate, evaluate
+and noise report the steps as findings.
 
 ## Libraries
 
