@@ -5,7 +5,8 @@
     result.calibration.save("unit-0042.json")
     rate, force = result.calibration.apply(rec.angular_rate, rec.specific_force)
 
-SI units, rows are samples, a still sensor reads +g on the axis that points up, measured = T true + bias.
+Conventions: SI units; one sample per row; a sensor at rest reads +g on the axis that points up; measured = T
+true + bias.
 """
 
 import lazy_loader
@@ -13,8 +14,8 @@ import lazy_loader
 import imucal.data_frame as _data_frame
 import imucal.notebook as _notebook
 
-# `import imucal` loads no array, file or command library: a name is loaded when it is used. The stub lists
-# each name once, for this call and for type checkers.
+# `import imucal` loads no array, file or command library, because each name is loaded when it is first used.
+# The stub lists each name once, for this call and for type checkers.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 _notebook.register("imucal.report.notebook")

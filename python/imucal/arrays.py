@@ -15,7 +15,8 @@ from imucal.errors import InputError
 __all__ = ["FloatArray", "SampleArray", "as_matrix", "as_rows", "as_samples"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
-# Types that sensor samples keep, so that a long recording in a smaller type is not copied to float64.
+# Types of sensor samples that are not converted, so that a long recording in a smaller type is not copied to
+# float64.
 SampleArray: TypeAlias = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
 SMALLER: Final = (np.dtype(np.float32), np.dtype(np.int16))
 
@@ -23,8 +24,7 @@ SMALLER: Final = (np.dtype(np.float32), np.dtype(np.int16))
 def as_rows(values: ArrayLike, what: str, width: int | None = None, rows: int | None = None) -> FloatArray:
     """`values` as a read-only array of shape (rows,), or (rows, width) if a width is given.
 
-    An array that is C-contiguous float64 is not copied; anything else is converted once. Masked values become
-    NaN.
+    A C-contiguous float64 array is not copied. Any other input is converted once. Masked values become NaN.
 
     what   name of the argument for messages
     rows   required number of rows; None accepts any number
@@ -42,13 +42,14 @@ def as_samples(values: ArrayLike, what: str, rows: int) -> SampleArray:
 def _as_array(
     values: ArrayLike, what: str, width: int | None, rows: int | None, kept: tuple[np.dtype[Any], ...]
 ) -> NDArray[Any]:
-    """`values` as float64, or unchanged if their type is one that is kept."""
+    """`values` as float64, or unchanged if their type is in `kept`."""
     shape = "(N,)" if width is None else f"(N, {width})"
     try:
         # asanyarray keeps the mask, which marks values that are not measurements.
         array = np.asanyarray(values)
         numeric = array.dtype.kind in "fiub" or array.size == 0
-        # The type is compared first: numpy.ma is loaded by its name, which takes as long as a small file.
+        # The type is compared first, because the name np.ma loads numpy.ma, which takes as long as reading a
+        # small file.
         masked = type(array) is not np.ndarray and isinstance(array, np.ma.MaskedArray)
         # Integers have no NaN for masked values.
         if numeric and (array.dtype not in kept or masked):
@@ -77,7 +78,10 @@ def _as_array(
 
 
 def as_matrix(values: ArrayLike, what: str, shape: tuple[int, ...]) -> FloatArray:
-    """`values` as a read-only float64 array of this shape; InputError otherwise, or if not finite."""
+    """`values` as a read-only float64 array.
+
+    Raises InputError for another shape or values that are not finite.
+    """
     try:
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError):

@@ -1,8 +1,8 @@
-"""Data frames as recordings, and recordings as Arrow tables, without a recording depending on file formats.
+"""Conversion of data frames to recordings and of recordings to Arrow tables.
 
-A data frame is any object with the Arrow PyCapsule interface (`__arrow_c_stream__`), for example of pandas,
-polars, pyarrow or DuckDB. The package's face registers the module that converts; it is loaded when the first
-frame is used.
+`Recording` uses this module, so that it does not depend on the file formats. A data frame is any object with
+the Arrow PyCapsule interface (`__arrow_c_stream__`), for example of pandas, polars, pyarrow or DuckDB.
+`imucal` registers the module with the conversions. The module is loaded when the first frame is used.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _converters: list[str] = []
 
 
 def register(module: str) -> None:
-    """Set the module whose functions `read_frame` and `to_table` convert."""
+    """Set the module that has the conversion functions `read_frame` and `to_table`."""
     _converters[:] = [module]
 
 
@@ -39,7 +39,7 @@ def table_of(recording: Any) -> Any:
 
 def _converter() -> Any:
     if not _converters:
-        # Imported here, because `import imucal` loads this module and nothing else.
+        # Imported here, because `import imucal` loads this module and no other.
         from imucal.errors import InputError
 
         raise InputError("data frames need the whole package: import imucal, not only a part of it")

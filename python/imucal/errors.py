@@ -1,4 +1,4 @@
-"""Exceptions. Every message says what is wrong, where, with which value, and what to do."""
+"""Exceptions of the package. Every message says what is wrong, where, with which value, and what to do."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["FitError", "FormatError", "ImucalError", "InputError", "NotEnoughMot
 class ImucalError(Exception):
     """Base class of all exceptions of this package.
 
-    `findings` lists the faults if the checks refused a recording; otherwise it is empty.
+    `findings` lists the faults for which the checks refused a recording. It is empty for any other error.
     """
 
     def __init__(self, message: str, findings: Sequence[Finding] = ()) -> None:
@@ -21,7 +21,7 @@ class ImucalError(Exception):
         self.findings: list[Finding] = list(findings)
 
     def to_dict(self) -> dict[str, Any]:
-        """The `--json` document of a command without a result, schema imucal.error/1."""
+        """The document that `--json` writes if a command fails without a result, schema imucal.error/1."""
         return {
             "schema": "imucal.error/1",
             "verdict": "no_result",
@@ -40,7 +40,7 @@ class NotEnoughMotionError(ImucalError):
 
 
 class FitError(ImucalError):
-    """The fit did not end acceptably."""
+    """The fit did not converge to an acceptable result."""
 
 
 class FormatError(ImucalError):

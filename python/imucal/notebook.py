@@ -1,7 +1,7 @@
-"""HTML of results in notebooks, made by the report package without the results depending on it.
+"""HTML of results in notebooks.
 
-A result's `_repr_html_` calls `html_of`. The package's face registers the module that makes the HTML; it is
-loaded when the first result is shown.
+A result's `_repr_html_` calls `html_of`. `imucal` registers the module that makes the HTML, so that the
+results do not depend on the report package. The module is loaded when the first result is shown.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def register(module: str) -> None:
 
 
 def html_of(result: Any) -> str | None:
-    """The HTML of a result; None, for which a notebook shows the repr, if no module is registered."""
+    """The HTML of a result, or None if no module is registered; a notebook then shows the repr."""
     if not _makers:
         return None
     html: str = importlib.import_module(_makers[0]).html_of(result)

@@ -1,4 +1,4 @@
-"""Every unit that imucal reads or shows, and its conversion to SI units: the one table of them.
+"""The tables of all units that imucal reads or shows, with their conversion to SI units.
 
 value in SI units = value in the unit * UNITS[si_unit][unit]
 """
@@ -35,7 +35,7 @@ DEGREE_RAD: Final = math.pi / 180.0
 _G: Final = STANDARD_GRAVITY_MPS2
 _DEG: Final = DEGREE_RAD
 
-# SI unit: {unit in which files and options may give a value of it: SI units in one of this unit}.
+# Key: SI unit. Value: the units that files and options may use instead, each with its size in the SI unit.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "1": {"1": 1.0, "%": 1e-2, "ppm": 1e-6, "rad": 1.0, "deg": _DEG},
     "bit": {"bit": 1.0},
@@ -54,28 +54,30 @@ UNITS: Final[dict[str, dict[str, float]]] = {
     "rad/s/(m/s^2)": {"rad/s/(m/s^2)": 1.0, "deg/s/g": _DEG / _G},
     "rad/s/(m/s^2)^2": {"rad/s/(m/s^2)^2": 1.0, "deg/s/g^2": _DEG / _G**2},
 }
-# Reciprocal units of a sensitivity. SI unit: {unit: counts per one of the SI quantity's units}.
+# Units of a sensitivity in counts, which are reciprocal to the keys. Key: SI unit per count. Value: the units
+# that files and options may use, each with the size of the unit of the quantity in SI units.
 COUNTS: Final[dict[str, dict[str, float]]] = {
     "m/s^2/lsb": {"lsb/g": _G},
     "rad/s/lsb": {"lsb/(deg/s)": _DEG},
 }
-# Endings of column names, such as accel_x_mg: {triad: {ending: SI units in one}}. Counts are not converted.
+# Suffixes of column names, such as accel_x_mg, by sensor, each with the size of its unit in SI units. Counts
+# (lsb) are not converted.
 COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
     "accel": {"mps2": 1.0, "g": _G, "mg": _G / 1000.0, "lsb": 1.0},
     "gyro": {"radps": 1.0, "dps": _DEG, "mdps": _DEG / 1000.0, "lsb": 1.0},
     "stand": {"rad": 1.0, "deg": _DEG},
 }
-# Endings of columns of temperature, such as temp_k: (degC in one, degC at zero). Raw counts, temp_lsb, have
-# the slope and the offset of their sensor (`temp_scale`).
+# Suffixes of temperature columns, such as temp_k: (size of the unit in degC, its zero in degC). Raw counts
+# (temp_lsb) are converted with the slope and offset of their sensor (`temp_scale`).
 TEMPERATURE_UNITS: Final[dict[str, tuple[float, float]]] = {
     "degc": (1.0, 0.0),
     "k": (1.0, -273.15),
     "degf": (1.0 / 1.8, -32.0 / 1.8),
 }
-# Endings of columns of time, such as time_us: ticks in a second.
+# Suffixes of time columns, such as time_us, each with the number of its units in one second.
 TICKS_PER_S: Final[dict[str, float]] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-# SI unit: (factor, unit) in which summaries and pages show an effect or a residual, which is of the order of
-# one in that unit for a MEMS sensor.
+# Unit in which summaries and pages show an effect or a residual, by SI unit: (factor, unit). The unit is
+# chosen so that typical values of MEMS sensors are of the order of one.
 SHOWN: Final[dict[str, tuple[float, str]]] = {
     "rad": (1.0 / _DEG, "deg"),
     "rad/s": (1.0 / _DEG, "deg/s"),
@@ -97,7 +99,7 @@ SHOWN: Final[dict[str, tuple[float, str]]] = {
     "s^2/rad^2": (1e6 * _DEG**2, "% per (100 deg/s)^2"),
     "m": (1e3, "mm"),
 }
-# SI unit: (factor, unit) in which tables show a value with the unit that datasheets use for it.
+# Unit in which tables show a value, by SI unit: (factor, unit). It is the unit that datasheets use.
 DATASHEET: Final[dict[str, tuple[float, str]]] = {
     **SHOWN,
     "lsb/(m/s^2)": (_G, "lsb/g"),
@@ -107,11 +109,11 @@ DATASHEET: Final[dict[str, tuple[float, str]]] = {
     "rad/s/s/sqrt(Hz)": (3600.0 * 60.0 / _DEG, "deg/h/sqrt(h)"),
     "m/s^2/s/sqrt(Hz)": (1e6 * 60.0 / _G, "ug/sqrt(h)"),
 }
-# Parameters whose unit is not that of other quantities with the same SI unit.
+# Parameters that are shown in another unit than other quantities with the same SI unit.
 _SENSITIVITY: Final = re.compile(r"(?:accel|gyro)_sensitivity_([xyz])([xyz])")
 _DIAGONAL: Final = (1e6, "ppm")
 _OFF_DIAGONAL: Final = (1e3, "mrad")
-# The bias instability, which is smaller than a bias.
+# Units of the bias instability, which is smaller than a bias.
 _INSTABILITY: Final = {"rad/s": (3600.0 / _DEG, "deg/h"), "m/s^2": (1e6 / _G, "ug")}
 
 
@@ -147,11 +149,11 @@ def datasheet(name: str, unit: str) -> Scale:
 
 
 def units_of(si_unit: str) -> dict[str, float]:
-    """The units in which a value of this SI unit may be given, and the SI units in one of each."""
+    """The units in which a value of this SI unit may be given, each with its size in the SI unit."""
     return UNITS.get(si_unit, {si_unit: 1.0})
 
 
 def to_degc(values: NDArray[Any], scale: tuple[float, float]) -> NDArray[Any]:
-    """Temperatures in degC from values with this slope and offset; degC are unchanged bit for bit."""
+    """Temperatures in degC from values with this slope and offset. Values in degC are returned unchanged."""
     slope, offset = scale
     return values if scale == (1.0, 0.0) else slope * values + offset

@@ -1,1 +1,1 @@
-"""The sensor model of one unit: its numbers, its file, its corrections, and the difference of two."""
+"""The sensor model of one unit: its parameters, file, corrections, and comparison with another model."""

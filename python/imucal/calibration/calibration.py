@@ -85,8 +85,9 @@ class Calibration(SensorModel):
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters with the standard deviations of the covariance.
 
-        The 21 of the triads in their fixed order come first (nine for an accelerometer alone), then those of
-        each effect. A parameter of an effect is named <effect>_<parameter>; the shape of one comes last.
+        The 21 parameters of the triads come first, in their fixed order (nine for an accelerometer alone).
+        The parameters of each effect follow, named <effect>_<parameter>; the shape of an effect is its last
+        parameter.
         """
         if self.covariance is None:
             return super().parameters
@@ -99,17 +100,18 @@ class Calibration(SensorModel):
     def judged(self) -> tuple[Verdict, tuple[str, ...]]:
         """The verdict with its reasons.
 
-        Figures that make a calibration poor decide if the verdict is better, or not known, as in a file of an
-        older version.
+        The verdict is poor if the figures make it poor, even if the file states a better verdict or, as files
+        of older versions, none.
         """
         sets = (self.calibration_set, self.control_set)
         return saved_verdict(self.verdict, self.reasons, *sets, has_gyroscope=self.gyroscope is not None)
 
     @property
     def left_in_data(self) -> tuple[str, ...]:
-        """Names of the effects that no correction removes: they depend on the attitude or act on the stand.
+        """Names of the effects that no correction removes. They depend on the attitude or act on the stand.
 
-        The Earth's rate is among them: it is a correct measurement of the gyroscope, not an error.
+        The Earth's rate is one of these effects, because it is a true angular rate and not an error of the
+        gyroscope.
         """
         return left_in_data(self)
 
@@ -122,8 +124,9 @@ class Calibration(SensorModel):
     def takes_pieces(self) -> bool:
         """Whether a recording can be corrected piece by piece.
 
-        This is not possible with an effect that depends on the angular acceleration, whose derivative needs
-        samples beyond the ends of a piece, nor with a user-defined effect, whose field takes whole columns.
+        It cannot be if an effect depends on the angular acceleration, because differentiation needs samples
+        beyond the ends of a piece. It cannot be with a user-defined effect either, because its field takes
+        whole columns.
         """
         return takes_pieces(self)
 
@@ -163,11 +166,10 @@ class Calibration(SensorModel):
         start_s  time of the first sample of the whole recording, if `recording` is a piece of it; see
                  `takes_pieces`
 
-        One sensor alone is corrected if there are no effects. A gyroscope that the calibration does not have
-        is left out of the result.
-        Time counts from the recording's first sample or from `start_s`, temperature from 25 degC; the angular
-        acceleration is the derivative of the rate. NaN stays NaN. A sample is NaN if its effects are too
-        large to be inverted.
+        A recording of one sensor alone can be corrected only if there are no effects. If the calibration has
+        no gyroscope, the result contains no angular rate. In effects, time is relative to the recording's
+        first sample or to `start_s`, and temperature is relative to 25 degC. The angular acceleration is the
+        derivative of the rate. NaN stays NaN. A sample is NaN if its effects are too large to be inverted.
         Raises InputError for other raw units, for negative counts that were read as unsigned numbers, for a
         missing column on which an effect depends, for a missing definition of a user-defined effect, and for
         a piece if the whole recording is needed.
@@ -235,7 +237,7 @@ class Calibration(SensorModel):
 
 def _calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibration:
     own = by_name(user_effects)
-    # Values in a file that contradict each other are an error of the file.
+    # If values in a file contradict each other, the error is a FormatError of the file.
     try:
         calibration = Calibration(**fields_of(node, own))
     except InputError as error:
@@ -245,7 +247,7 @@ def _calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibrati
 
 
 def require_calibration(given: Calibration) -> None:
-    """Raise InputError, with the way out, for an argument that is not a Calibration."""
+    """Raise InputError that says what to pass instead if an argument is not a Calibration."""
     if isinstance(given, Calibration):
         return
     if isinstance(given, (str, os.PathLike)):

@@ -1,13 +1,13 @@
-"""Two calibrations one after the other, the second estimated on data that the first has corrected.
+"""Composition of two calibrations, of which the second was estimated on data that the first had corrected.
 
     raw = T1 (x + e1(x)) + b1,      x = T2 (true + e2(true)) + b2
     raw = T1 T2 (true + e2(true) + T2^-1 e1(x)) + b1 + T1 b2
 
-e1 is expressed by the true values, which is possible for the effects that `_moved` lists.
+e1 is expressed as a function of the true values, which is possible for the effects in `_moved`.
 
-The second calibration has measured what the first leaves, including the errors of its parameters. So the
-bias and sensitivity of the result have the uncertainty of the second calibration alone. The uncertainty of
-the first remains in the effects that the second does not estimate.
+The second calibration has estimated the errors that the first one leaves, including those from the errors of
+its parameters. So the bias and sensitivity of the result have the uncertainty of the second calibration
+alone. The uncertainty of the first remains in the effects that the second does not estimate.
 """
 
 from __future__ import annotations
@@ -47,23 +47,23 @@ MODEL: Final = (
     "user_effects",
     "axes",
 )
-# Effects of the first calibration whose form with matrices changes with T2.
+# Effects of the first calibration whose parameters are a matrix, which is transformed by T2.
 G_SENSITIVITY: Final = "gyro_g_sensitivity"
 ANGULAR_ACCELERATION: Final = "gyro_angular_acceleration"
 DELAY: Final = "gyro_time_offset"
 
 
 def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...] = ()) -> Calibration:
-    """The calibration that corrects raw samples as `first` and then `second` do.
+    """The calibration that corrects raw samples as `first` followed by `second`.
 
     second   estimated on recordings that `first` has corrected (`imucal apply`)
     files    the files of both, for the origin of the result
 
-    The body frame is that of the second, the raw units and axes are those of the first. A gyroscope that only
-    one of them has is corrected by that one. Without a covariance of the second the result has none.
+    The body frame is that of `second`, and the raw units and axes are those of `first`. If only one of the
+    two has a gyroscope, the result has that gyroscope. The result has no covariance if `second` has none.
 
-    Raises InputError if the second expects raw counts, if both are of the same recordings or of different
-    units, and if an effect of the first cannot be expressed after the second correction.
+    Raises InputError if `second` expects raw counts, if both were estimated on the same recordings or belong
+    to different units, and if an effect of `first` cannot be expressed as a function of the true values.
     """
     require_calibration(first)
     require_calibration(second)
@@ -79,7 +79,7 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
         covariance_names=names,
         noise=second.noise,
         temperature_range_degc=_temperature_range(first, second),
-        # Usable, but nothing is known of the residuals of both together.
+        # The result is usable, but the residuals of both corrections together are not known.
         verdict="incomplete",
         reasons=(
             "these are two calibrations applied one after the other, which no recording has judged: use "
@@ -87,7 +87,7 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
         ),
         provenance=Provenance(
             tuple(dict.fromkeys((*first.provenance.files, *second.provenance.files))),
-            # No control recording has judged both together.
+            # No control recording has been corrected by both calibrations.
             (),
             str(_core.__version__),
             second.provenance.date,
@@ -99,7 +99,7 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
 
 
 def _require_composable(first: Calibration, second: Calibration) -> None:
-    # A gyroscope that only one of them has is corrected by that one alone.
+    # If only one of the calibrations has a gyroscope, the unit of the other one is not compared.
     gyro_is_raw = second.gyro_unit == "lsb" and None not in (first.gyroscope, second.gyroscope)
     if second.accel_unit == "lsb" or gyro_is_raw:
         both = "lsb" in (first.accel_unit, first.gyro_unit)
@@ -127,7 +127,7 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
 
 
 def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
-    """The model that does both."""
+    """The model that corrects as `first` followed by `second`."""
     axes = Axes.parse(second.axes)
     accel1, accel2 = first.accelerometer, _along(second.accelerometer, axes.accel)
     gyro1, gyro2 = first.gyroscope, None
@@ -141,7 +141,7 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
         if values.name not in left:
             moved.append(_moved(first, values, accel2, step, second))
             if values.name == G_SENSITIVITY:
-                # The rate that the first correction takes away for the bias b2 of the force.
+                # The rate that the first correction subtracts because of the force bias b2.
                 gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel2.bias
     # A product of lower triangular matrices is lower triangular; other products have no special form.
     triangular = first.frame == second.frame == "triangular" and second.axes == UNCHANGED
@@ -159,17 +159,17 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
 
 
 def _product(first: Triad, sensitivity: FloatArray, bias: FloatArray) -> Triad:
-    """The triad of samples that `first` gives and another sensitivity and bias then correct."""
+    """The triad that corrects as `first` followed by a triad with this sensitivity and bias."""
     return Triad(first.sensitivity @ sensitivity, first.bias + first.sensitivity @ bias)
 
 
 def _along(triad: Triad, axes: FloatArray) -> Triad:
-    """The triad for samples before a change of axes."""
+    """The triad for samples before axis remapping."""
     return Triad(axes.T @ triad.sensitivity, axes.T @ triad.bias)
 
 
 def _definitions(first: SensorModel, second: SensorModel) -> tuple[UserEffect, ...]:
-    """The user-defined effects of both. Raises InputError for two of the same name."""
+    """The user-defined effects of both models. Raises InputError for different effects with the same name."""
     found = {effect.name: effect for effect in first.user_effects}
     for effect in second.user_effects:
         other = found.setdefault(effect.name, effect)
@@ -185,7 +185,7 @@ def _moved(
 ) -> EffectValues:
     """An effect of the first calibration as an effect on the true values, T2^-1 e1(x(true)).
 
-    Raises InputError if it has no such form.
+    Raises InputError if the effect cannot be written in this form.
     """
     accel_t, gyro_t = accel2.sensitivity, gyro2.sensitivity
     sensors = {second.definition(effect).sensor for effect in second.effects}
@@ -208,14 +208,17 @@ def _moved(
 
 
 def _is_neutral(accel2: Triad, gyro2: Triad, sensors: set[str]) -> bool:
-    """Whether the second calibration leaves all samples as they are."""
+    """Whether the second calibration does not change any sample."""
     return not sensors and all(
         np.array_equal(triad.sensitivity, np.eye(3)) and not triad.bias.any() for triad in (accel2, gyro2)
     )
 
 
 def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tuple[EffectValues, ...]:
-    """The effects of both; those of the same name are added. Raises InputError for two time constants."""
+    """The sum of the effects of both models.
+
+    Raises InputError if their time constants differ.
+    """
     found = {values.name: values for values in first}
     for values in second:
         if (other := found.get(values.name)) is not None:
@@ -225,7 +228,7 @@ def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tu
                     f"{values.shape} s in the second: their sum is no effect of the catalogue; correct in "
                     "two steps"
                 )
-            # The linear form is the full one with zeros.
+            # The plain form is the full form with zeros.
             total = np.zeros(max(len(other.values), len(values.values)))
             total[: len(other.values)] += other.values
             total[: len(values.values)] += values.values
@@ -235,14 +238,14 @@ def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tu
 
 
 def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """The covariance of the result and the names of its parameters; None without that of the second."""
+    """The covariance of the result and the names of its parameters; None if `second` has no covariance."""
     from_second, from_first = known_covariance(second), known_covariance(first)
     names = [parameter.name for parameter in _composed(first, second).parameters]
     if from_second is None:
         return None, ()
     to_second = jacobian(lambda model: _composed(first, model), second)
     covariance = to_second @ from_second @ to_second.T
-    # Effects, and a gyroscope, that only the first has estimated.
+    # Parameters that only `first` has estimated: those of its effects, and those of its gyroscope.
     estimated = tuple(f"{values.name}_" for values in second.effects)
     base = base_count(first.frame, has_gyroscope=first.gyroscope is not None)
     both = base_count(first.frame, has_gyroscope=second.gyroscope is not None)
@@ -261,7 +264,10 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
 
 
 def _temperature_range(first: Calibration, second: Calibration) -> tuple[float, float] | None:
-    """The temperatures in which the thermal effects of both hold; those of the second if there are none."""
+    """The temperature range in which the thermal effects of both are valid.
+
+    Without thermal effects it is the range of `second`.
+    """
     ranges = [
         calibration.temperature_range_degc
         for calibration in (first, second)

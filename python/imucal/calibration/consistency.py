@@ -1,8 +1,8 @@
 """Whether a calibration file agrees with itself.
 
 The file repeats the matrices as a table of parameters, the covariance as standard deviations, the raw units
-as units of the parameters, and the frame in words. Each is compared with what the calibration gives when it
-is written again, with a tolerance for decimals rounded by hand.
+as units of the parameters, and the frame in words. The calibration that was read is written again, and each
+of these fields is compared with the newly written one. A tolerance allows for decimals rounded by hand.
 """
 
 from __future__ import annotations
@@ -34,26 +34,27 @@ OPTIONAL: Final = frozenset(
         "reasons",
     }
 )
-# Standard deviations are often written with three digits.
+# Accepted relative difference of a standard deviation: rounding to three digits, which is often used for
+# them.
 STD_ROUNDING: Final = 1e-3
-# A value may differ by this share of its standard deviation, which no use of it can notice.
+# Accepted difference of a value, as a fraction of its standard deviation. A difference this small has no
+# effect on corrected samples.
 SHARE_OF_STD: Final = 0.01
-# Rounding of an entry of the sensitivity, relative to the largest, and of a bias or a value of an effect:
-# that of nine decimals.
+# Accepted rounding of an entry of the sensitivity, relative to its largest entry, and of a bias or a value of
+# an effect: rounding to nine decimals.
 DECIMALS_ROUNDING: Final = 1e-9
-# The smallest eigenvalue of the correlation matrix is negative by no more than this if its entries are
-# rounded to
-# seven digits.
+# Accepted magnitude of a negative eigenvalue of the correlation matrix. Rounding the entries to seven digits
+# causes smaller ones.
 CORRELATION_ROUNDING: Final = 1e-5
 
 
 def require_written_again(
     node: Node, written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
 ) -> None:
-    """Raise FormatError for the first field that differs from the calibration written again.
+    """Raise FormatError for the first field that differs from that of the calibration written again.
 
-    written      the document of the calibration that was read
-    parameters   those of the calibration
+    written      the document that the calibration gives when it is written again
+    parameters   the parameters of the calibration
     """
     origins = origins_of(written, parameters, frame)
     require_agreement(
@@ -68,7 +69,7 @@ def require_written_again(
 def origins_of(
     written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
 ) -> dict[str, Origin]:
-    """By path, the other place in the file for each field that repeats one."""
+    """The path of the repeated field and the accepted difference, for each field that repeats another."""
     places = _places(written, frame)
     names = [] if written["covariance"] is None else written["covariance"]["names"]
     variances = {name: f"$.covariance.matrix[{k}][{k}]" for k, name in enumerate(names)}
@@ -106,7 +107,7 @@ def origins_of(
 
 
 def _places(written: Mapping[str, Any], frame: Frame) -> dict[str, tuple[str, str]]:
-    """By name of the parameter, the path of its value and the path of its unit."""
+    """The paths of the value and of the unit of each parameter, by its name."""
     places = {}
     for sensor, key, entries in (
         ("accel", "accelerometer", ACCEL_ENTRIES[frame]),
@@ -167,7 +168,7 @@ def require_covariance(node: Node, parameters: Sequence[str]) -> None:
 
 
 def _require_symmetric(node: Node, place: str, matrix: FloatArray) -> None:
-    """Raise FormatError for the first pair of entries that differ, or that give a correlation above 1."""
+    """Raise FormatError for the first pair of entries that differ or give a correlation above 1."""
     size, other = np.abs(matrix), np.abs(matrix).T
     sigma = np.sqrt(np.diag(matrix))
     sigmas = sigma[:, None] * sigma

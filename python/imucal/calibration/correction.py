@@ -4,8 +4,8 @@
     true <- seen - effects(true),  starting at seen          docs/model.md (16)
 
 The compiled library iterates this sample by sample for the effects of the catalogue. The field of a
-user-defined effect is a Python function of whole arrays, so its iteration is in this file, around that of the
-library.
+user-defined effect is a Python function of whole arrays. This file therefore iterates user-defined effects;
+each iteration calls the library for the effects of the catalogue.
 """
 
 from __future__ import annotations
@@ -30,17 +30,18 @@ from imucal.recording.recording import Recording, require_sensors, samples_of_bo
 
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
-# The iteration has settled once a sample changes by less than this multiple of its rounding error.
+# Convergence criterion: the largest change of a sample in an iteration, relative to the magnitude of its
+# terms. It is 16 rounding errors of float64.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
 
-# Inputs of a field besides rate and force, and the column of a recording that gives each.
+# Inputs of a field besides rate and force, each with the column of a recording from which it is computed.
 COLUMNS: Final = {"time": "time_s", "angular_acceleration": "time_s", "temperature": "temperature_degc"}
 
 
 def correct(
     model: SensorModel, angular_rate: ArrayLike | None, specific_force: ArrayLike | None
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Corrected rate and force of raw samples, (N, 3) each; see `Calibration.apply`."""
+    """The corrected rate and force, (N, 3) each; see `Calibration.apply`."""
     _require_rate_and_force_only(model)
     if angular_rate is not None and model.gyroscope is None:
         model.both()
@@ -68,7 +69,8 @@ def correct_recording(model: SensorModel, recording: Recording, *, start_s: floa
         raise InputError(f"{recording.name}: the effects of this calibration need the whole recording")
     model.require_raw_units(recording)
     if model.gyroscope is None:
-        # The result is in SI units along the body frame. Angular rates that cannot be corrected are left out.
+        # The result is in SI units in the body frame, so it must not contain angular rates that cannot be
+        # corrected.
         recording = recording.of_sensor("accelerometer")
     if len(recording.sensors) == 1:
         if model.effects:
@@ -124,7 +126,7 @@ def empty_samples(
 
 
 def left_in_data(model: SensorModel) -> tuple[str, ...]:
-    """Names of the effects that no correction removes: they act on the stand or depend on the attitude."""
+    """Names of the effects that no correction removes. They act on the stand or depend on the attitude."""
     return tuple(
         effect.name
         for effect in model.catalogue_effects()
@@ -178,15 +180,15 @@ def _require_derivative(recording: Recording, name: str) -> None:
         )
 
 
-# A diverging iteration overflows to infinity; it ends in the InputError below.
+# A diverging iteration overflows to infinity without a warning and ends with the InputError below.
 @np.errstate(over="ignore", invalid="ignore")
 def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     """The raw recording without the contributions of the user-defined effects.
 
-    The State that a field receives has the derivative of the rate that is corrected for the effects of the
-    catalogue as its angular acceleration, and the time since this rate was that of a motion.
+    Each field receives a State. Its angular acceleration and its time since the last motion are computed from
+    the rate that is corrected for the effects of the catalogue only.
 
-    Raises InputError without a definition, and if the iteration does not settle.
+    Raises InputError if a definition is missing or the iteration does not converge.
     """
     own = list(model.own_effects())
     if not own:
@@ -201,8 +203,9 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
         )
     )
     rate, force = _core.correct_recording(others, recording)
-    # Differentiated once: differentiating in each iteration would add noise. The time since the last motion
-    # is a step of the rate, so it is computed once, too: a sample on the step would never settle.
+    # The rate is differentiated only once, because differentiating in each iteration would add noise. The
+    # time since the last motion is a discontinuous function of the rate. It is also computed once, because a
+    # sample at the threshold could otherwise oscillate forever.
     start = State.of(recording, rate, force)
     acceleration = start.angular_acceleration
     measured = np.isfinite(np.hstack((rate, force)))
@@ -239,7 +242,7 @@ def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[Fl
 def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
     """Magnitude of the terms whose rounding errors enter a corrected sample, (N, 3) in SI units."""
     inverse = np.abs(np.linalg.inv(triad.sensitivity))
-    # Converted to float64 first: the lowest 16-bit count has no positive counterpart.
+    # Converted to float64 first, because the absolute value of the lowest 16-bit count overflows int16.
     size = np.abs(raw.astype(np.float64, copy=False))
     return _largest((size + np.abs(triad.bias)) @ inverse.T)
 

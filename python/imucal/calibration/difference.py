@@ -3,13 +3,13 @@
     difference = b - a,    covariance = covariance of a + covariance of b
 
 For an unchanged unit the difference has this covariance, because the errors of the two recordings are
-independent. There are two tests, each with half of the false alarm rate of `sigmas`: of every single
-parameter (Bonferroni), and of all parameters together by chi2, which detects small changes of many
-parameters.
+independent. There are two tests, each with half of the false alarm rate that `sigmas` sets. The first tests
+every single parameter (Bonferroni). The second tests all parameters together by chi2, which detects small
+changes of many parameters.
 
-Calibrations in different body frames or with different axes are compared in the symmetric frame, for the
-columns of the recordings. A parameter without a standard deviation, as in a calibration of another program,
-is listed and not tested.
+Calibrations in different body frames or with different axes are compared in the symmetric frame and before
+axis remapping. A parameter without a standard deviation, as in a calibration of another program, is listed
+and not tested.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SIGMAS: Final = 3.0
 class Change:
     """One parameter in both calibrations.
 
-    before, after   its values; 0 in a calibration without the effect
+    before, after   values of the parameter in the two calibrations; 0 in a calibration without the effect
     std             standard deviation of the difference, from both covariances; None if it is not known
     moved           whether the difference exceeds the limit; False without a standard deviation
     """
@@ -60,7 +60,9 @@ class Change:
 
     @property
     def sigmas(self) -> float | None:
-        """The difference in standard deviations; infinite if an exactly known number has changed.
+        """The difference in standard deviations.
+
+        It is infinite if a parameter with a standard deviation of zero has changed.
 
         None if the standard deviation is not known.
         """
@@ -95,7 +97,10 @@ class Difference:
 
     @property
     def moved(self) -> tuple[Change, ...]:
-        """The parameters that exceed the limit, the largest first."""
+        """The parameters whose difference exceeds the limit.
+
+        The largest difference in standard deviations comes first.
+        """
         return tuple(sorted((c for c in self.changes if c.moved), key=lambda c: -abs(c.sigmas or 0.0)))
 
     @property
@@ -107,7 +112,7 @@ class Difference:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The reasons for the verdict `moved`, the largest first, or `unknown`; empty for `same`."""
+        """The reasons for the verdict `moved` (largest difference first) or `unknown`; empty for `same`."""
         if self.p_value is None:
             return (
                 "no parameter has a standard deviation in both calibrations, so no difference can be judged: "
@@ -161,10 +166,10 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
     sigmas   the false alarm rate is the probability of a normal variable beyond this number of standard
              deviations: at 3, 0.27 % of the pairs of an unchanged unit are reported as moved
 
-    An effect that only one calibration has is exactly zero in the other one. Its shape, a time constant, is
-    not compared, nor are parameters that the file of another program does not state. Calibrations with
-    different body frames or axes are compared in the symmetric frame.
-    Raises InputError for different raw units, and for effects that have no form in the symmetric frame.
+    If only one calibration has an effect, its values in the other one are exactly zero, and its shape (a time
+    constant) is not compared. Parameters that the file of another program does not state are not compared
+    either. Calibrations with different body frames or axes are compared in the symmetric frame. Raises
+    InputError for different raw units, and for effects that have no form in the symmetric frame.
     """
     if not (math.isfinite(sigmas) and sigmas > 0):
         raise InputError(f"sigmas is {sigmas}: a positive number is needed")
@@ -249,7 +254,7 @@ def _accelerometer(calibration: Calibration) -> Calibration:
 
 
 def _of_frames(before: Calibration, after: Calibration) -> str:
-    """A note that the calibrations are compared in another frame than their own."""
+    """A note that the frames or axes differ and that the comparison is in the symmetric frame."""
     first, second = (
         f"in the frame {c.frame}" + (f" with axes={c.axes!r}" if c.axes != UNCHANGED else "")
         for c in (before, after)
@@ -258,7 +263,7 @@ def _of_frames(before: Calibration, after: Calibration) -> str:
 
 
 def _lacks_std(calibration: Calibration, name: str) -> bool:
-    """Whether a parameter of this calibration has no standard deviation; one it does not have is exact."""
+    """Whether a parameter of this calibration has no standard deviation; False without the parameter."""
     return any(p.name == name and p.std is None for p in calibration.parameters)
 
 

@@ -1,4 +1,4 @@
-"""Figures of a calibration on a set of recordings: their text, and when they make a verdict poor."""
+"""Figures of a calibration on a set of recordings: their text, and the criterion for a poor verdict."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from imucal.units import datasheet
 
 __all__ = ["Figures", "figures_text", "poor_figures", "saved_reasons"]
 
-# Figure: its words, and its unit, which is that of its field.
+# Name of each figure in texts, and its unit, which is that of its field.
 FIGURE_TEXT: Final = {
     "gravity_norm_rms_mps2": ("|f| - g", "m/s^2"),
     "gravity_direction_rms_deg": ("gravity direction per move", "deg"),
@@ -26,8 +26,8 @@ FIGURE_TEXT: Final = {
 class Figures:
     """Figures of a calibration on a set of recordings.
 
-    chi2_per_dof               chi2 of the residuals at the rests and after the moves, by their noise, per
-                               degree of freedom; None if samples could not be corrected
+    chi2_per_dof               chi2 per degree of freedom of the residuals at the rests and after the moves,
+                               relative to their noise; None if samples could not be corrected
     gravity_norm_rms_mps2      rms of the norm of gravity at a rest minus local gravity, m/s^2
     gravity_direction_rms_deg  rms angle between the gravity direction that the gyroscope propagates over a
                                move and the direction measured after it, deg
@@ -61,7 +61,7 @@ def poor_figures(name: str, figures: Figures, *, has_gyroscope: bool = True) -> 
     """Reasons why these figures make a verdict poor; empty if they do not.
 
     name           the set of recordings: "calibration set" or "control set"
-    has_gyroscope  whether moves are needed; an accelerometer alone has none
+    has_gyroscope  whether the set must contain moves; an accelerometer alone has no moves
     """
     rests, moves = _count(figures.rests), _count(figures.moves)
     reason = _core.poor_figures(name, rests, moves, figures.chi2_per_dof, has_gyroscope)
@@ -69,7 +69,10 @@ def poor_figures(name: str, figures: Figures, *, has_gyroscope: bool = True) -> 
 
 
 def _count(number: float) -> int:
-    """A number of rests or moves; a file written by another program may hold any number."""
+    """A number of rests or moves as an integer.
+
+    It is 0 for an invalid number, which a file of another program may contain.
+    """
     return int(number) if math.isfinite(number) and number > 0 else 0
 
 

@@ -1,8 +1,8 @@
 """The file of a calibration, schema imucal.calibration/1.
 
-Every number is written in full, so reading gives the same bits. A user-defined effect is stored with names,
-units and values. Its field is a formula, which the file contains, or code, which the user passes again on
-reading.
+Every number is written with full precision, so reading returns the same bits. A user-defined effect is stored
+with names, units and values. If its field is a formula, the file contains the formula. If its field is Python
+code, the user passes the definition again when reading the file.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def document_of(
 ) -> dict[str, Any]:
     """The fields of the file.
 
-    parameters  those of the model, with standard deviations
+    parameters  the parameters of the model, with standard deviations
     others      the fields of a Calibration that are not in its model, by name
     """
     document: dict[str, Any] = plain(
@@ -135,7 +135,8 @@ def _effects_table(model: SensorModel, parameters: Sequence[Parameter]) -> list[
             else number(values, effect.shape, float(values.shape)),
         }
         if isinstance(effect, UserEffect):
-            # Without the user's program the file is the only source of the typical sizes.
+            # The typical sizes are stored, because a reader of the file may not have the definition of the
+            # effect.
             for item, parameter in zip(entry["parameters"], effect.parameters, strict=True):
                 item["typical"] = parameter.typical
             entry["user_defined"] = True
@@ -148,7 +149,8 @@ def _effects_table(model: SensorModel, parameters: Sequence[Parameter]) -> list[
 def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, Any]:
     """The fields of the Calibration in a document, by name.
 
-    Raises FormatError that names a wrong field, and InputError for values that Triad or UserEffect refuses.
+    Raises FormatError that names an invalid field, and InputError for values that Triad or UserEffect
+    refuses.
     """
     if isinstance(node.value, dict) and "schema" not in node.value:
         raise FormatError(
@@ -205,7 +207,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
 
 
 def _gyroscope(node: Node, unit: Node, frame: Frame) -> tuple[Triad | None, GyroUnit]:
-    """The gyroscope and its raw unit; None with the SI unit if both are null (accelerometer alone)."""
+    """The gyroscope and its raw unit; None and the SI unit if both fields are null (accelerometer alone)."""
     if (node.value is None) != (unit.value is None):
         absent, there = (node, unit) if node.value is None else (unit, node)
         raise FormatError(
@@ -236,7 +238,7 @@ def require_consistent(node: Node, model: SensorModel, written: Mapping[str, Any
 
 
 def _verdict(node: Node) -> dict[str, Any]:
-    """The verdict and its reasons; files of other programs need neither."""
+    """The verdict and its reasons, which files of other programs may omit."""
     if not {"verdict", "reasons"} & node.mapping().keys():
         return {"verdict": None, "reasons": ()}
     reasons = tuple(item.text() for item in node.get("reasons").items())
@@ -300,7 +302,10 @@ def _number(node: Node, parameter: EffectParameter) -> float:
 
 
 def _stored_definition(node: Node) -> UserEffect:
-    """What a file knows of a user's effect: all of a formula, and no function."""
+    """The definition of a user-defined effect from a file.
+
+    It is complete for a formula, and lacks the field for Python code.
+    """
     name, sensor = node.get("name").text(), node.get("sensor").text()
     parameters = tuple(
         EffectParameter(item.get("name").text(), item.get("unit").text(), item.get("typical").number())
@@ -348,7 +353,7 @@ def _provenance(node: Node, control_set: Node) -> Provenance:
         control_files,
         require_version(node.get("imucal_version")),
         require_date(node.get("date")),
-        # Older files have none.
+        # Files of older versions have no operator.
         _name(node.get("operator"), empty=True) if "operator" in node.mapping() else "",
         _imported(node.get("imported")) if "imported" in node.mapping() else None,
         _sources(node.get("composed_of")) if "composed_of" in node.mapping() else (),
@@ -373,7 +378,7 @@ def _imported(node: Node) -> Imported | None:
 
 
 def _name(node: Node, *, empty: bool = False) -> str:
-    """A name in a file; FormatError for one that cannot be printed."""
+    """A name in a file; FormatError for a name that cannot be printed."""
     if empty and node.value == "":
         return ""
     try:

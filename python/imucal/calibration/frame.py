@@ -1,7 +1,7 @@
-"""The same calibration in another body frame, or for the columns of a recording before a change of axes.
+"""Conversion of a calibration to another body frame, or to the columns of a recording before axis remapping.
 
 Two body frames differ by one rotation Q: T' = T Q^T for both triads (docs/model.md (2)). Residuals and the
-norm of the force are the same in both. The covariance is propagated.
+norm of the force are the same in both frames. The covariance is propagated.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from imucal.recording.axes import UNCHANGED, Axes
 
 __all__ = ["for_columns", "in_frame", "is_added"]
 
-# Effects whose values are vectors in the body frame, one after another: they add Q k in another frame.
+# Effects whose values are one or more vectors k in the body frame. In another frame each vector is Q k.
 VECTORS: Final = frozenset(
     {
         "accel_bias_temperature",
@@ -38,9 +38,9 @@ VECTORS: Final = frozenset(
         "accel_lever_arm",
     }
 )
-# Effects whose nine values are a matrix in the body frame, by rows: Q K Q^T in another frame.
+# Effects whose nine values are a matrix K in the body frame, by rows. In another frame the matrix is Q K Q^T.
 MATRICES: Final = frozenset({"gyro_g_sensitivity", "gyro_angular_acceleration"})
-# Effects that do not depend on the body frame: delays, and a rate in the world frame.
+# Effects whose values do not depend on the body frame: a delay, and a rate in the world frame.
 INVARIANT: Final = frozenset({"gyro_time_offset", "earth_rate"})
 
 
@@ -59,7 +59,7 @@ def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
         )
 
     def convert(model: SensorModel) -> SensorModel:
-        # The frame is that of the accelerometer, whatever the gyroscope is.
+        # The accelerometer alone defines the frame, so any gyroscope can stand in for a missing one.
         gyroscope = np.eye(3) if model.gyroscope is None else model.gyroscope.sensitivity
         accel, gyro = _core.convert_frame(model.accelerometer.sensitivity, gyroscope, frame)
         rotation: FloatArray = np.linalg.solve(accel, model.accelerometer.sensitivity).astype(np.float64)
@@ -79,9 +79,10 @@ def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
 
 
 def for_columns(calibration: Calibration) -> Calibration:
-    """The calibration for raw samples along the columns of the recordings, before their change of axes.
+    """The calibration for raw samples in the columns of the recordings, before axis remapping.
 
-    The body frame remains, so the frame becomes "given".
+    The body frame does not change, so the sensitivity is no longer symmetric or triangular and the frame is
+    "given".
     """
     if calibration.axes == UNCHANGED:
         return calibration
@@ -100,7 +101,7 @@ def for_columns(calibration: Calibration) -> Calibration:
 
 
 def is_added(model: SensorModel, values: EffectValues) -> bool:
-    """Whether an effect adds vectors to a sensor that depend on time, temperature or columns only."""
+    """Whether an effect adds vectors that depend only on time, temperature or further columns."""
     effect = model.definition(values)
     if isinstance(effect, FormulaEffect):
         samples = {name for name in INPUTS if name not in ("temp_degc", "time_s", *ARGUMENTS)}
@@ -109,7 +110,10 @@ def is_added(model: SensorModel, values: EffectValues) -> bool:
 
 
 def rotated_effect(model: SensorModel, values: EffectValues, rotation: FloatArray) -> EffectValues:
-    """An effect in another body frame, v' = rotation v. Raises InputError if it has no form there."""
+    """An effect in another body frame, v' = rotation v.
+
+    Raises InputError if it cannot be expressed in that frame.
+    """
     if values.name in VECTORS or is_added(model, values):
         rows = values.values.reshape(-1, 3) @ rotation.T
     elif values.name in MATRICES:

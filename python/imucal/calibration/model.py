@@ -101,9 +101,9 @@ class SensorModel:
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters: those of the triads in their fixed order, then those of each effect.
 
-        The triads have 21 parameters, and 24 in the frame "given"; an accelerometer alone has nine, or
-        twelve. A parameter of an effect is named
-        <effect>_<parameter>; the shape of an effect comes last.
+        The triads have 21 parameters, or 24 in the frame "given". An accelerometer alone has nine, or twelve
+        in the frame "given". A parameter of an effect is named <effect>_<parameter>; the shape of an effect
+        is its last parameter.
         """
         found: list[Parameter] = []
         for sensor, triad, entries, raw_unit, si_unit in (
@@ -125,7 +125,7 @@ class SensorModel:
         return tuple(found)
 
     def definition(self, values: EffectValues) -> Effect | UserEffect:
-        """The definition of one of `effects`: its row of the catalogue, or the user's definition."""
+        """The definition of one of `effects`, from the catalogue or from the user."""
         return definitions(self.user_effects)[values.name]
 
     def catalogue_effects(self) -> Iterator[Effect]:
@@ -143,7 +143,7 @@ class SensorModel:
                 yield effect, values
 
     def without_user_effects(self: Model) -> Model:
-        """The model with only the effects of the catalogue, which are those that the library implements."""
+        """The model with only the effects of the catalogue, which the compiled library implements."""
         own = {effect.name for effect in self.user_effects}
         return replace(
             self, effects=tuple(values for values in self.effects if values.name not in own), user_effects=()
@@ -152,7 +152,7 @@ class SensorModel:
     def require_raw_units(self, recording: Recording) -> None:
         """Raise InputError for a recording whose raw units or axes differ from those of this model.
 
-        A sensor that the model or the recording does not have has no unit.
+        A sensor that the model or the recording lacks is not compared.
         """
         for sensor, expected, found in (
             ("accelerometer", self.accel_unit, recording.accel_unit),

@@ -11,11 +11,12 @@ from imucal.units import Scale, datasheet
 
 __all__ = ["ParameterRow", "Units", "difference_text", "parameter_row", "sigma_text"]
 
-# Gives the scale in which a table shows a parameter with this name and SI unit: `datasheet` or `si` of
-# imucal.units.
+# Function that returns the scale in which a table shows a parameter with this name and SI unit: `datasheet`
+# or `si` of imucal.units.
 Units: TypeAlias = Callable[[str, str], Scale]
-# Significant digits of a standard deviation; its parameter has as many decimals. Further digits may
-# differ between processors, because a fit ends at another point well within the standard deviations.
+# Significant digits of a standard deviation. Its parameter is shown with the same number of decimals. Further
+# digits may differ between processors, because rounding changes the end point of a fit by a small part of the
+# standard deviations.
 SIGMA_DIGITS: Final = 2
 # Significant digits of a value without a standard deviation.
 VALUE_DIGITS: Final = 7
@@ -24,7 +25,10 @@ PLAIN: Final = (1e-6, 1e6)
 
 
 class ParameterRow(NamedTuple):
-    """A parameter as text. The name of a diagonal entry that is shown as its difference from 1 says so."""
+    """A parameter as text.
+
+    The name of a diagonal entry that is shown as its difference from 1 ends in " - 1".
+    """
 
     name: str
     value: str
@@ -33,7 +37,7 @@ class ParameterRow(NamedTuple):
 
 
 def parameter_row(parameter: Parameter, units: Units = datasheet) -> ParameterRow:
-    """The row of a parameter; a value has as many decimals as its standard deviation."""
+    """The row of a parameter, whose value has the same number of decimals as its standard deviation."""
     scale = units(parameter.name, parameter.unit)
     name = f"{parameter.name} - {scale.zero:g}" if scale.zero else parameter.name
     value = scale.shown(parameter.value)
@@ -50,7 +54,7 @@ def sigma_text(std: float) -> str:
 
 
 def difference_text(value: float, std: float | None) -> str:
-    """A value with the decimals of its standard deviation."""
+    """A value with the number of decimals of its standard deviation."""
     decimals = None if std is None else _decimals(std)
     return f"{value:.{VALUE_DIGITS}g}" if decimals is None else f"{value:.{decimals}f}"
 

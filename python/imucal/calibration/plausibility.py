@@ -1,4 +1,4 @@
-"""Checks of the numbers of a calibration file against its body frame and against what sensors can be."""
+"""Checks that the numbers of a calibration file agree with its body frame and are possible for sensors."""
 
 from __future__ import annotations
 
@@ -26,18 +26,19 @@ __all__ = [
 ]
 
 AGAIN: Final = "correct it, or calibrate again"
-# Range of the sensitivity by raw unit, in raw units per SI unit. Counts: accelerometers have 8 bits at +-30 g
-# (0.43 per m/s^2) to 32 bits at +-1 g, gyroscopes 8 bits at +-4000 deg/s (1.8 per rad/s) to 32 bits at
-# +-10 deg/s.
+# Accepted range of the sensitivity by sensor and raw unit, in raw units per SI unit. In counts,
+# accelerometers range from 8 bits at +-30 g (0.43 per m/s^2) to 32 bits at +-1 g, and gyroscopes from 8 bits
+# at +-4000 deg/s (1.8 per rad/s) to 32 bits at +-10 deg/s.
 SENSITIVITY: Final[dict[tuple[str, str], tuple[float, float]]] = {
     ("accelerometer", "m/s^2"): unit_bounds.SENSITIVITY,
     ("gyroscope", "rad/s"): unit_bounds.SENSITIVITY,
     ("accelerometer", "lsb"): (0.4, 3e8),
     ("gyroscope", "lsb"): (1.5, 2e10),
 }
-# Largest bias by raw unit; for counts half the range of 34 bits, because counts may have an offset.
+# Largest accepted bias by raw unit. In counts it is half the range of 34 bits, because 32-bit counts may have
+# an offset.
 BIAS: Final = {**{unit: most["bias"] for unit, most in LARGEST.items()}, "lsb": 2.0**33}
-# Largest noise density and random walk of a unit at rest by unit.
+# Largest accepted noise density and random walk of a unit at rest, by unit.
 NOISE: Final = {
     "mps2": LARGEST["m/s^2"]["noise_density"],
     "radps": LARGEST["rad/s"]["noise_density"],
@@ -50,12 +51,12 @@ NOISE_UNITS: Final = {
     ("accel", "random_walk"): "mps3",
     ("gyro", "random_walk"): "radps2",
 }
-# Range of temperatures, degC: what MEMS sensors are specified for, with some margin.
+# Accepted temperatures, degC: the specified range of MEMS sensors with a margin.
 TEMPERATURE_DEGC: Final = (-60.0, 150.0)
 
 
 def require_accelerometer(node: Node, triad: Triad, frame: Frame, unit: str) -> None:
-    """Raise FormatError unless the triad is one of an accelerometer in this body frame."""
+    """Raise FormatError unless the triad is a possible accelerometer in this body frame."""
     matrix, T = triad.sensitivity, node.get("T")
     rounding = ENTRY_ROUNDING * float(np.abs(matrix).max())
     for row, column in ((1, 0), (2, 0), (2, 1)):
@@ -85,7 +86,7 @@ def require_accelerometer(node: Node, triad: Triad, frame: Frame, unit: str) -> 
 
 
 def require_gyroscope(node: Node, triad: Triad, frame: Frame, unit: str) -> None:
-    """Raise FormatError unless the triad is one of a gyroscope in a right-handed body frame.
+    """Raise FormatError unless the triad is a possible gyroscope in a right-handed body frame.
 
     In the frame "given" the matrices may also change the handedness of the sensor axes.
     """
@@ -139,7 +140,10 @@ def require_gravity(node: Node) -> float:
 
 
 def require_temperature_range(node: Node) -> tuple[float, float] | None:
-    """The lowest and the highest temperature, degC; FormatError if reversed or impossible."""
+    """The lowest and the highest temperature, degC.
+
+    Raises FormatError if their order is reversed or one is impossible.
+    """
     if node.value is None:
         return None
     low, high = node.array(2).tolist()

@@ -1,4 +1,4 @@
-"""Covariance of calibrations that are functions of others: linear propagation.
+"""Linear propagation of the covariance to a calibration that is a function of another calibration.
 
 p' = F(p),    covariance' = J covariance J^T,    J = dF/dp
 """
@@ -19,8 +19,8 @@ from imucal.effects.effect import EffectValues
 __all__ = ["jacobian", "known_covariance", "values_of", "with_values"]
 
 # Step of the central difference in an entry of a sensitivity, relative to its largest entry. F is smooth in
-# the sensitivities, so the error of the derivative is about 1e-9 of it. In all other parameters F is linear,
-# where the step does not matter.
+# the sensitivities, so the relative error of the derivative is about 1e-9. In all other parameters F is
+# linear, so the step has no effect on the derivative.
 STEP: Final = 1e-4
 
 
@@ -78,7 +78,7 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
     for k, parameter in enumerate(model.parameters):
         sensor, _, rest = parameter.name.partition("_")
         in_sensitivity = rest.startswith("sensitivity_")
-        # Half of the value, because the shape of an effect must stay positive.
+        # The step is half of the value, because the shape of an effect must stay positive.
         step = STEP * sizes[sensor] if in_sensitivity else abs(parameter.value) / 2 or 1e-3
         up, down = values.copy(), values.copy()
         up[k] += step
@@ -89,7 +89,7 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
 
 
 def known_covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of all parameters in their order, zero for the shapes of effects; None if parts lack."""
+    """The covariance of all parameters in their order, zero for shapes of effects; None if incomplete."""
     if calibration.covariance is None:
         return None
     names = [parameter.name for parameter in calibration.parameters]

@@ -15,7 +15,7 @@ class Imported:
     """Origin of a calibration that was read from files of another program.
 
     format    name of the format in `imucal import --from`
-    program   the program whose files they are
+    program   the program that wrote the files
     formula   correction that the other program computes
     files     the files
     missing   what the files do not state: "covariance", "temperature", "noise", "gravity", or triads and
@@ -51,7 +51,7 @@ class Provenance:
     date            ISO 8601, UTC
     operator        who made it
     imported        origin of a calibration of another program, or None
-    composed_of     files of two calibrations that are applied one after the other
+    composed_of     files of the two calibrations of which this one is the composition
     """
 
     files: tuple[Source, ...] = ()
@@ -64,6 +64,6 @@ class Provenance:
 
 
 def require_serial_number(serial_number: str | None) -> None:
-    """Raise InputError for a serial number that is no name, as it appears in file names and tables."""
+    """Raise InputError for a serial number that is not a valid name. It appears in file names and tables."""
     if serial_number is not None:
         require_name(serial_number, "the serial number")

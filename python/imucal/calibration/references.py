@@ -1,7 +1,7 @@
 """The references of a calibration, local gravity and the clock of the time stamps, and their uncertainty.
 
-Every parameter is determined relative to gravity and to the time stamps. An error of either is invisible in
-the data: it changes all scales of a sensor together (docs/model.md (38)).
+Every parameter is determined relative to gravity and to the time stamps. The data cannot reveal an error of
+either, because it changes all scales of a sensor by the same factor (docs/model.md (38)).
 """
 
 from __future__ import annotations
@@ -25,22 +25,23 @@ Origin = Literal["standard", "given", "latitude", "unknown"]
 # Lowest and highest gravity on the surface of the Earth, m/s^2 (Hirt and others, Geophys. Res. Lett. 40,
 # 2013, doi 10.1002/grl.50838).
 ON_EARTH_MPS2: Final = (9.764, 9.834)
-# Heights above the ellipsoid, m, for which normal gravity is computed: from the Dead Sea to the summits.
+# Accepted heights above the ellipsoid, m, for normal gravity: from the Dead Sea to the highest summits.
 HEIGHTS_M: Final = (-500.0, 9000.0)
 LATITUDES_DEG: Final = (-90.0, 90.0)
-# Largest difference of gravity in a file from normal gravity at its place, m/s^2: rounding to seven digits.
+# Accepted difference between gravity in a file and normal gravity at the place in the file, m/s^2: rounding
+# to seven digits.
 GRAVITY_ROUNDING_MPS2: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """How gravity and the clock of a calibration are known.
+    """Sources and standard deviations of local gravity and of the clock.
 
     gravity_from        "standard" (9.80665 m/s^2 was assumed), "given", "latitude" (normal gravity), or
                         "unknown" (a file of another program, which does not state it)
-    gravity_sigma_mps2  standard deviation of local gravity in the covariance, m/s^2; None if it is not in it
-    clock_ppm           standard deviation of the rate of the clock in the covariance, 1e-6; None if it is
-                        not in it
+    gravity_sigma_mps2  standard deviation of local gravity, m/s^2; None if the covariance does not include it
+    clock_ppm           standard deviation of the rate of the clock, 1e-6; None if the covariance does not
+                        include it
     latitude_deg, height_m   place of normal gravity; None if not given
     """
 
@@ -51,9 +52,9 @@ class References:
     height_m: float | None = None
 
     def notes(self, gravity_mps2: float, *, has_gyroscope: bool = True) -> list[str]:
-        """What the standard deviations do not contain, and how to add it, one sentence each.
+        """Sentences on the uncertainties that the standard deviations do not include, and how to add them.
 
-        has_gyroscope  whether the clock matters; an accelerometer alone does not depend on it
+        has_gyroscope  whether there is a gyroscope; an accelerometer alone does not depend on the clock
         """
         return [*self._of_gravity(gravity_mps2), *(self._of_clock() if has_gyroscope else [])]
 
@@ -104,7 +105,7 @@ class References:
     def of_file(node: Node) -> References:
         """The references in a calibration file; older files and files of other programs may lack them.
 
-        Raises FormatError for a place whose normal gravity is not that of the file.
+        Raises FormatError if normal gravity at the place differs from gravity in the file.
         """
         if "references" not in node.mapping():
             return References("given")
@@ -173,7 +174,7 @@ def references_of(
 
 
 def _number(name: str, value: Any) -> float | None:
-    """A number or None; the library judges its range."""
+    """A number or None; the compiled library checks its range."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):

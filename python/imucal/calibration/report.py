@@ -20,17 +20,18 @@ from imucal.errors import FormatError
 __all__ = ["require_date", "require_figures", "require_fit", "require_sha256", "require_version"]
 
 AGAIN: Final = "correct one of them, or calibrate again"
-# Largest figures by name: gravity itself, half a revolution, and a million times the noise.
+# Largest accepted figures by name: gravity itself, half a revolution, and residuals of a million times the
+# noise.
 LARGEST: Final = {"gravity_norm_rms_mps2": 9.9, "gravity_direction_rms_deg": 180.0, "chi2_per_dof": 1e12}
 COUNTS: Final = ("rests", "moves")
 FITS: Final = ("accelerometer", "gyroscope", "joint")
-# Fields of the section `fit` that are there together: those of every calibration, and those of a joint fit.
+# Fields of the section `fit` that occur only together: those of every calibration, and those of a joint fit.
 TOGETHER: Final = (
     ("accelerometer", "gyroscope", "rest_thresholds"),
     ("joint", "noise_alone", "bias_instability_radps", "tremor_deg", "effects"),
 )
 SCALES: Final = ("norms", "moves", "inside", "stand")
-# Sensors times axes of the noise floor of a recording.
+# Number of noise floors of a recording: one per axis of both sensors.
 NOISE_FLOORS: Final = 6
 MODELS: Final = ("full", "orthogonal", "bias")
 PRIOR_SOURCES: Final = ("given", "unit", "default")
@@ -46,7 +47,8 @@ TERMINATIONS: Final = (
 VERSION: Final = (
     r"[0-9]+(\.[0-9]+)*((a|b|rc)[0-9]+)?(\.post[0-9]+)?(\.dev[0-9]+)?(-[0-9A-Za-z.]+)?(\+[0-9A-Za-z.]+)?"
 )
-# Difference of a chi2 or a p-value computed again, which is rounded in the file.
+# Accepted difference between a chi2 or p-value in the file and the recomputed one, because the file may be
+# rounded.
 STATISTIC_ROUNDING: Final = 1e-4
 
 
@@ -75,7 +77,7 @@ def require_fit(
 ) -> None:
     """Raise FormatError if a number of the section `fit` contradicts another one or the covariance.
 
-    effects             by name of the effect, its linear parameters with their full names
+    effects             linear parameters of each effect with their full names, by name of the effect
     names, covariance   the covariance with its names
     """
     fit = node.mapping()
@@ -119,7 +121,7 @@ def require_fit(
 
 
 def _require_report(node: Node) -> None:
-    """Raise FormatError if one fit reports what cannot be."""
+    """Raise FormatError if the report of one fit contains an impossible value."""
     for name in ("degrees_of_freedom", "iterations"):
         node.get(name).whole()
     node.get("termination").text(TERMINATIONS)
@@ -129,7 +131,7 @@ def _require_report(node: Node) -> None:
 
 
 def _require_scales(node: Node) -> None:
-    """Raise FormatError unless the joint fit is widened by the largest of its scales."""
+    """Raise FormatError unless the inflation of the joint fit is the largest of its scales."""
     scales = node.get("scales")
     known = [scales.get(name) for name in SCALES if scales.get(name).value is not None]
     for scale in known:
@@ -143,7 +145,7 @@ def _require_scales(node: Node) -> None:
 
 
 def _require_priors(node: Node, names: Sequence[str]) -> None:
-    """Raise FormatError if the held parameters report what cannot be."""
+    """Raise FormatError if the report of the held parameters contains an impossible value."""
     node.get("model").text(MODELS)
     for held in node.get("held").items():
         for name in ("name", "unit"):
@@ -166,7 +168,7 @@ def _require_priors(node: Node, names: Sequence[str]) -> None:
     for item in shares.items():
         _require_range(item.get("share"), 0.0, 1.0)
     _require_range(node.get("gravity_direction_deg"), 0.0, np.inf)
-    # An accelerometer alone measures no rotation.
+    # The field is null for an accelerometer alone, which does not measure rotations.
     if node.get("rotation_deg").value is not None:
         _require_range(node.get("rotation_deg"), 0.0, np.inf)
 
@@ -191,7 +193,7 @@ def _require_statistic(
     names: Sequence[str],
     covariance: FloatArray | None,
 ) -> None:
-    """Raise FormatError if the statistic of an effect is not that of its values by their covariance."""
+    """Raise FormatError if the statistic of an effect does not follow from its values and covariance."""
     name, statistic = node.get("name").text(), node.get("statistic")
     dof, own = node.get("dof").whole(), effects.get(name, {})
     if len(own) != dof:
@@ -222,7 +224,7 @@ def _require_statistic(
 
 
 def _require_threshold(node: Node) -> None:
-    """Raise FormatError for a rest threshold outside the range in which it is stable."""
+    """Raise FormatError for a rest threshold outside its reported stable range."""
     numbers = {}
     for name in ("factor", "stable_from", "stable_to", "window_s"):
         item = node.get(name)
@@ -273,10 +275,10 @@ def require_sha256(node: Node) -> str:
 
 
 def require_date(node: Node) -> str:
-    """A date, empty if it is not known; FormatError unless it is ISO 8601."""
+    """A date, or an empty text if it is not known; FormatError unless the date is ISO 8601."""
     text = node.text()
     try:
-        # Python 3.10 does not know Z for UTC.
+        # Python 3.10 does not parse Z for UTC.
         if text and datetime.fromisoformat(re.sub("Z$", "+00:00", text)).year < 1980:
             raise ValueError(text)
     except ValueError:
@@ -287,7 +289,7 @@ def require_date(node: Node) -> str:
 
 
 def require_version(node: Node) -> str:
-    """A version, empty if it is not known; FormatError for any other text."""
+    """A version, or an empty text if it is not known; FormatError for any other text."""
     text = node.text()
     if text and not re.fullmatch(VERSION, text):
         raise FormatError(

@@ -1,11 +1,11 @@
-"""Three axes of one kind, and the body frame in which two such triads are expressed.
+"""A triad (three sensor axes of one kind), and the body frame in which both triads of a unit are expressed.
 
     measured = sensitivity * true + bias
 
-The sensitivity is the product of scale factors and misalignment. In the calibrations of this package
-the accelerometer defines the body frame: its sensitivity is symmetric in the frame "symmetric" and lower
-triangular in the frame "triangular", so it has six free entries. In the frame "given", that of another
-program or of two composed calibrations, it has nine, as the gyroscope's sensitivity always has.
+The sensitivity is the product of scale factors and misalignment. In the calibrations of this package the
+accelerometer defines the body frame: its sensitivity is symmetric in the frame "symmetric" and lower
+triangular in the frame "triangular", so it has six free entries. In the frame "given", which another program
+or the composition of two calibrations defines, it has nine. The gyroscope's sensitivity always has nine.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "given": ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"),
 }
 GYRO_ENTRIES: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
-# Number of parameters of both triads in the frames that the accelerometer defines. They come before those of
-# effects in a table and in a covariance.
+# Number of parameters of both triads in the frames "symmetric" and "triangular". In tables and covariances
+# they come before the parameters of effects.
 BASE: Final = 21
-# Largest condition number of a sensitivity. Real triads are below 2. At 100 two axes are within a degree of
-# each
-# other, or one is nearly dead, and the correction multiplies noise and rounding by this number.
+# Largest accepted condition number of a sensitivity. Real triads are below 2. At 100, two axes are within a
+# degree of each other or one axis is nearly dead, and the correction multiplies noise and rounding errors by
+# 100.
 MAX_CONDITION: Final = 100.0
 
 
@@ -67,13 +67,13 @@ def as_estimated_frame(name: str) -> Frame:
 
 
 def base_count(frame: Frame, *, has_gyroscope: bool = True) -> int:
-    """Number of parameters of both triads, or of the accelerometer's alone, in this body frame."""
+    """Number of parameters of both triads, or of an accelerometer alone, in this body frame."""
     return 3 + len(ACCEL_ENTRIES[frame]) + (3 + len(GYRO_ENTRIES) if has_gyroscope else 0)
 
 
 def frame_of(sensitivity: FloatArray) -> Frame:
-    """The body frame whose form an accelerometer's sensitivity has exactly; "given" if it has neither."""
-    # A rotation by 180 deg is symmetric as well, so the eigenvalues must be positive too.
+    """Frame "symmetric" or "triangular" if an accelerometer's sensitivity has this form, else "given"."""
+    # The eigenvalues must also be positive, because a rotation by 180 deg is symmetric as well.
     if np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all()):
         return "symmetric"
     if np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all()):
@@ -83,7 +83,7 @@ def frame_of(sensitivity: FloatArray) -> Frame:
 
 @dataclass(frozen=True, eq=False)
 class Triad:
-    """Three axes of one kind: sensitivity (3, 3) in raw units per SI unit, bias (3,) in raw units.
+    """Three sensor axes of one kind: sensitivity (3, 3) in raw units per SI unit, bias (3,) in raw units.
 
     Raises InputError if a shape is wrong, a number is not finite, or the sensitivity is nearly singular.
     """

@@ -1,7 +1,7 @@
 """The verdict on a calibration: good, incomplete or poor, and the residuals on which it is based.
 
 good        noise explains the residuals
-incomplete  usable, but the unit or its motion does something that the model lacks: residuals of some kind
+incomplete  usable, but the model lacks an effect of the unit or its motion, because residuals of some kind
             exceed twice their noise
 poor        not to be relied on
 """
@@ -32,15 +32,15 @@ RESIDUALS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class ResidualFit:
-    """The residuals of one kind beside their noise.
+    """The residuals of one kind, compared with their noise.
 
     kind                "norms" (norm of gravity at the rests), "moves" (gravity direction after the moves),
                         "rates" (mean rates at the rests), "inside" (specific force within the moves) or
                         "stand" (attitude relative to the stand)
-    rms, noise          rms of the residuals, and the part that noise explains, in `unit`
+    rms, noise          rms of the residuals, and the rms expected from noise alone, in `unit`
     unit                mg, deg or deg/h
     ratio               root of chi2 per degree of freedom; 1 if noise explains the residuals
-    degrees_of_freedom  number of residuals minus that of the parameters which they determine
+    degrees_of_freedom  number of residuals minus the number of parameters that they determine
     p_value             probability of a larger ratio from noise alone
     exceeds_noise       whether the ratio exceeds 2 and is significant, so that the verdict is incomplete
     """
@@ -62,7 +62,7 @@ class ResidualFit:
 
 
 def verdict_of(word: str) -> Verdict:
-    """The verdict with this name; `poor` for an unknown name, as newer versions may write."""
+    """The verdict with this name; `poor` for an unknown name, which a newer version may have written."""
     return next((verdict for verdict in VERDICTS if verdict == word), "poor")
 
 
@@ -79,7 +79,7 @@ def saved_verdict(
     *,
     has_gyroscope: bool = True,
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """The verdict of a calibration file with its reasons, or that of its figures if it is worse."""
+    """The verdict of a calibration file with its reasons; `poor` if the figures in the file make it poor."""
     poor = tuple(saved_reasons(calibration_set, control_set, has_gyroscope=has_gyroscope))
     if not poor:
         return verdict or "good", tuple(reasons)

@@ -1,7 +1,8 @@
-"""Whether a document agrees with itself: with the document that its own fields give when written again.
+"""Check that a document does not contradict itself: it must equal the document written again from its fields.
 
 Documents repeat some of their contents for readers, such as a table of parameters beside the matrices. A file
-that was edited by hand in one of two places contradicts itself, and no reader can know which one is meant.
+that was edited by hand in one of two places contradicts itself, and no program can know which place is
+correct.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from imucal.errors import FormatError
 
 __all__ = ["ROUNDING", "Origin", "agree", "require_agreement", "require_fields"]
 
-# Relative difference of two numbers that is explained by rounding, as of a file written with seven digits.
+# Relative difference of two numbers that counts as rounding: that of a file written with seven digits.
 ROUNDING: Final = 1e-6
 
 
@@ -26,8 +27,8 @@ class Origin:
     """Where a repeated value of a document comes from.
 
     place      the other place in the document
-    absolute   difference of two numbers that is explained by rounding
-    relative   the same, relative to the larger number
+    absolute   absolute difference of two numbers that counts as rounding
+    relative   relative difference of two numbers that counts as rounding, relative to the larger one
     """
 
     place: str
@@ -36,7 +37,7 @@ class Origin:
 
 
 def agree(one: float, other: float, *, absolute: float = 0.0, relative: float = ROUNDING) -> bool:
-    """Whether two numbers differ by no more than rounding."""
+    """Whether two numbers differ by no more than the given rounding."""
     return abs(one - other) <= max(absolute, relative * max(abs(one), abs(other)))
 
 
@@ -46,12 +47,12 @@ def require_agreement(
     """Raise FormatError for the first value of a document that differs from the value written again.
 
     given     the document as it was read
-    written   the document that its fields give, as plain values
-    origin    by path, the origin of the value written again
+    written   the document written again from the fields of `given`, as plain values
+    origin    function that returns the origin of the value at a path
     optional  names of fields that older files do not have
     way_out   what to do about a difference
     """
-    # Fast path: nearly all parts of a document are unchanged.
+    # Fast path, because nearly all parts of a document are equal.
     if type(given.value) is type(written) and given.value == written:
         return
     if isinstance(written, dict):
@@ -77,7 +78,7 @@ def require_agreement(
 
 
 def require_fields(node: Node, known: Sequence[str], what: str) -> None:
-    """Raise FormatError for an unknown field, with the known one that has a similar name."""
+    """Raise FormatError for an unknown field, with the known field of the most similar name."""
     for name in node.mapping():
         if name not in known:
             close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)

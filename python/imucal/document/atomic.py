@@ -28,7 +28,8 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """
     try:
         given = Path(path)
-        # Uses the given path: if /dev/stdout is a pipe, its link target is not a usable path.
+        # The given path is used and not its link target, because the target of /dev/stdout is not a usable
+        # path if it is a pipe.
         if given.exists() and not given.is_file() and not given.is_dir():
             with given.open("wb") as device:
                 yield device

@@ -1,4 +1,7 @@
-"""JSON documents: written atomically, with finite numbers; read with errors that name the field."""
+"""Reading and writing of JSON documents.
+
+Writing is atomic and refuses non-finite numbers; errors name the field.
+"""
 
 from __future__ import annotations
 
@@ -52,11 +55,12 @@ def write_json(document: Any, path: str | os.PathLike[str]) -> None:
 
 def read_json(path: str | os.PathLike[str]) -> Node:
     """Read a JSON document; FormatError if the file is not JSON."""
-    # Imported here because it loads the readers of all formats, which array users do not need.
+    # Imported here, because this import loads the readers of all formats, which users of arrays do not need.
     from imucal.document.source import open_file
 
     file = open_file(path)
-    # The path as given, because many files are called calibration.json.
+    # Messages show the path as given and not only the file name, because many files are called
+    # calibration.json.
     given = file.source.path
 
     def refuse(constant: str) -> None:
@@ -82,7 +86,7 @@ def read_json(path: str | os.PathLike[str]) -> Node:
     except (UnicodeDecodeError, RecursionError):
         raise FormatError(f"{given} is not JSON: it is no text in UTF-8") from None
     except ValueError as error:
-        # Raised for an integer with thousands of digits.
+        # json raises this error for an integer with thousands of digits.
         raise FormatError(f"{given} is JSON that cannot be read: {error}") from None
 
 
@@ -125,7 +129,7 @@ class Node:
         return self.value
 
     def text(self, one_of: Sequence[str] = ()) -> str:
-        """A string, restricted to the given ones if there are any."""
+        """A string; if `one_of` is not empty, one of its strings."""
         if not isinstance(self.value, str) or (one_of and self.value not in one_of):
             raise self._wrong(f"one of {', '.join(one_of)}" if one_of else "a string")
         return self.value
@@ -170,7 +174,10 @@ class Node:
 
 
 def _escaped(text: str) -> str:
-    """JSON text with an escape for each character that cannot be printed, all of which are in strings."""
+    """JSON text with an escape for each character that cannot be printed.
+
+    Such characters occur in strings only.
+    """
 
     def escape(match: re.Match[str]) -> str:
         character = match[0]

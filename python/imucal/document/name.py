@@ -1,9 +1,9 @@
-"""What a name may contain: that of a unit, a serial number, an operator, an effect, or a column.
+"""Rules for names of units, operators, effects and columns, and for serial numbers.
 
 Names appear in tables, file names, pages, and in the YAML, XML, C and Rust of other programs. A name is one
 line of printable characters. Line separators, control characters and marks that reverse the direction of text
-could otherwise start a new line or hide part of one. Names of files cannot be chosen here, so they are shown
-escaped.
+could otherwise start a new line or hide part of one. File names are not restricted, so they are shown with
+escapes.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from imucal.errors import InputError
 
 __all__ = ["LONGEST_NAME", "require_name", "shown"]
 
-# Longest name, characters: one that fits on a line of a terminal and into a file name.
+# Maximum length of a name in characters. It is a length that still fits into a file name.
 LONGEST_NAME: Final = 200
 
 
 def require_name(name: object, what: str) -> str:
-    """The name; InputError, with the character that it must not contain, if it is no name."""
+    """The name; InputError, with the first forbidden character, if it is not a valid name."""
     if not isinstance(name, str):
         raise InputError(f"{what} is {name!r}: give text, {str(name)!r}")
     if not name.strip():

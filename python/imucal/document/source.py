@@ -24,7 +24,7 @@ __all__ = [
     "require_file",
 ]
 
-# Bytes read at once to hash a file: they stay in the cache of the processor.
+# Number of bytes read at once to hash a file. A block of this size stays in the cache of the processor.
 HASHED_AT_ONCE: Final = 1 << 17
 
 
@@ -50,7 +50,7 @@ def open_file(path: str | os.PathLike[str]) -> File:
 
     Raises InputError if the file is missing, a folder, or not readable, and FormatError if it is empty.
     """
-    # Imported here because it loads OpenSSL (4 MB), which recordings made from arrays do not need.
+    # Imported here, because hashlib loads OpenSSL (4 MB), which recordings made from arrays do not need.
     import hashlib
 
     given = os.fspath(path)
@@ -79,7 +79,10 @@ def open_large(path: str | os.PathLike[str]) -> Source:
 
 
 def is_folder(path: str | os.PathLike[str]) -> bool:
-    """Whether `path` is a folder; False if it cannot be accessed, which reading it will report."""
+    """Whether `path` is a folder.
+
+    If the path cannot be accessed, the result is False, and reading it reports the error.
+    """
     return os.path.isdir(path)  # noqa: PTH112 (pathlib raises instead)
 
 
@@ -105,7 +108,9 @@ def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
 def hashed_blocks(
     path: str | os.PathLike[str], first: int, size: int, sources: list[Source]
 ) -> Iterator[bytes]:
-    """The bytes of a file: the first ones, then blocks. After the last block its source is in `sources`.
+    """The bytes of a file: the first `first` bytes, then blocks of `size`.
+
+    After the last block the Source is in `sources`.
 
     Raises the errors of `open_file`.
     """
@@ -124,7 +129,7 @@ def hashed_blocks(
 
 @contextmanager
 def parsing(file: str, kind: str, way_out: str) -> Iterator[None]:
-    """Convert any exception of a format's library to a FormatError with the file and a suggested remedy.
+    """Convert any exception of a library that parses a file to a FormatError with the file and a remedy.
 
     Parsers raise all kinds of exceptions on damaged files, so every exception is treated as damage.
     """

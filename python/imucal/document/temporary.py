@@ -1,8 +1,8 @@
 """Temporary files that a killed process does not leave behind.
 
-On Linux the file has no name until it is complete, so the kernel removes it with the process. Elsewhere, and
-on file systems without such files, it has a short hidden name and a lock that ends with its process. The next
-process that writes into the folder removes files whose lock has ended.
+On Linux the file has no name until it is complete, so the kernel removes it with the process. On other
+systems, and on file systems that do not support unnamed files, the file has a short hidden name and a lock
+that ends with its process. The next process that writes into the folder removes files whose lock has ended.
 """
 
 from __future__ import annotations
@@ -17,22 +17,23 @@ from typing import BinaryIO, Final
 
 try:
     import fcntl
-except ImportError:  # Windows has other locks; a file left there has to be removed by hand.
+except ImportError:  # Windows has no fcntl; users remove left files by hand.
     fcntl = None  # type: ignore[assignment]
 
 __all__ = ["TemporaryFile"]
 
-# Short, because the name of the file that is written may have all 255 bytes that file systems allow.
+# The name is short and independent of the target, whose name may already have the 255 bytes that file systems
+# allow.
 PREFIX: Final = ".imucal-"
 SUFFIX: Final = ".tmp"
-# Age at which a file without a lock is left behind, s. A younger one may not be locked yet.
+# Age above which a file without a lock counts as left behind, s. A younger file may not be locked yet.
 LEFT_BEHIND_S: Final = 60.0
-# Attempts to give a complete file its name while other processes write the same file.
+# Number of attempts to name a complete file while other processes write to the same target.
 ATTEMPTS: Final = 20
 
 
 class TemporaryFile:
-    """A file in a folder that replaces another one when it is complete.
+    """A temporary file in a folder that replaces the target file when it is complete.
 
     descriptor   of the open file, for writing
     """
@@ -64,8 +65,8 @@ class TemporaryFile:
         with suppress(FileExistsError):
             self._link(target)
             return
-        # A link cannot replace a file, a rename can. The name is that of the target, so a process that is
-        # killed between the two calls leaves one file, which the next one replaces.
+        # A link cannot replace a file, but a rename can. The intermediate name depends only on the target. So
+        # if a process is killed between the two calls, the next process replaces the file that was left.
         linked = self._folder / f"{PREFIX}{_digest(target.name)}{SUFFIX}"
         for attempt in range(ATTEMPTS):
             try:
@@ -81,7 +82,7 @@ class TemporaryFile:
                 time.sleep(0.01 * attempt)
 
     def _link(self, path: Path) -> None:
-        """Give the file without a name a name in its folder."""
+        """Link the unnamed file to a name in its folder."""
         folder = os.open(self._folder, os.O_RDONLY)
         try:
             # Python follows the link of the descriptor only if a folder is given by its descriptor.
@@ -90,7 +91,7 @@ class TemporaryFile:
             os.close(folder)
 
     def _open(self) -> int:
-        """Open a file without a name, or else one with a name."""
+        """Open an unnamed file if the file system supports it, otherwise a named file."""
         if hasattr(os, "O_TMPFILE") and Path("/proc/self/fd").is_dir():
             # Not all file systems have files without a name.
             with suppress(OSError):
@@ -101,7 +102,7 @@ class TemporaryFile:
         if fcntl is not None:
             with suppress(OSError):
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # mkstemp lets only its user read the file.
+        # The permissions are set to the default, because mkstemp lets only the current user read the file.
         mask = os.umask(0)
         os.umask(mask)
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Errors of a sensor beyond sensitivity and bias: the catalogue of effects, and user-defined effects."""
+"""Effects: systematic errors beyond sensitivity and bias, from the catalogue or defined by the user."""
 
 from imucal.effects.definition import UserEffect
 from imucal.effects.effect import Effect, EffectParameter, EffectValues

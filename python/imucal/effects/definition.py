@@ -1,4 +1,4 @@
-"""Definitions of effects: those of the catalogue, and effects that a user writes in Python."""
+"""Definitions of effects: those of the catalogue, and those that a user writes in Python."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class UserEffect:
     """A user-defined effect.
 
     name        must not be in the catalogue; parameters are called `<name>_<parameter>` in all results
-    sensor      "accelerometer" (the field is a specific force) or "gyroscope" (it is an angular rate)
-    parameters  one per column of the field
+    sensor      "accelerometer" (the field is a specific force) or "gyroscope" (the field is an angular rate)
+    parameters  one parameter per column of the field
     field       function of the State that returns the field, (N, 3, p); None if the calibration was loaded
                 from a file without the definition
 
@@ -41,8 +41,8 @@ class UserEffect:
         per_volt = tuple(imucal.EffectParameter(axis, "rad/s/V", 1e-3) for axis in "xyz")
         supply = imucal.UserEffect("gyro_bias_supply", "gyroscope", per_volt, field)
 
-    Raises InputError for a name that exists or is not an identifier, for an unknown sensor, and without
-    parameters.
+    Raises InputError if the name exists in the catalogue or is not an identifier, if the sensor is unknown,
+    and if there are no parameters.
     """
 
     name: str
@@ -60,7 +60,7 @@ class UserEffect:
             raise InputError(f"the sensor of {self.name} is {self.sensor!r}: give one of {', '.join(TRIADS)}")
         names = [parameter.name for parameter in self.parameters]
         for name in names:
-            # A digit may be first, because the name of the effect stands before it.
+            # A parameter's name may start with a digit, because the name of the effect precedes it.
             if not f"_{name}".isidentifier():
                 raise InputError(
                     f"the parameter {name!r} of {self.name} cannot be one: use letters, digits and _"

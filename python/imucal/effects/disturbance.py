@@ -1,7 +1,7 @@
 """Disturbances without a field: coloured noise, and faults of the data or of the stand.
 
-They complete the catalogue of `imucal.effects`. A simulation can include them and a search can name them, but
-they cannot be compensated, so they are not part of a calibration.
+A simulation can include disturbances, and a search can report them. Disturbances cannot be compensated, so
+they are not part of a calibration.
 """
 
 from __future__ import annotations

@@ -2,12 +2,12 @@
 
     [NAME =] SENSOR [AXIS]: EXPRESSION
 
-The expression is what the effect adds to the true rate (rad/s) or force (m/s^2). It is proportional to its
-parameters, which are the names that are neither inputs, functions nor columns of the recordings. Without an
-axis, each axis has parameters of its own.
+The effect adds the value of the expression to the true rate (rad/s) or force (m/s^2). The parameters are the
+names that are neither inputs, functions nor columns of the recordings; the expression must be linear in them,
+without a constant term. Without an axis, each axis has separate parameters.
 
-The text is parsed, never run: the syntax tree may only hold numbers, names, the operations of `OPERATORS`,
-comparisons, and calls of `FUNCTIONS`.
+The text is parsed but never executed. The syntax tree may contain only numbers, names, the operations in
+`OPERATORS`, comparisons, and calls of `FUNCTIONS`.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ SENSORS: Final = {
     "accel": "accelerometer",
     "accelerometer": "accelerometer",
 }
-# What an expression may depend on besides columns of the recording. A name of the first three without an axis
-# is the component along the axis that the effect acts on.
+# Inputs of an expression besides columns of the recording. The names w, f and dw without an axis stand for
+# the component along the axis on which the effect acts.
 INPUTS: Final[Mapping[str, str]] = {
     **{f"w{axis}": "angular rate, rad/s" for axis in ("", "_x", "_y", "_z")},
     **{f"f{axis}": "specific force, m/s^2" for axis in ("", "_x", "_y", "_z")},
@@ -55,20 +55,21 @@ INPUTS: Final[Mapping[str, str]] = {
     "rest_s": "time since the rate last exceeded 0.1 rad/s, s; without such a rate since the first sample",
     **{f"stand_{k}_rad": f"measured angle of motor {k} of the stand, rad" for k in (1, 2, 3)},
 }
-# Inputs that exported code takes as arguments, because a single sample does not determine them.
+# Inputs that exported code takes as arguments, because they cannot be computed from a single sample.
 ARGUMENTS: Final = ("rest_s", "stand_1_rad", "stand_2_rad", "stand_3_rad")
 CONSTANTS: Final[Mapping[str, float]] = {"pi": 3.141592653589793, "g": STANDARD_GRAVITY_MPS2}
-# Functions with their number of arguments.
+# Permitted functions, each with its number of arguments.
 FUNCTIONS: Final[Mapping[str, int]] = {
     **dict.fromkeys(("abs", "sign", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "atan"), 1),
     **dict.fromkeys(("min", "max"), 2),
 }
 OPERATORS: Final = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 COMPARISONS: Final = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-# Longest text and largest number of nested operations: a formula is one line that a person reads.
+# Maximum length of a formula in characters, and maximum nesting depth. The limits are generous for a formula
+# that a person reads on one line.
 MOST_CHARACTERS: Final = 500
 MOST_NESTED: Final = 50
-# Largest number in a formula; whole numbers of Python have no limit of their own.
+# Largest number in a formula. The limit is needed because Python integers are unbounded.
 LARGEST: Final = 1e100
 
 HEAD: Final = re.compile(
@@ -82,7 +83,7 @@ class Formula:
     """A parsed formula.
 
     text     as given, with single spaces
-    name     of the effect; None if the text gives none
+    name     of the effect; None if the text contains no name
     sensor   "gyroscope" or "accelerometer"
     axes     the axes that the effect acts on: all, or one
     factors  the expression that multiplies each parameter
@@ -111,12 +112,12 @@ class Formula:
 
 
 def names_in(text: str) -> frozenset[str]:
-    """The names in the expression of a formula, whatever they stand for."""
+    """All names in the expression of a formula: parameters, inputs, columns and functions."""
     return frozenset(re.findall(r"[^\W\d]\w*", text.partition(":")[2]))
 
 
 def is_formula(text: str) -> bool:
-    """Whether a text is meant as a formula and not as a name of the catalogue, such as NAME or NAME:full."""
+    """Whether a text is a formula and not an effect of the catalogue, such as NAME or NAME:full."""
     head, colon, body = text.partition(":")
     return bool(colon) and (HEAD.fullmatch(head) is not None or not re.fullmatch(r"\w*", body.strip()))
 
@@ -126,8 +127,8 @@ def parse_formula(text: str, columns: Collection[str]) -> Formula:
 
     columns  names of the further columns of the recordings
 
-    Raises InputError, with the place and the way out, for a text that is no formula, for an operation that is
-    not allowed, and if the expression is not proportional to its parameters.
+    Raises InputError, with the position and a remedy, if the text is not a formula, if an operation is not
+    allowed, and if the expression is not linear in its parameters.
     """
     printable = " ".join(shown(text).split())
     if len(printable) > MOST_CHARACTERS:
@@ -159,13 +160,13 @@ def parse_formula(text: str, columns: Collection[str]) -> Formula:
 
 @dataclass(frozen=True)
 class _Reader:
-    """Checks one expression, and splits it into its terms."""
+    """Checks one expression, and splits it into its terms, one per parameter."""
 
     text: str
     columns: Collection[str]
 
     def require_allowed(self, node: ast.expr, depth: int = 0) -> None:
-        """Raise InputError for whatever an expression must not hold."""
+        """Raise InputError if the expression contains anything that is not permitted."""
         if depth > MOST_NESTED:
             raise self._error("is nested too deeply", "split it into several effects")
         match node:
@@ -205,7 +206,7 @@ class _Reader:
             self.require_allowed(part, depth + 1)
 
     def terms(self, node: ast.expr) -> dict[str | None, ast.expr]:
-        """The factor of each parameter in an expression that is linear in them; None is the rest."""
+        """The factor of each parameter in a linear expression; key None is the term without a parameter."""
         match node:
             case ast.Name() if self._is_parameter(node.id):
                 return {node.id: ast.Constant(1)}

@@ -23,7 +23,8 @@ __all__ = ["FormulaEffect", "formula_effects", "sizes_of"]
 UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
 # Typical rms of the error that an effect adds: 0.05 deg/s and 1 mg, as for the biases of the catalogue.
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
-# Rate of a turn, rad/s, in the place of the unknown scale of a gyroscope in counts.
+# Assumed rate of a turn, rad/s. It replaces the unknown scale of a gyroscope in counts when typical sizes are
+# computed.
 TURN_RADPS: Final = 1.0
 OPERATIONS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: np.add,
@@ -50,7 +51,9 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
 
 @dataclass(frozen=True, eq=False)
 class FormulaEffect(UserEffect):
-    """A user-defined effect whose field is a formula; files contain it, so commands know the effect.
+    """A user-defined effect whose field is a formula.
+
+    Files contain the formula, so commands can apply the effect.
 
     formula  the parsed formula
     """
@@ -65,9 +68,9 @@ class FormulaEffect(UserEffect):
 
         columns  names of the further columns of the recordings that the formula may depend on
         typical  typical size of each parameter in its SI unit; 1 if not given
-        name     of the effect, if the text gives none; default: gyro_formula or accel_formula
+        name     of the effect if the text contains no name; default: gyro_formula or accel_formula
 
-        Raises InputError for a text that is no formula.
+        Raises InputError if the text is not a formula.
         """
         formula = parse_formula(text, columns)
         terms = _terms(formula)
@@ -80,9 +83,11 @@ class FormulaEffect(UserEffect):
 
     @staticmethod
     def stored(text: str, name: str, parameters: Sequence[EffectParameter]) -> FormulaEffect:
-        """The effect of a formula in a file; its names that are no parameters are columns.
+        """The effect of a formula in a file.
 
-        Raises InputError for a text that is no formula, or that has another number of parameters.
+        Names in the formula that are not among `parameters` or the inputs are columns.
+
+        Raises InputError if the text is not a formula, or if it has another number of parameters.
         """
         names = names_in(text)
         stored = {parameter.name for parameter in parameters}
@@ -101,7 +106,7 @@ class FormulaEffect(UserEffect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Inputs besides rate and force, by their names in the catalogue; columns are not among them."""
+        """Inputs besides rate, force and further columns, by their names in the catalogue."""
         inputs = self.formula.inputs
         given = {
             "time": "time_s" in inputs,
@@ -116,14 +121,16 @@ class FormulaEffect(UserEffect):
         return tuple(sorted(self.formula.inputs - set(INPUTS)))
 
     def columns_of_field(self) -> list[tuple[str, int, ast.expr]]:
-        """For each parameter its name, the index of the axis that it acts on, and the factor of it."""
+        """For each parameter its name, the index of its axis, and the expression that multiplies it."""
         return _terms(self.formula)
 
 
 def formula_effects(texts: Sequence[str], recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
-    """The effects of formulas for these recordings, with typical sizes that suit their motion.
+    """The effects of formulas.
 
-    Raises InputError for a text that is no formula, and for a column that one of the recordings lacks.
+    The typical sizes of their parameters are computed from the motion in these recordings.
+
+    Raises InputError if a text is not a formula, and for a column that one of the recordings lacks.
     """
     columns = set.intersection(*(set(recording.auxiliary) for recording in recordings))
     states = [_rough_state(recording) for recording in recordings] if texts else []
@@ -147,7 +154,7 @@ class _Field:
         terms = _terms(self.formula)
         field = np.zeros((len(state.time_s), 3, len(terms)))
         for k, (_, axis, factor) in enumerate(terms):
-            # A value that is not finite is reported with its sample by the caller.
+            # The caller reports values that are not finite, with their samples.
             with np.errstate(all="ignore"):
                 field[:, axis, k] = _value(factor, _inputs(state, axis, self.formula))
         return field
@@ -219,7 +226,9 @@ def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float
 
 
 def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]:
-    """Sizes of the parameters with which the effect varies by `TYPICAL`; `fields` are those of recordings.
+    """Sizes of the parameters with which the effect varies by `TYPICAL`.
+
+    `fields` has one field per recording.
 
     Raises InputError if a field does not vary.
     """
@@ -236,7 +245,7 @@ def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]
 
 
 def _rough_state(recording: Recording) -> State:
-    """The state of a recording without correction; counts are scaled by gravity and by a usual turn."""
+    """The state from uncorrected samples. Counts are scaled by gravity and by the assumed rate of a turn."""
     require_sensors(recording, "accelerometer", "gyroscope")
     force, rate = np.asarray(recording.specific_force, float), np.asarray(recording.angular_rate, float)
     if recording.accel_unit == "lsb":

@@ -1,4 +1,4 @@
-"""What each effect of the catalogue is, its usual cause, and what to do about it."""
+"""Description of each effect of the catalogue: the error it adds, its usual cause, and the remedy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Meaning:
 
     what    the error that it adds to the sensor
     cause   the usual cause in a MEMS sensor or its mount
-    remedy  what to do beside correcting it
+    remedy  action against the effect besides its correction
     """
 
     what: str
@@ -223,5 +223,5 @@ MEANINGS: Final[dict[str, Meaning]] = {
 
 
 def meaning_of(name: str) -> Meaning | None:
-    """What an effect of the catalogue is; None for a user-defined effect and for a law."""
+    """The description of an effect of the catalogue; None for a user-defined effect and for a law."""
     return MEANINGS.get(name)

@@ -14,8 +14,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["State"]
 
-# Rate above which a unit moves, rad/s: 6 deg/s, above the noise and bias of usual gyroscopes, and below the
-# rates of turns by hand.
+# Angular rate above which a unit counts as moving, rad/s (6 deg/s). It is above the noise and bias of usual
+# gyroscopes and below the rates of turns by hand.
 MOVING_RADPS: Final = 0.1
 
 
@@ -31,8 +31,9 @@ class State:
     auxiliary             name -> (N,), further columns of the recording
     rotation_wxyz         (N, 4)  attitude quaternion, maps a vector from body to world
     stand_rad             (N, 3)  angles of the stand's motors, rad; true ones in a simulation, else measured
-    stand_rate_radps      (N, 3)  their derivatives, rad/s; zero if not known
-    stand_direction       (N, 3)  sign of the last motion of each motor, 0 before any; zero if not known
+    stand_rate_radps      (N, 3)  derivatives of these angles, rad/s; zero if not known
+    stand_direction       (N, 3)  sign of the last motion of each motor; 0 before the first motion and if
+                                  not known
     rest_s                (N,)    time since the rate last exceeded 0.1 rad/s, or since the first sample, s;
                                   computed from the rate if not given
 
@@ -86,7 +87,7 @@ class State:
     ) -> State:
         """The state at each sample of a recording with the given true rate and force.
 
-        Without `angular_acceleration`, it is computed as the derivative of the rate; NaN for a single sample.
+        Without `angular_acceleration`, it is the derivative of the rate, or NaN if there is only one sample.
         """
         rate, force = as_rows(angular_rate, "angular_rate", 3), as_rows(specific_force, "specific_force", 3)
         if angular_acceleration is None:

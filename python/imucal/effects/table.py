@@ -1,4 +1,4 @@
-"""The catalogue of effects, which is that of the compiled library."""
+"""The catalogue of effects, as defined in the compiled library."""
 
 from __future__ import annotations
 
@@ -50,7 +50,10 @@ def find(name: str) -> Effect:
 
 
 def has_parameter(effect: str, name: str) -> bool:
-    """Whether a parameter belongs to an effect. The name of one effect may be the start of another name."""
+    """Whether a parameter belongs to an effect.
+
+    A prefix match is not sufficient, because the name of one effect may be a prefix of another effect's name.
+    """
     row = catalogue_by_name().get(effect)
     if row is None:
         return name.startswith(f"{effect}_")

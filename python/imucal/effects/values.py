@@ -1,4 +1,4 @@
-"""Values of effects: as arguments, on the command line, and in files.
+"""Parsing of the values of effects in arguments, on the command line and in files.
 
 {"gyro_g_sensitivity": 1e-4}                                   all parameters equal
 {"gyro_bias_drift": [1e-6, 0, 0]}                              one value per parameter, as in the catalogue
