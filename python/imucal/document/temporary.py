@@ -22,8 +22,8 @@ except ImportError:  # Windows has no fcntl; users remove left files by hand.
 
 __all__ = ["TemporaryFile"]
 
-# The name is short and independent of the target, whose name may already have the 255 bytes that file systems
-# allow.
+# The name is short and does not contain the name of the target, which may already have the 255 bytes that
+# file systems allow.
 PREFIX: Final = ".imucal-"
 SUFFIX: Final = ".tmp"
 # Age above which a file without a lock counts as left behind, s. A younger file may not be locked yet.

@@ -26,7 +26,7 @@ from imucal.errors import FormatError, InputError
 
 __all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effects"]
 
-# Largest value of an effect in a file, as a multiple of its typical size.
+# Largest accepted value of an effect in a file, as a multiple of its typical size.
 LARGEST_SIZE = 1e6
 
 EffectInput: TypeAlias = ArrayLike | Mapping[str, Any] | EffectValues
@@ -38,7 +38,7 @@ def give_effects(
 ) -> tuple[EffectValues, ...]:
     """Values of effects, noise and faults given by name.
 
-    Raises InputError for an unknown name and for values that do not match its definition.
+    Raises InputError for an unknown name and for values that do not match the definition of the effect.
     """
     known = _definitions(user_effects)
     if isinstance(effects, Mapping):
@@ -47,7 +47,7 @@ def give_effects(
 
 
 def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
-    """Names, or formulas, and values of the options NAME=V[,V...][@SHAPE] and NAME=typical."""
+    """Values of effects by name or formula, from options NAME=V[,V...][@SHAPE] and NAME=typical."""
     effects: dict[str, EffectInput] = {}
     for text in texts:
         name, given = _parse(text)
@@ -58,7 +58,8 @@ def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
 
 
 def _parse(text: str) -> tuple[str, EffectInput]:
-    # A formula may give a name and contain comparisons, so its values follow the last sign.
+    # A formula may contain equals signs (after its name and in comparisons), so its values follow the last
+    # one.
     name, equals, numbers = text.rpartition("=") if is_formula(text) else text.partition("=")
     way_out = "give NAME=VALUE, NAME=V,V,V, NAME=V,V,V@SHAPE or NAME=typical"
     if not equals or not name.strip() or not numbers.strip():
@@ -78,12 +79,15 @@ def _parse(text: str) -> tuple[str, EffectInput]:
 
 
 def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
-    """Values of effects in the form of files."""
+    """Values of effects as they are stored in files."""
     return [{"name": effect.name, "values": effect.values, "shape": effect.shape} for effect in effects]
 
 
 def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
-    """The effects in a list of a file, of the catalogue or user-defined; FormatError names an invalid one."""
+    """The effects in a list of a file, from the catalogue or user-defined.
+
+    Raises FormatError with the name of an invalid effect.
+    """
     own = by_name(user_effects)
     effects: list[EffectValues] = []
     for item in node.items():
@@ -122,7 +126,7 @@ def _give(name: str, given: EffectInput, known: Mapping[str, Definition]) -> Eff
     if name not in known:
         raise not_known(name, known)
     definition = known[name]
-    # A fault has only one form and no shape.
+    # A disturbance has only one form and no shape.
     plain = len(definition.parameters) if isinstance(definition, Disturbance) else definition.plain
     needed = None if isinstance(definition, Disturbance) else definition.shape
     shape: Any = None

@@ -1,1 +1,1 @@
-"""From recordings to a calibration and its verdict."""
+"""Estimation of a calibration from recordings, its evaluation, and its verdict."""

@@ -40,9 +40,11 @@ from imucal.rig.unit import Unit
 
 __all__ = ["calibrate", "result_of"]
 
-# Largest number of folds: each takes a fit, and a recording has fewer moves.
+# Largest accepted number of folds. More would not be useful, because each fold needs a fit and recordings
+# have fewer moves.
 MOST_FOLDS: Final = 1000
-# Largest bound of the iterations: a minimisation that has not ended after so many does not end.
+# Largest accepted value of `max_iterations`. A minimisation that has not converged after this number of
+# iterations does not converge.
 MOST_ITERATIONS: Final = 100_000
 
 
@@ -73,17 +75,18 @@ def calibrate(
 ) -> CalibrationResult:
     """Calibrate one unit from one or more of its recordings.
 
-    Recordings of an accelerometer alone give its nine parameters, and so does a table of mean readings
-    (`Means`), which gives the bias of the gyroscope as well; effects and `folds` are then errors.
+    Recordings of an accelerometer alone determine its nine parameters. So does a table of mean readings
+    (`Means`), which also gives the bias of the gyroscope. In both cases, effects and `folds` are errors.
 
     control            recordings that are not fitted and only used to judge the result
-    gravity_mps2       local gravity, m/s^2, with which the accelerometer scales change inversely; None:
-                       normal gravity at `latitude_deg` and `height_m`, or standard gravity 9.80665
-    gravity_sigma_mps2 standard deviation of local gravity, m/s^2, to include in those of the scales; None:
-                       that of normal gravity with `latitude_deg`, otherwise none
+    gravity_mps2       local gravity, m/s^2, to which the estimated accelerometer sensitivities are inversely
+                       proportional; None: normal gravity at `latitude_deg` and `height_m`, or standard
+                       gravity 9.80665
+    gravity_sigma_mps2 standard deviation of local gravity, m/s^2, to include in the standard deviations of the
+                       scales; None: with `latitude_deg` the uncertainty of normal gravity, otherwise zero
     latitude_deg, height_m   geodetic latitude, deg, and height, m, of the place
     clock_ppm          standard deviation of the rate of the clock that gives the time stamps, 1e-6, to
-                       include in those of the gyroscope scales, which are proportional to the time stamps
+                       include in the standard deviations of the gyroscope scales
     frame              body frame of the result: "symmetric" or "triangular"
     min_rest_s         minimum duration of a rest, s
     exclude_saturated  exclude rests and moves with saturated samples instead of refusing the recording
@@ -91,41 +94,43 @@ def calibrate(
                        counts; without it start values are estimated from the data
     effects            effects to estimate together with the 21 parameters: user-defined effects, formulas
                        such as "gyro: k * (supply_v - 3.3)", and names of the catalogue; `:full` selects the
-                       full form of an effect that has two, and `:seen` estimates only the observable
-                       parameters, the others having a prior of that width
+                       full form of an effect that has two forms, and `:seen` estimates only the observable
+                       directions of its parameters; the other directions are determined by a prior of the
+                       typical size
     model              parameters that are estimated without a prior: "full" for all; "orthogonal" for biases
                        and scales, with the misalignments held; "bias" for the biases, with misalignments and
                        scales held
-    hold               parameters held in addition: they have a normal prior, which is in the standard
-                       deviations of the result. Texts NAME, NAME=VALUE or NAME=VALUE+-SIGMA, or a mapping
-                       from names to None, the value, or (value, sigma). NAME is accel_ or gyro_ with bias,
-                       scale or misalignment, for all axes, or with axes (accel_misalignment_xy). Without
-                       VALUE it is that of a perfect sensor; without SIGMA it is from the spread of `unit`, or
-                       the default for MEMS sensors (docs/model.md (40)). Biases are in the raw unit, scales
-                       relative to the nominal scale, misalignments in rad
+    hold               parameters held in addition. A held parameter has a normal prior, whose uncertainty is
+                       included in the standard deviations of the result. Texts NAME, NAME=VALUE or
+                       NAME=VALUE+-SIGMA, or a mapping from names to None, the value, or (value, sigma). NAME
+                       is accel_ or gyro_ with bias, scale or misalignment, for all axes, or with axes
+                       (accel_misalignment_xy). The default of VALUE is that of a perfect sensor. The default
+                       of SIGMA is the spread in `unit`, or else that of MEMS sensors (docs/model.md (40)).
+                       Biases are in the raw unit, scales relative to the nominal scale, misalignments in rad
     joint              estimate all parameters in one fit; if False, and without effects and held parameters,
                        first fit the accelerometer and then the gyroscope
-    unit               profile of the unit, its name, or the path of its file: its bias instabilities and
-                       random walks, which recordings of minutes hardly show, are included in the standard
-                       deviations, and the estimated biases are means over the recording. Its spread gives
-                       the priors of held parameters
+    unit               profile of the unit, its name, or the path of its file. Bias instabilities and random
+                       walks in the profile are included in the standard deviations, because recordings of
+                       minutes hardly show them; the estimated biases are then means over the recording. The
+                       spread in the profile gives the priors of held parameters
     noise_mps2         standard deviation of the means of the accelerometer, m/s^2, for a table of means that
-                       does not contain it; without it, it follows from the noise density of `unit` and
-                       the `duration_s` of the means, or else from the residuals
-    calibration        calibration of the accelerometer, such as that of an accelerometer alone: its nine
-                       parameters, with their covariance, are a prior, so that the recordings need only the
-                       moves that the gyroscope needs; a gyroscope in it is not used
-    folds              number of additional fits that each exclude one part of the moves or of the rests, and
-                       predict it
+                       does not contain it. Default: computed from the noise density of `unit` and the
+                       `duration_s` of the means, or else from the residuals
+    calibration        calibration of the accelerometer, such as that of an accelerometer alone. Its nine
+                       parameters with their covariance are a prior, so that the recordings need only the
+                       moves for the gyroscope. A gyroscope in this calibration is not used
+    folds              number of additional fits for cross-validation, each of which excludes one part of the
+                       rests and moves and predicts it
     max_iterations     maximum number of iterations of the joint fit, over all repetitions with new weights; a
                        fit that reaches it before its optimum has the verdict poor
 
-    The arrays of the recordings must not be changed by another thread meanwhile; the result would describe
-    neither the old nor the new values. The signal handlers of Python run during the calculation, and an
-    exception of a handler, such as KeyboardInterrupt, ends it.
+    Another thread must not change the arrays of the recordings during the calculation, because the result
+    would describe neither the old nor the new values. The signal handlers of Python run during the
+    calculation, and an exception of a handler, such as KeyboardInterrupt, ends it.
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
-    NotEnoughMotionError if poses are missing, and FitError if a fit does not end acceptably.
+    NotEnoughMotionError if poses are missing, and FitError if a fit does not converge to an acceptable
+    result.
     """
     means = recordings if isinstance(recordings, Means) else None
     if not isinstance(recordings, Means):
@@ -211,7 +216,7 @@ def result_of(
 ) -> CalibrationResult:
     """The result of a calibration by the compiled library.
 
-    own    the user's effects that were estimated
+    own    the user-defined effects that were estimated
     found  the evaluation on `judges`, if there is one
     """
     names = _names(outcome, own)
@@ -273,14 +278,17 @@ def result_of(
 
 
 def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ...]:
-    """Names of all parameters; the library numbers those of a user's effect."""
+    """Names of all parameters. The compiled library only numbers the parameters of a user-defined effect."""
     count = sum(len(effect.parameters) for effect in own)
     names = outcome.names[: len(outcome.names) - count]
     return (*names, *(f"{effect.name}_{p.name}" for effect in own for p in effect.parameters))
 
 
 def _noise(accel_density: FloatArray, gyro_density: FloatArray | None) -> dict[str, float]:
-    """White-noise densities by name, continuous, two-sided: a sample has this times the root of the rate."""
+    """White-noise densities by name, two-sided.
+
+    Density times root of the sampling rate is the noise of a sample.
+    """
     return {
         f"{name}_{axis}_{unit}_per_sqrt_hz": float(density)
         for name, unit, densities in (

@@ -1,4 +1,4 @@
-"""Judging a calibration on recordings that it was not made of."""
+"""Evaluation of a calibration on recordings that were not used to estimate it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ from imucal.recording.recording import Recording, as_recordings, require_sensors
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
 
-# Parts that a calibration of another program may lack and that are errors of the corrected samples.
+# Parts of the model that, if a calibration of another program lacks them, cause errors of the corrected
+# samples.
 ERRORS: Final = frozenset(
     {"gyroscope", *(f"{s}_{part}" for s in ("accel", "gyro") for part in ("bias", "scale", "misalignment"))}
 )
@@ -46,7 +47,7 @@ class PropagatedGravity:
     """Gravity at the rests of one recording, m/s^2 in the body frame.
 
     time_s        (K,) time of each rest, s
-    measured      (K, 3) by the calibrated accelerometer
+    measured      (K, 3) measured by the calibrated accelerometer
     uncalibrated  (K, 3) propagated from the first rest by the uncalibrated gyroscope
     calibrated    (K, 3) propagated from the first rest by the calibrated gyroscope
     """
@@ -67,7 +68,7 @@ class JudgedRecording:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
-    """A calibration judged on recordings.
+    """The evaluation of a calibration on recordings.
 
     figures       figures of the calibration on these recordings
     before        figures of the uncalibrated unit, with its nominal sensitivity
@@ -77,9 +78,9 @@ class Evaluation:
     findings      warnings about the recordings
     verdict       `good`, `incomplete` or `poor`
     reasons       why the verdict is not good
-    residuals     the residuals beside their noise, by kind
+    residuals     the residuals with their noise, by kind
     judgement     the checks of the calibration and these figures against limits; None without limits
-    serial_number, provenance   of the calibration
+    serial_number, provenance   serial number and provenance of the calibration
     recordings    name and files of each recording
     date          date of the evaluation, ISO 8601, UTC
     """
@@ -100,7 +101,9 @@ class Evaluation:
     date: str = ""
 
     def judged_by(self, limits: Limits, calibration: Calibration) -> Evaluation:
-        """The evaluation with checks of `calibration` against limits, with these figures as its control set.
+        """The evaluation with the checks of `calibration` against limits.
+
+        These figures are the control set of the checks.
 
         A failed check makes the verdict poor.
         """
@@ -146,7 +149,7 @@ def evaluate(
     *,
     min_rest_s: float = _core.MIN_REST_S,
 ) -> Evaluation:
-    """Judge a calibration on other recordings of its unit.
+    """Evaluate a calibration on recordings of the same unit that were not used to estimate it.
 
     Raises InputError for recordings with faults or with other raw units, and for arguments of other types;
     NotEnoughMotionError for recordings without a rest.
@@ -160,7 +163,8 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
     """The evaluation by the compiled library; raises as `evaluate`."""
     require_judges(calibration, judges)
     if calibration.frame == "given" and calibration.covariance is not None and not calibration.effects:
-        # The figures are the same in every body frame; the library propagates the covariance in this one.
+        # The figures are the same in every body frame, and the library supports the covariance in the
+        # symmetric frame only.
         calibration = in_frame(calibration, "symmetric")
     if calibration.gyroscope is None:
         nine = _covariance(calibration)
@@ -186,7 +190,7 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
 
 
 def _covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of the parameters of the triads; None if the calibration does not have all of it."""
+    """The covariance of the parameters of the triads; None if the calibration does not have it completely."""
     base = base_count(calibration.frame, has_gyroscope=calibration.gyroscope is not None)
     names = [parameter.name for parameter in calibration.parameters[:base]]
     if (
@@ -195,14 +199,15 @@ def _covariance(calibration: Calibration) -> FloatArray | None:
         or list(calibration.covariance_names[:base]) != names
     ):
         return None
-    # Both recordings were made with the same gravity and clock, so errors of these cancel in the residuals.
+    # The calibration and the control recordings have the same gravity and clock, so errors of gravity and
+    # clock cancel in the residuals. Their part of the covariance is removed.
     values = np.array([parameter.value for parameter in calibration.parameters[:base]])
     common = calibration.references.covariance_of_base(calibration.gravity_mps2, values)
     return calibration.covariance[:base, :base] - common
 
 
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
-    """Raise InputError for recordings on which a calibration cannot be judged."""
+    """Raise InputError for recordings on which a calibration cannot be evaluated."""
     if not judges:
         raise InputError("there is no recording to judge on: give at least one")
     require_different(judges)
@@ -213,7 +218,7 @@ def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
 def evaluation_of(
     calibration: Calibration, judges: Sequence[Recording], found: _core.Evaluation
 ) -> Evaluation:
-    """The evaluation of a calibration from that of the compiled library."""
+    """The Evaluation of a calibration from the output of the compiled library."""
     return Evaluation(
         figures=Figures(**found.figures),
         before=Figures(**found.before),
@@ -238,7 +243,7 @@ def evaluation_of(
 
 
 def _not_stated(calibration: Calibration) -> Iterator[str]:
-    """What a calibration of another program lacks, which may be the cause of large residuals."""
+    """Parts that a calibration of another program lacks. They may be the cause of large residuals."""
     imported = calibration.provenance.imported
     errors = [part for part in imported.missing if part in ERRORS] if imported is not None else []
     if imported is not None and errors:

@@ -1,4 +1,4 @@
-"""The course of an estimation: how rests were found, how each fit ended, and what its residuals show."""
+"""The course of an estimation: how rests were detected, how each fit ended, and tests of its residuals."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ __all__ = [
 class FitReport:
     """How one fit ended.
 
-    chi2, degrees_of_freedom   of its weighted residuals
+    chi2, degrees_of_freedom   of the weighted residuals
     inflation                  factor by which the standard deviations are widened; 1 if noise explains the
                                residuals
     iterations                 number of iterations
-    termination                why it stopped: "converged"; "stalled" if no step decreases chi2 although the
-                               gradient is not zero, "iteration_limit", "not_finite",
-                               "weights_not_settled" or "fields_not_settled" (of a user-defined effect), each
-                               of which makes the verdict poor
+    termination                why the fit stopped: "converged", or a reason that makes the verdict poor:
+                               "stalled" (no step decreases chi2 although the gradient is not zero),
+                               "iteration_limit", "not_finite", "weights_not_settled" or "fields_not_settled"
+                               (of a user-defined effect)
     """
 
     chi2: float | None
@@ -52,7 +52,7 @@ class FitReport:
 
 @dataclass(frozen=True, slots=True)
 class ResidualScales:
-    """Factor by which the joint fit widens each kind of residual; 1 if noise explains it (model.md (19)).
+    """Factor by which the joint fit widens the noise of each kind of residual (model.md (19)).
 
     norms   norm of gravity at the rests
     moves   gravity direction after the moves
@@ -70,7 +70,7 @@ class ResidualScales:
 class JointFit(FitReport):
     """How the joint fit ended.
 
-    scales   factors by which each kind of residual is widened
+    scales   factors by which the noise of each kind of residual is widened
     """
 
     scales: ResidualScales
@@ -92,7 +92,8 @@ class NoiseTest:
 class EffectSignificance:
     """Wald test of the parameters of one effect.
 
-    statistic   chi2 of the parameters by their covariance, with `dof` degrees of freedom if they are zero
+    statistic   chi2 of the parameters with their covariance; under the null hypothesis that all are zero it
+                has `dof` degrees of freedom
     """
 
     name: str
@@ -102,13 +103,13 @@ class EffectSignificance:
 
 @dataclass(frozen=True, slots=True)
 class RestThreshold:
-    """How the rests of one recording were found.
+    """How the rests of one recording were detected.
 
     factor                 threshold, as a multiple of the noise floor
     stable_from, stable_to range of factors with the same rests
     window_s               length of the window over which samples are compared, s
     noise_floor            (6,) standard deviation of a sample at rest, gyroscope x, y, z, accelerometer x, y,
-                           z, in raw units; None for a sensor that is not there
+                           z, in raw units; None for a missing sensor
     """
 
     factor: float | None
@@ -122,16 +123,17 @@ class RestThreshold:
 class Fit:
     """The course of an estimation.
 
-    accelerometer, gyroscope  the two-stage fits, from which the joint fit starts; gyroscope is None for an
-                              accelerometer alone
-    joint                     the joint fit; None without one, which leaves the next four fields empty, too
+    accelerometer, gyroscope  the two-stage fits, whose results are the start values of the joint fit;
+                              gyroscope is None for an accelerometer alone
+    joint                     the joint fit; without a joint fit, this field is None and the next four are
+                              empty
     noise_alone               test whether noise alone explains the residuals
-    bias_instability_radps    (3,) of the gyroscope, rad/s, as given by `unit` or estimated from the rates at
-                              the rests; None if neither shows any
-    tremor_deg                for each recording the hand tremor about each axis, deg; None if it lies on
-                              something rigid
+    bias_instability_radps    (3,) bias instability of the gyroscope, rad/s, from `unit` or estimated from the
+                              rates at the rests; None if there is none
+    tremor_deg                for each recording the hand tremor about each axis, deg; None if the unit was
+                              not hand-held
     effects                   significance of each estimated effect
-    rest_thresholds           how the rests of each recording were found
+    rest_thresholds           how the rests of each recording were detected
     priors                    the held parameters; None if none is held
     """
 
@@ -170,7 +172,10 @@ class Fit:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The section `fit` of documents; without a joint fit or held parameters their fields are absent."""
+        """The section `fit` of documents.
+
+        Fields of the joint fit or of held parameters are absent if there are none.
+        """
         document: dict[str, Any] = plain(self)
         if self.priors is None:
             del document["priors"]
@@ -182,13 +187,15 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Rests and moves predicted by fits without them.
+    """Cross-validation: rests and moves predicted by fits that exclude them.
 
     folds                      number of fits, each without one part of the rests and of the moves
     gravity_direction_rms_deg  rms angle between predicted and measured gravity after a move, deg
-    direction_error_deg        that angle for each move, deg; None for a move that is not used
+    direction_error_deg        angle between predicted and measured gravity after each move, deg; None for a
+                               move that is not used
     gravity_norm_rms_mps2      rms error of the norm of gravity at a rest, m/s^2
-    norm_error_mps2            that error for each rest, m/s^2; None for a rest that is not used
+    norm_error_mps2            error of the norm of gravity at each rest, m/s^2; None for a rest that is not
+                               used
     """
 
     folds: int
@@ -215,13 +222,13 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Parameters that the recordings determine badly.
+    """Parameters that the recordings determine only poorly.
 
     code        "traded_off", "flat" or "at_bound"
     parameters  their names
-    value       the number that decided
+    value       the number that exceeded the threshold of the diagnosis
     message     what is wrong
-    way_out     the motion that helps
+    way_out     the motion to add
     """
 
     code: str

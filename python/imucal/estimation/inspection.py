@@ -1,4 +1,4 @@
-"""What a recording is, what is wrong with it, and what it can determine."""
+"""Inspection of a recording: its properties, its faults, and the parameters that it determines."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ __all__ = ["Inspection", "inspect", "only_moves_determine"]
 class FoundRest:
     """One rest: times of its first and last sample, s, and the number of its epochs.
 
-    A rest of more than two minutes has several epochs, each with a mean, a time and a temperature of its own.
-    `excluded` says why a calibration of this recording alone does not use the rest; None if it uses it, or if
-    there is no such calibration.
+    A rest of more than two minutes has several epochs, each with a separate mean, time and temperature.
+    `excluded` is the reason why a calibration from this recording alone does not use the rest. It is None if
+    the calibration uses the rest or fails.
     """
 
     start_s: float
@@ -44,7 +44,7 @@ class FoundRest:
 
 @dataclass(frozen=True, slots=True)
 class PredictedSigma:
-    """Standard deviation of a parameter, predicted before any fit; None if it is not determined."""
+    """Standard deviation of a parameter, predicted before any fit; None if it cannot be determined."""
 
     name: str
     std: float | None
@@ -58,12 +58,13 @@ class Inspection:
     accel_unit, gyro_unit   units of the samples; None for a sensor that the recording does not have
     findings      all findings of the checks; those of severity "error" prevent a calibration
     rests         the rests, in order of time
-    threshold     how the rests were found; None without samples
-    explanation   why that threshold was chosen, or why there is no rest
-    missing       what this recording alone does not determine, and what to add; None if nothing is missing
+    threshold     how the rests were detected; None without samples
+    explanation   why this threshold was chosen, or why there is no rest
+    missing       the parameters that this recording alone does not determine, and the motion to add; None if
+                  nothing is missing
     predicted_sigma   predicted standard deviations of the 21 parameters, for the noise at the rests and
-                      nominal sensors; of an accelerometer alone, those of its nine parameters by the
-                      calibration of this recording
+                      nominal sensors; for an accelerometer alone, those of its nine parameters from a
+                      calibration
     through_moves     names of the parameters that only the moves determine, because the rests alone lack
                       directions for them, as on the six faces of a box
     """
@@ -110,7 +111,7 @@ def inspect(
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
     min_rest_s: float = _core.MIN_REST_S,
 ) -> Inspection:
-    """Check a recording, find its rests, and report which parameters they determine.
+    """Check a recording, detect its rests, and report which parameters it determines.
 
     Faults of the recording are findings, not errors.
     """
@@ -151,7 +152,7 @@ def only_moves_determine(names: Sequence[str]) -> str:
 
 
 def _found(rest: FoundRest, of_calibration: Sequence[FittedRest]) -> FoundRest:
-    """The rest with the reason why the calibration excludes it."""
+    """The rest with the reason why the calibration excludes it, if it does."""
     middle = 0.5 * (rest.start_s + rest.end_s)
     for own in of_calibration:
         if own.start_s is not None and own.end_s is not None and own.start_s <= middle <= own.end_s:
@@ -160,12 +161,12 @@ def _found(rest: FoundRest, of_calibration: Sequence[FittedRest]) -> FoundRest:
 
 
 def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) -> CalibrationResult | str:
-    """The result of a calibration if the recording determines all parameters; otherwise why it fails.
+    """The result of a calibration from this recording, or the message of the error if it fails.
 
-    Only a complete calibration tests this reliably.
+    Only a complete calibration shows reliably whether the recording determines all parameters.
     """
     try:
-        # Saturated samples are findings already, so a calibration without them is tested.
+        # Saturated samples are already reported as findings, so the calibration excludes them.
         return calibrate(recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
     except ImucalError as error:
         return str(error)
@@ -174,7 +175,7 @@ def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) ->
 def _of_accelerometer(
     recording: Recording, calibrated: CalibrationResult | str
 ) -> tuple[PredictedSigma, ...]:
-    """Standard deviations of an accelerometer alone; none of them is known if the calibration fails."""
+    """Standard deviations of an accelerometer alone; all are None if the calibration fails."""
     if isinstance(calibrated, CalibrationResult):
         return tuple(PredictedSigma(p.name, p.std, p.unit) for p in calibrated.parameters)
     nominal = Calibration(Triad(np.eye(3), np.zeros(3)), None, accel_unit=recording.accel_unit)
@@ -182,7 +183,7 @@ def _of_accelerometer(
 
 
 def _not_determined(missing: str) -> set[str]:
-    """Names of the parameters in the message of NotEnoughMotionError, such as: accelerometer's bias x."""
+    """Parameters named in the message of NotEnoughMotionError, such as "accelerometer's bias x"."""
     names = set()
     for sensor, listed in re.findall(r"not determine the (accel|gyro)\w*'s ([^:]*)", missing):
         for kind, axes in re.findall(r"(bias|scale|misalignment) ([xyz]+)\b", listed):
@@ -194,12 +195,12 @@ def _not_determined(missing: str) -> set[str]:
 def _predicted(
     recording: Recording, gravity_mps2: float, min_rest_s: float, not_determined: set[str]
 ) -> tuple[tuple[PredictedSigma, ...], tuple[str, ...]]:
-    """Predicted standard deviations of the parameters of a calibration; empty for a recording with faults.
+    """Predicted standard deviations, and names of the parameters that only the moves determine.
 
-    The second part names the parameters that only the moves determine.
+    Both are empty for a recording with faults.
 
-    A parameter for which the calibration fails has none, even if the data determine it in theory: its start
-    value may be missing.
+    A parameter in `not_determined` has no standard deviation, even if the data determine it in theory,
+    because the calibration may lack a start value for it.
     """
     options = Options(gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
     try:

@@ -1,4 +1,4 @@
-"""An accelerometer that is already calibrated, as a prior of the calibration of its gyroscope."""
+"""A calibrated accelerometer as a prior for the calibration of the gyroscope of the same unit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["KnownAccelerometer", "known_accelerometer"]
 
-# Nine parameters, and their covariance by rows.
+# The nine parameters of an accelerometer, and their covariance by rows.
 KnownAccelerometer = tuple[list[float], list[list[float]]]
 
 

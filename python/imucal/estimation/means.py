@@ -20,11 +20,11 @@ __all__ = ["FromMeans", "calibrated_means", "rows_of_means"]
 
 @dataclass(frozen=True, slots=True)
 class FromMeans:
-    """What a calibration from a table of means has besides the parameters of the accelerometer.
+    """Additional results of a calibration from a table of means.
 
     noise_from  origin of the noise of the means: "columns", "given", "unit" or "residuals"
-    gyro_bias   mean reading of the gyroscope at the rests, x, y, z, with its standard deviation from their
-                scatter; empty without a gyroscope
+    gyro_bias   mean reading of the gyroscope over all rests, x, y, z, with its standard deviation from the
+                scatter between rests; empty without a gyroscope
     """
 
     noise_from: str
@@ -32,7 +32,7 @@ class FromMeans:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where the noise comes from, and the bias of the gyroscope, in words."""
+        """Sentences on the origin of the noise and on the bias of the gyroscope."""
         of = {
             "columns": "the standard deviations in the table",
             "given": "the given standard deviation (--noise)",
@@ -50,7 +50,7 @@ class FromMeans:
 
 
 def rows_of_means(means: Means) -> Recording:
-    """The rows of the accelerometer as a recording, whose time is the number of the row."""
+    """The accelerometer means as a recording with one sample per row; the row number serves as time."""
     return Recording(
         np.arange(len(means), dtype=np.float64),
         means.specific_force,
@@ -93,7 +93,7 @@ def calibrated_means(
 
 
 def _with_noise_of(means: Means, unit: Unit) -> Means:
-    """The means with the standard deviations that follow from the white noise of a unit."""
+    """The means with standard deviations computed from the white noise of a unit."""
     if means.duration_s is None:
         raise InputError(
             f"{means.name} has no column duration_s, so the noise density of unit does not give the noise of "

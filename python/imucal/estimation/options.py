@@ -36,7 +36,7 @@ class Options:
 
     effects      names of the effects of the catalogue, and whether the full form is estimated
     user_fields  fields of the user-defined effects
-    partly       names of the effects of which only the observable part is estimated
+    partly       names of the effects of which only the observable directions are estimated
     accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance
     hold         names, means and standard deviations of the held parameters or groups
     profile      standard deviations of the unit's profile, by group of parameters
@@ -88,9 +88,9 @@ def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wande
 def asked_for(
     effects: Sequence[str | UserEffect], recordings: Sequence[Recording]
 ) -> tuple[tuple[tuple[str, bool], ...], tuple[str, ...], tuple[UserEffect, ...]]:
-    """Names of the catalogue and whether the full form is requested, names with `:seen`, and user effects.
+    """Effects of the catalogue (name, whether in full form), names with `:seen`, and user-defined effects.
 
-    recordings  those that the formulas among the effects are evaluated on
+    recordings  the recordings on which formulas among the effects are evaluated
     """
     if isinstance(effects, str):
         raise InputError(f"effects is the string {effects!r}: give a list of names")

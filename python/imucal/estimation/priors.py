@@ -1,4 +1,4 @@
-"""Held parameters, which have a prior, for recordings that do not determine all of them (model.md (40))."""
+"""Parameters held by a prior, for recordings that do not determine all parameters (model.md (40))."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["HeldParameter", "Hold", "HoldTuple", "PriorShare", "Priors", "holds_of", "profile_of"]
 
-# What to hold: texts NAME, NAME=VALUE, NAME+-SIGMA or NAME=VALUE+-SIGMA, or by name None, the value, or the
-# value and the standard deviation, each of which may be None.
+# Parameters to hold. Either texts NAME, NAME=VALUE, NAME+-SIGMA or NAME=VALUE+-SIGMA, or a mapping from each
+# name to None, to a value, or to a pair of value and standard deviation, each of which may be None.
 Hold: TypeAlias = "str | Sequence[str] | Mapping[str, float | tuple[float | None, float | None] | None]"
 # Name, mean and standard deviation for the library.
 HoldTuple: TypeAlias = "tuple[str, float | None, float | None]"
@@ -30,7 +30,8 @@ HoldTuple: TypeAlias = "tuple[str, float | None, float | None]"
 NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 TEXT: Final = re.compile(rf"\s*(\w+)\s*(?:=\s*({NUMBER}))?\s*(?:(?:\+-|±|\+/-)\s*({NUMBER}))?\s*")
 FORM: Final = "give NAME, NAME=VALUE, or NAME=VALUE+-SIGMA, such as accel_misalignment=0+-0.005"
-# Share of the variance of a free parameter that a note reports, if it comes from the priors of others.
+# Threshold of the share of a free parameter's variance that comes from the priors of held parameters. A note
+# reports larger shares.
 NOTED_SHARE: Final = 0.1
 SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": "default for MEMS sensors"}
 
@@ -39,15 +40,16 @@ SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": 
 class HeldParameter:
     """A held parameter with its prior and its estimate, symmetric body frame.
 
-    name           such as accel_misalignment_xy: accel_ or gyro_, then bias, scale or misalignment, axes
+    name           such as accel_misalignment_xy: accel_ or gyro_, then bias, scale or misalignment, then the
+                   axes
     unit           the raw unit for a bias, 1 for a scale relative to the nominal one, rad for a misalignment
     prior_value    mean of the prior
     prior_sigma    standard deviation of the prior
-    prior_source   origin of this standard deviation: "given", "unit" (its profile) or "default"
+    prior_source   origin of this standard deviation: "given", "unit" (the unit's profile) or "default"
     estimate       estimate from recordings and prior
     sigma          standard deviation of the estimate
-    prior_share    share of the variance of the estimate that comes from the priors: 1 if the recordings say
-                   nothing about the parameter
+    prior_share    share of the variance of the estimate that comes from the priors; 1 if the recordings
+                   contain no information about the parameter
     contradiction  difference of prior and recordings in standard deviations of this difference; None if the
                    recordings determine the parameter less accurately than the spread of MEMS sensors
     """
@@ -78,14 +80,14 @@ class PriorShare:
 
 @dataclass(frozen=True, slots=True)
 class Priors:
-    """The priors of an estimation, and what they contribute to its uncertainty.
+    """The priors of an estimation, and their contributions to its uncertainty.
 
     model                  "full", "orthogonal" or "bias"
     held                   the held parameters
     shares                 for each parameter of the calibration, the share of its variance from the priors
-    gravity_direction_deg  error of the gravity direction that the priors leave, deg (1 sigma)
-    rotation_deg           error of a rotation by 90 deg that the priors leave, deg (1 sigma); None without a
-                           gyroscope
+    gravity_direction_deg  error of the gravity direction due to the uncertainty of the priors, deg (1 sigma)
+    rotation_deg           error of a rotation by 90 deg due to the uncertainty of the priors, deg (1 sigma);
+                           None without a gyroscope
     """
 
     model: str
@@ -114,7 +116,7 @@ class Priors:
 
     @property
     def notes(self) -> list[str]:
-        """The held parameters, the share of the priors, and the errors that they leave, in words."""
+        """Sentences on the held parameters, the shares of the priors, and the errors due to the priors."""
 
         def key(held: HeldParameter) -> tuple[Any, ...]:
             return held.group, held.prior_value, held.prior_sigma, held.prior_source, held.unit
@@ -155,7 +157,7 @@ class Priors:
 
     @staticmethod
     def _is_held(name: str, groups: set[str]) -> bool:
-        """Whether a parameter of the calibration is one of the held groups."""
+        """Whether a parameter of the calibration belongs to one of the held groups."""
         group, _, axes = name.rpartition("_")
         if group.endswith("sensitivity"):
             scale = group.replace("sensitivity", "scale")
@@ -164,7 +166,7 @@ class Priors:
 
 
 def holds_of(hold: Hold) -> tuple[HoldTuple, ...]:
-    """The parameters to hold, for the library; InputError for a form that is not understood."""
+    """The parameters to hold, as the compiled library expects them; InputError for an invalid form."""
     if isinstance(hold, str):
         hold = [hold]
     if isinstance(hold, Mapping):
@@ -194,9 +196,9 @@ def _of_mapping(name: str, given: Any) -> HoldTuple:
 def profile_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[tuple[str, list[float]], ...]:
     """Standard deviations of the unit's profile in the symmetric body frame, by group of parameters.
 
-    The spread of a profile has the off-diagonal entries in the frame of the package. In the symmetric frame
-    that of the accelerometer is the mean of two of them, and half of their difference is added to that of the
-    gyroscope.
+    The spread of a profile describes the off-diagonal entries of the sensitivity in the frame of the package.
+    In the symmetric frame, an entry of the accelerometer is the mean of two of these entries, and half of
+    their difference is added to the entry of the gyroscope.
     """
     spread = {} if unit is None else unit_of(unit).spread
     found = {name: np.atleast_1d(spread[name]).tolist() for name in spread if "misalignment" not in name}

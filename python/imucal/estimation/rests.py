@@ -1,4 +1,4 @@
-"""Rests and moves of a recording: where they are, their residuals, and why one is excluded."""
+"""Rests and moves of a recording: their times, their residuals, and the reasons for exclusions."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ class Rest:
 
     recording            name of the recording
     first, end           samples [first, end) of the recording
-    start_s, end_s       times of its first and last sample, s; None in a table of means
-    epochs               number of its epochs, the parts of a long rest, each with a mean and a temperature;
-                         1 if one mean describes the rest
-    unsteadiness         standard deviation of its samples, as a multiple of the noise floor
+    start_s, end_s       times of the first and last sample of the rest, s; None in a table of means
+    epochs               number of epochs, the parts of a long rest with a separate mean and temperature each;
+                         1 if the rest is not split
+    unsteadiness         standard deviation of the samples of the rest, as a multiple of the noise floor
     mean_specific_force  (3,) mean of the raw samples, in the raw unit
     mean_angular_rate    (3,) mean of the raw samples, in the raw unit
     norm_error_mps2      norm of the corrected specific force minus gravity, m/s^2
-    norm_sigma_mps2      standard deviation of that from noise, m/s^2
-    excluded             why the rest is not used; None if it is
+    norm_sigma_mps2      standard deviation of norm_error_mps2 from noise, m/s^2
+    excluded             why the rest is not used; None if it is used
     """
 
     recording: str
@@ -45,7 +45,7 @@ class Rest:
 
     @property
     def place(self) -> str:
-        """Where the rest is: its times, or its row in a table of means."""
+        """The times of the rest, or its row in a table of means, as text."""
         if self.start_s is None or self.end_s is None:
             return f"row {self.first + 1}"
         return f"{self.start_s:.2f} s to {self.end_s:.2f} s"
@@ -56,14 +56,14 @@ class Move:
     """One move from a rest to the next.
 
     recording            name of the recording
-    from_rest, to_rest   indices of the rests before and after it
-    first, last          its first and last sample
+    from_rest, to_rest   indices of the rests before and after the move
+    first, last          first and last sample of the move
     duration_s           time from the first to the last sample, s
     direction_error_deg  angle between the gravity direction propagated by the gyroscope over the move and the
-                         direction measured after it, deg
-    direction_sigma_deg  standard deviation of that from noise, per axis, deg
+                         direction measured after the move, deg
+    direction_sigma_deg  standard deviation of direction_error_deg from noise, per axis, deg
     gravity_before, gravity_after   (3,) unit vectors of measured gravity at the two rests, body frame
-    excluded             why the move is not used; None if it is
+    excluded             why the move is not used; None if it is used
     """
 
     recording: str
@@ -113,5 +113,5 @@ def of_library(kind: type[T], fields: Mapping[str, Any]) -> T:
 
 
 def used_of(items: Sequence[Rest] | Sequence[Move]) -> str:
-    """How many rests or moves are used, of how many."""
+    """The number of used rests or moves and their total number, as text."""
     return f"{sum(item.excluded is None for item in items)} of {len(items)}"

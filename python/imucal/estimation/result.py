@@ -31,7 +31,8 @@ ACCELEROMETER_ALONE: Final = (
     "the recordings have no gyroscope: the accelerometer is calibrated alone, and the tremor of a hand is "
     "not separated from its noise"
 )
-# Largest p value of the residuals at which a note says that noise alone does not explain them.
+# Threshold of the p-value of the residuals. At smaller values a note says that noise alone does not explain
+# the residuals.
 UNLIKELY: Final = 1e-6
 
 
@@ -44,13 +45,13 @@ class CalibrationResult:
     calibration_set  figures on the calibration recordings
     rests, moves     the rests and moves of the calibration recordings, in order of time
     findings         warnings about the recordings
-    held_out         rests and moves predicted by fits without them; None without folds
+    held_out         cross-validation: rests and moves predicted by fits that exclude them; None without folds
     control          the evaluation on the control recordings; None without any
-    verdict          `good`, `incomplete` or `poor`, the worse of those on the calibration recordings, on the
-                     control recordings and against limits
+    verdict          `good`, `incomplete` or `poor`: the worst of the verdicts on the calibration recordings,
+                     on the control recordings and against limits
     reasons          why the verdict is not good
-    residuals        the residuals of the calibration recordings beside their noise, by kind
-    diagnosis        parameters that the recordings determine badly
+    residuals        the residuals of the calibration recordings with their noise, by kind
+    diagnosis        parameters that the recordings determine only poorly
     judgement        the checks against limits; None without limits
     accelerometer_of   origin of the calibration of the accelerometer that was given as a prior, or None
     from_means       the noise and the gyroscope bias of a table of means; None for recordings
@@ -76,7 +77,7 @@ class CalibrationResult:
     def parameters(self) -> tuple[Parameter, ...]:
         """The 21 parameters and those of the effects, with their standard deviations.
 
-        An accelerometer alone has nine.
+        An accelerometer alone has nine parameters.
         """
         return self.calibration.parameters
 
@@ -92,7 +93,7 @@ class CalibrationResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Exclusions, widened uncertainties, effects, badly determined parameters, and assumptions."""
+        """Sentences on exclusions, widened uncertainties, effects, poor observability, and assumptions."""
         notes = [
             f"rest {index} ({rest.place}) of {rest.recording} excluded: {rest.excluded}"
             for index, rest in enumerate(self.rests)
@@ -152,7 +153,7 @@ class CalibrationResult:
         return tuple(notes)
 
     def _widened(self) -> list[tuple[str, float | None]]:
-        """Words and widening factor of each part of the estimate."""
+        """The name and the widening factor of each part of the estimate."""
         if self.fit.joint is not None:
             scales = self.fit.joint.scales
             return [
@@ -203,7 +204,7 @@ class CalibrationResult:
 
     @property
     def used(self) -> str:
-        """How many rests and moves are used, in words."""
+        """The numbers of used rests and moves, as text."""
         if self.calibration.gyroscope is None:
             return f"{used_of(self.rests)} rests used"
         return f"{used_of(self.rests)} rests and {used_of(self.moves)} moves used"

@@ -1,4 +1,4 @@
-"""Effects of a user's own, as the compiled library calls them while it fits."""
+"""User-defined effects, as the compiled library evaluates them during a fit."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["UserEffectSource"]
 
 
-# Length of the means that are corrected in the place of samples, s: errors of a calibration vary as slowly as
-# the motion.
+# Interval over which samples are averaged before correction, s, when two calibrations are compared. The means
+# suffice, because errors of a calibration vary as slowly as the motion.
 BRIEF_S: Final = 0.1
 
 RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]
@@ -30,12 +30,12 @@ RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class UserEffectSource:
-    """The definitions of a user's effects, and the recordings that their fields are sampled on.
+    """The definitions of user-defined effects, and the recordings at whose samples their fields are computed.
 
     effects     the definitions
-    recordings  what the calibration is made of
-    control     what only judges it
-    given       a calibration to compare with, in the place of the fit without effects
+    recordings  the calibration recordings
+    control     the control recordings, which are not fitted
+    given       a calibration to compare with, instead of the fit without effects
     """
 
     effects: tuple[UserEffect, ...]
@@ -61,7 +61,7 @@ class UserEffectSource:
     def brief_means(
         self, before: _core.Estimate, after: _core.Estimate, of_control: bool
     ) -> tuple[list[RateAndForce], list[RateAndForce], list[UserField]]:
-        """Means over 0.1 s of a set, corrected by two calibrations, and fields of the second one there."""
+        """Means over 0.1 s, corrected by two calibrations, and the fields of the second one at the means."""
         recordings = [_brief(recording) for recording in (self.control if of_control else self.recordings)]
         better = self._calibration(after)
         first = self._calibration(before) if self.given is None else self.given
@@ -105,7 +105,7 @@ def _corrected(calibration: Calibration, recordings: Sequence[Recording]) -> lis
 
 
 def _brief(recording: Recording) -> Recording:
-    """Means over stretches of `BRIEF_S`; the samples that are left at the end are dropped."""
+    """Means over intervals of `BRIEF_S`; an incomplete interval at the end is dropped."""
     step_s = float(recording.time_s[-1] - recording.time_s[0]) / max(len(recording) - 1, 1)
     count = max(round(BRIEF_S / step_s), 1) if step_s > 0.0 else 1
     rows = len(recording) // count

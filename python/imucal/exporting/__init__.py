@@ -70,7 +70,7 @@ FORMATS: Final[dict[str, Format]] = {
     )
 }
 
-# Figures of an evaluation by which the exported model is compared with the whole calibration.
+# Figures of an evaluation that are compared between the exported model and the whole calibration.
 COST: Final = ("gravity_direction_rms_deg", "gravity_norm_rms_mps2")
 
 
@@ -106,11 +106,11 @@ class Export:
     """A calibration written in the format of another program.
 
     form          the format
-    text          contents of the file; of a binary file its header, which that file does not contain
+    text          contents of the file; for a binary file, its header, which the file does not contain
     binary        contents of a binary file, None for a text
     lost          description of each part of the calibration that the file does not contain
     same_as       calibration equivalent to the correction that the other program computes from the file; None
-                  if the format describes noise and corrects nothing
+                  for a format that describes noise only
     calibration   the exported calibration
     """
 
@@ -136,7 +136,7 @@ class Export:
 
         min_rest_s   shortest rest, s, that the rest detection accepts
 
-        Returns None if the format corrects nothing. Raises the errors of `imucal.evaluate`.
+        Returns None for a format that describes noise only. Raises the errors of `imucal.evaluate`.
         """
         if self.same_as is None:
             return None
@@ -159,17 +159,18 @@ def export(
     gyro_lsb_per_dps: float | None = None,
     body_axes: str | None = None,
 ) -> Export:
-    """Write the calibration in `format`, which is a name of `FORMATS`.
+    """Write the calibration in `format`, one of the names in `FORMATS`.
 
     noise   noise figures of a recording at rest, corrected by this calibration; required by kalibr-imu and
             gazebo, included by openvins, ignored by the other formats
     name    prefix of all C names in the formats c-header (default "imucal") and fusion (default: no prefix).
             Two units in one program need two prefixes.
     board_orientation   ardupilot: AHRS_ORIENTATION of the log that was calibrated, a number or the angles
-                        "ROLL,PITCH,YAW" in deg. ArduPilot's parameters apply before this rotation, its logs
-                        are after it. Default: no rotation.
+                        "ROLL,PITCH,YAW" in deg. ArduPilot applies its parameters before this rotation and
+                        logs samples after it. Default: no rotation.
     accel_lsb_per_g, gyro_lsb_per_dps   inav: resolution of the sensor's driver, counts per g and per deg/s.
-                        blob: that of the sensor, for raw samples in counts of a calibration of SI units
+                        blob: resolution of the sensor, if the calibration is in SI units and the firmware has
+                        raw samples in counts
     body_axes   blob: axes of the corrected samples in terms of the body frame, such as "x,-y,-z"
 
     Raises InputError for an unknown format, for an accelerometer alone if the format needs both sensors, for
@@ -212,7 +213,8 @@ def export(
     try:
         written = form.write(along_columns(calibration), noise)
     except InputError:
-        # A format without a rotation has the body frame along the columns, which both sensors must share.
+        # A format without a rotation can only have the body frame along the columns of the recordings, so the
+        # axes of both sensors must be the same.
         axes = Axes.parse(calibration.axes)
         if calibration.axes == UNCHANGED or not axes.are_alike:
             raise

@@ -7,8 +7,8 @@
 Sources in ArduPilot: AP_InertialSensor_Backend.cpp (_rotate_and_correct_accel, _rotate_and_correct_gyro) and
 AP_InertialSensor_tempcal.cpp (correct_sensor, polynomial_eval).
 
-ArduPilot then rotates both by AHRS_ORIENTATION, R, and logs the result: raw_log = R raw. So a calibration of
-a log is rotated back to the axes of the sensor, in which the parameters apply.
+ArduPilot then rotates the samples of both sensors by AHRS_ORIENTATION, R, and logs the result: raw_log = R
+raw. A calibration from a log is therefore rotated back to the axes of the sensor, where the parameters apply.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ __all__ = ["ARDUPILOT", "NAMES", "PER_UNIT", "POLYNOMIAL_REFERENCE_DEGC", "RANGE
 NAMES: Final = {"accel": "ACC", "gyro": "GYR"}
 # Temperature at which ArduPilot's polynomial is zero, degC (AP_InertialSensor_tempcal.h, TEMP_REFERENCE).
 POLYNOMIAL_REFERENCE_DEGC: Final = 35.0
-# End of the names of dataflash logs, such as 00000012.BIN.
+# Extension of dataflash logs, such as 00000012.BIN, in lower case.
 LOG_SUFFIX: Final = ".bin"
 # INS_TCAL1 coefficients are stored as 1e6 times the SI value.
 PER_UNIT: Final = 1e6
-# Temperatures of TMIN and TMAX, degC, if the calibration has no temperature range: ArduPilot's defaults.
+# Values of TMIN and TMAX, degC, if the calibration has no temperature range. They are ArduPilot's defaults.
 RANGE_DEGC: Final = (0.0, 70.0)
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatArray | None = None) -> Written:
     """The parameters of the first accelerometer and the first gyroscope, one per line.
 
-    rotation   (3, 3), from the sensor to the recording; None if the recording has the axes of the sensor
+    rotation   (3, 3), from the axes of the sensor to those of the recording; None if they are the same
     """
     if rotation is None:
         _require_no_log(calibration)
@@ -94,7 +94,7 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
 
 
 def _require_no_log(calibration: Calibration) -> None:
-    """Raises InputError for a calibration of a dataflash log: its samples are after AHRS_ORIENTATION."""
+    """Raises InputError for a calibration from a dataflash log. The log is rotated by AHRS_ORIENTATION."""
     for source in calibration.provenance.files:
         if source.path.lower().endswith(LOG_SUFFIX):
             raise InputError(
@@ -105,13 +105,16 @@ def _require_no_log(calibration: Calibration) -> None:
 
 
 def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
-    """INS_TCAL1 parameters of both sensors, as one switch enables both; zeros for a sensor without terms."""
+    """INS_TCAL1 parameters of both sensors.
+
+    One switch enables both, so a sensor without thermal terms gets zeros.
+    """
     if not model.thermal:
         return
     reference = _core.REFERENCE_TEMPERATURE_DEGC
     low, high = model.range_degc(RANGE_DEGC)
     yield "INS_TCAL1_ENABLE", 1.0
-    # ArduPilot clamps CALTEMP to [TMIN, TMAX] too, so the range must include the reference temperature.
+    # ArduPilot also clamps CALTEMP to [TMIN, TMAX], so the range must include the reference temperature.
     yield "INS_TCAL1_TMIN", min(low, reference)
     yield "INS_TCAL1_TMAX", max(high, reference)
     for sensor, name in NAMES.items():
@@ -121,14 +124,15 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
             linear = square = 0.0
             if thermal is not None:
                 square = thermal.square[i]
-                # The polynomial k d + q d^2, shifted to 35 degC. Its constant cancels in p(CALTEMP) - p(T).
+                # Coefficients of the polynomial k d + q d^2, expanded around 35 degC. The constant term
+                # cancels in p(CALTEMP) - p(T).
                 linear = thermal.linear[i] + 2 * square * (POLYNOMIAL_REFERENCE_DEGC - reference)
             for power, value in ((1, linear), (2, square), (3, 0.0)):
                 yield f"INS_TCAL1_{name}{power}_{axis}", PER_UNIT * value
 
 
 def oriented(rotation: FloatArray) -> Format:
-    """The format for recordings after a board rotation."""
+    """The format for recordings whose samples are rotated by a board rotation."""
     return replace(ARDUPILOT, write=partial(write, rotation=rotation))
 
 

@@ -43,7 +43,8 @@ class PerAxis:
 
     accel_offset, gyro_offset   raw units; gyro_offset is None for an accelerometer alone
     accel_scale                 corrected / raw, dimensionless
-    thermal                     by sensor ("accel", "gyro"); only sensors with a temperature effect
+    thermal                     thermal terms by sensor ("accel", "gyro"), for sensors with a temperature
+                                effect only
     same_as                     the approximation as a calibration
     lost                        description of each part of the calibration that the approximation omits
     """
@@ -57,7 +58,7 @@ class PerAxis:
     lost: tuple[str, ...]
 
     def range_degc(self, default: tuple[float, float]) -> tuple[float, float]:
-        """Temperatures between which the thermal terms vary, degC: those of the recordings, or `default`."""
+        """Temperature range in which the thermal terms vary, degC: that of the recordings, or `default`."""
         return self.temperature_range_degc or default
 
     @property
@@ -81,7 +82,7 @@ def per_axis_model(calibration: Calibration) -> PerAxis:
     scale = per_axis(accel.sensitivity)
     thermal = {
         sensor: _thermal(values, triad.sensitivity)
-        # The thermal terms are in raw units, so the change of body frame does not affect them.
+        # The thermal terms are in raw units, so the rotation of the body frame does not affect them.
         for sensor, triad in (("accel", calibration.accelerometer), ("gyro", calibration.gyroscope))
         for values in calibration.effects
         if triad is not None and values.name == THERMAL[sensor]
@@ -110,13 +111,16 @@ def per_axis_model(calibration: Calibration) -> PerAxis:
 
 
 def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
-    """The temperature effect in raw units: the sensitivity times the effect, which adds to the true value."""
+    """The temperature effect in raw units.
+
+    It is the sensitivity times the effect, which adds to the true value.
+    """
     numbers = np.zeros(6)
     numbers[: len(values.values)] = values.values
     return Thermal(sensitivity @ numbers[:3], sensitivity @ numbers[3:])
 
 
 def _effect(sensor: str, thermal: Thermal, diagonal: FloatArray) -> EffectValues:
-    # Inverse of _thermal with the diagonal sensitivity: from raw units back to the true value.
+    # Inverse of _thermal for the diagonal sensitivity: converts raw units to an effect on the true value.
     numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square)))
     return EffectValues(THERMAL[sensor], np.asarray(numbers.T.ravel(), dtype=np.float64))

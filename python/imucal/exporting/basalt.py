@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BASALT", "ENTRIES"]
 
-# Entries of S in the order of the arrays, which follow the three biases: column by column, and of the
-# accelerometer only those of a lower triangular matrix.
+# Entries (row, column) of S in the order in which they follow the three biases in the arrays: column by
+# column, for the accelerometer only the lower triangle.
 ENTRIES: Final = {
     "calib_accel_bias": ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2)),
     "calib_gyro_bias": tuple((i, j) for j in range(3) for i in range(3)),

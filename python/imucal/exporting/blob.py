@@ -1,4 +1,4 @@
-"""A calibration as data for firmware: a binary form with a check sum, and the C header that reads it.
+"""A calibration as data for firmware: the binary form with a checksum, and the C header that reads this form.
 
 The bytes are those of `imucal_core::stored` (rust/imucal-core/src/stored.rs), whose documentation is the
 definition of the form.
@@ -45,10 +45,11 @@ def write(
     axes: str = UNCHANGED,
     resolution: tuple[float, float] | None = None,
 ) -> Written:
-    """The binary form. It omits user-defined effects, formulas included.
+    """The binary form. It omits all user-defined effects, including formulas.
 
     axes         of the corrected samples, in terms of the body frame, such as "x,-y,-z"
-    resolution   counts per g and per deg/s, with which the firmware gives counts to a calibration of SI units
+    resolution   counts per g and per deg/s, if the calibration is in SI units and the firmware has raw
+                 samples in counts
     """
     original = calibration
     if resolution is not None:
@@ -71,7 +72,7 @@ def write(
 
 
 def _warnings(calibration: Calibration, kept: Sequence[EffectValues], lost: Sequence[str]) -> list[str]:
-    """What the firmware must know."""
+    """Notes for the developer of the firmware: effects, required inputs, and omitted parts."""
     needs = sorted({need for v in kept for need in getattr(calibration.definition(v), "needs", ())})
     notes = [f"Effects compensated: {', '.join(v.name for v in kept) or 'none'}"]
     if needs:
@@ -84,7 +85,7 @@ def _warnings(calibration: Calibration, kept: Sequence[EffectValues], lost: Sequ
 
 
 def _of_counts(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> Calibration:
-    """A calibration of SI units for raw samples in counts."""
+    """A calibration in SI units converted to one for raw samples in counts."""
     if calibration.gyroscope is None or "lsb" in (calibration.accel_unit, calibration.gyro_unit):
         raise InputError(
             "this calibration is of counts already: remove --accel-lsb-per-g and --gyro-lsb-per-dps"
@@ -136,14 +137,14 @@ def blob_of(calibration: Calibration, axes: str = UNCHANGED) -> bytes:
 
 
 def _kept(calibration: Calibration) -> list[EffectValues]:
-    """The effects that the form represents."""
+    """The effects that the binary form can represent."""
     numbers = _numbers()
     own = {effect.name for effect in calibration.user_effects}
     return [v for v in calibration.effects if v.name not in own and numbers.get(v.name, 0)]
 
 
 def _numbers() -> dict[str, int]:
-    """Number of each effect of the catalogue in the binary form, 0 for those that are no sensor errors."""
+    """Number of each effect of the catalogue in the binary form; 0 if it is not an error of a sensor."""
     return {effect.name: effect.number for effect in _core.effects()}
 
 
@@ -171,7 +172,7 @@ def _effect(values: EffectValues) -> bytes:
 
 
 def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The C header. Its code is the same for every calibration; only the comment names one."""
+    """The C header. Its code is the same for every calibration; only the comment describes this one."""
     kept = _kept(calibration)
     return Written(
         body=files("imucal.exporting").joinpath("calibration_loader.h").read_text(),

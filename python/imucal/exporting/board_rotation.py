@@ -2,7 +2,7 @@
 
     v_body = R v_sensor,  R = Rz(yaw) Ry(pitch) Rx(roll)
 
-Source: enum Rotation in AP_Math/rotations.h and Vector3::rotate in AP_Math/vector3.cpp. MAVLink has the same
+Source: enum Rotation in AP_Math/rotations.h and Vector3::rotate in AP_Math/vector3.cpp. MAVLink uses the same
 numbers (MAV_SENSOR_ORIENTATION).
 """
 
@@ -17,7 +17,7 @@ from imucal.errors import InputError
 
 __all__ = ["board_rotation"]
 
-# Roll, pitch and yaw in deg of each number from 0.
+# Roll, pitch and yaw in deg; the index is the number of the orientation.
 ORIENTATIONS: Final = (
     *((0, 0, yaw) for yaw in range(0, 360, 45)),
     *((180, 0, yaw) for yaw in (0, 45, 90, 135)),

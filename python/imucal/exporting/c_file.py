@@ -1,4 +1,4 @@
-"""C headers that can be included together in one program, each with its own prefix."""
+"""C headers that can be included together in one program, each with a different prefix."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PREFIX: Final = "imucal"
 
 
 def guarded(content: Sequence[str], prefix: str, what: str) -> list[str]:
-    """The content inside an include guard that also identifies it by a hash.
+    """The content inside an include guard that contains a hash of the content.
 
     Including two different calibrations with the same prefix is a compile error; an ordinary include guard
     would silently drop the second. `what` is the kind of file, so that a prefix can serve one file of each

@@ -4,7 +4,7 @@ The prefix `imucal` can be replaced, so that one firmware can contain several un
 
 The effects are inverted by the fixed-point iteration of imucal-core, `EffectSet::remove` (docs/model.md
 (16)): true <- T^-1 (raw - bias) - effects(true), until changes are at rounding level. The double version
-gives the numbers of `Calibration.apply`.
+returns the same numbers as `Calibration.apply`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ ARGUMENTS: Final = {
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
-    """The header. It omits user-defined effects whose fields are Python functions."""
+    """The C header. It omits user-defined effects whose fields are Python functions."""
     formulas = [own for own in calibration.user_effects if isinstance(own, FormulaEffect)]
     known = {*FIELDS, *(own.name for own in formulas)}
     effects = [values for values in calibration.effects if values.name in known]
@@ -83,14 +83,15 @@ def _macros(calibration: Calibration, prefix: str) -> list[str]:
     if calibration.serial_number:
         values.append(f"SERIAL_NUMBER {_string(calibration.serial_number)}")
     for end, degc in zip(("MIN", "MAX"), calibration.temperature_range_degc or (), strict=False):
-        # A double constant would promote the temperature of the device, which -Wdouble-promotion rejects.
+        # The constant is single precision, because the compiler option -Wdouble-promotion rejects the
+        # comparison of a float temperature with a double constant.
         values.append(f"TEMPERATURE_{end}_DEGC ({number(degc, single=True)}f)")
     return [*(f"#define {prefix.upper()}_{value}" for value in values), *([""] if values else [])]
 
 
 def _string(text: str) -> str:
     """A C string literal; characters with a special meaning in C are written in octal."""
-    # Question marks can form trigraphs.
+    # Question marks are excluded from plain characters, because they can form trigraphs.
     plain = set(range(0x20, 0x7F)) - set(b'"\\?')
     written = "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode())
     return f'"{written}"'
@@ -307,7 +308,7 @@ def _constants_of_a_sample(
 
 
 def _sums(values: EffectValues, field: Field, literal: Callable[[float], str]) -> dict[int, list[str]]:
-    """The terms that the effect adds to each axis, in the order of its parameters."""
+    """The C terms that the effect adds to each axis, in the order of its parameters."""
     sums: dict[int, list[str]] = {}
     for value, column in zip(values.values.tolist(), field, strict=False):
         for axis, expression in column:

@@ -38,7 +38,7 @@ __all__ = [
 WIDTH: Final = 100
 SI: Final = "m/s^2 and rad/s"
 
-# Combines the lines of a header and the body into the text of a file.
+# Function that combines the lines of a header and the body into the text of a file.
 Layout: TypeAlias = Callable[[Sequence[str], str], str]
 
 
@@ -47,11 +47,11 @@ class Written:
     """The body of a file, and the part of the calibration that it represents.
 
     lost       description, with its size, of each part of the calibration that the file does not contain
-    same_as    calibration equivalent to the correction that the other program computes from the file; None if
-               the format describes noise and corrects nothing
+    same_as    calibration equivalent to the correction that the other program computes from the file; None
+               for a format that describes noise only
     frame      body frame of the corrected samples
     notes      further information for the user of the file
-    binary     contents of the file if it is not a text; `body` is then empty
+    binary     contents of a binary file, for which `body` is empty; None for a text file
     """
 
     body: str
@@ -75,14 +75,17 @@ class Format:
     includes, omits  parts of a calibration that a file contains or not, for the table of formats
     layout       combines header and body
     write        makes the body from a calibration and noise figures
-    takes_counts     calibrations of raw counts can be written
-    needs_noise      noise figures of a recording at rest are required
-    needs_gyroscope  a calibration of an accelerometer alone cannot be written
+    takes_counts     whether calibrations of raw counts can be written
+    needs_noise      whether noise figures of a recording at rest are required
+    needs_gyroscope  whether the format cannot be written for an accelerometer alone
     named            returns the format with a prefix for its C names; None if its files contain no C names
-    oriented         returns the format for recordings after a board rotation (3, 3); None if it takes none
-    scaled           returns the format for a resolution, counts per g and per deg/s; None if it needs none
-    along            returns the format for corrected samples along other axes; None if it takes none
-    is_binary        the file is not a text, so its header is only in the output of the export
+    oriented         returns the format for recordings rotated by a board rotation (3, 3); None if the format
+                     has no such option
+    scaled           returns the format for a resolution, counts per g and per deg/s; None if the format has
+                     no such option
+    along            returns the format for corrected samples along other axes; None if the format has no such
+                     option
+    is_binary        whether the file is binary, so that its header is only in the output of the export
     """
 
     name: str
@@ -134,7 +137,8 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
         *(f"Not exported: {loss}" for loss in written.lost),
         *([] if written.lost else ["Not exported: nothing, this file contains the whole correction"]),
     ]
-    # A name of a file may hold a line separator, which would end a comment in YAML or Rust.
+    # Lines are escaped, because a file name may contain a line separator, which would end a comment in YAML
+    # or Rust.
     return [shown(line) for line in lines]
 
 
@@ -162,12 +166,12 @@ def xml_comment(lines: Sequence[str], body: str) -> str:
 
 
 def in_json(lines: Sequence[str], body: str) -> str:
-    """The header as the last field, `imucal`, of the JSON object in `body`, as JSON has no comments."""
+    """The header as the last field, `imucal`, of the JSON object in `body`, because JSON has no comments."""
     return to_json({**json.loads(body), "imucal": list(lines)}) + "\n"
 
 
 def number(value: float, *, single: bool = False) -> str:
-    """The shortest decimal that parses to the same float64, or with `single` to the same float32."""
+    """The shortest decimal that is parsed to the same float64, or with `single` to the same float32."""
     if not single:
         return repr(float(value))
     return str(np.float32(value))

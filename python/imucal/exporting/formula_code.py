@@ -38,9 +38,9 @@ OPERATORS: Final[Mapping[type[ast.AST], str]] = {
     ast.Gt: ">",
     ast.GtE: ">=",
 }
-# Methods of nalgebra's RealField by their names in a formula.
+# Methods of nalgebra's RealField for functions of formulas whose names differ.
 RUST_METHODS: Final = {"log": "ln"}
-# Functions of libm by their names in a formula.
+# Functions of libm for functions of formulas whose names differ.
 LIBM: Final = {"abs": "fabs", "min": "fmin", "max": "fmax"}
 
 
@@ -56,12 +56,12 @@ def auxiliary_of(effect: FormulaEffect) -> tuple[str, ...]:
 
 
 def argument_of(column: str) -> str:
-    """The function argument for a column, which no local variable has as its name."""
+    """The name of the function argument for a column. It does not collide with any local variable."""
     return column if column in ARGUMENTS else f"aux_{column}"
 
 
 def argument_note(column: str) -> str:
-    """What the argument is, for a comment."""
+    """The sentence that describes the argument in a comment."""
     meaning = INPUTS[column] if column in ARGUMENTS else f"the column {column} of the recordings"
     return f"{argument_of(column)} is {meaning}."
 
@@ -69,8 +69,8 @@ def argument_note(column: str) -> str:
 def c_field(effect: FormulaEffect, literal: Callable[[float], str], sign: str, *, single: bool) -> Field:
     """The field as C expressions, as those of the catalogue (`imucal.exporting.c_fields.FIELDS`).
 
-    literal   writes a number
-    sign      name of the function of the sign, see `has_sign`
+    literal   function that writes a number
+    sign      name of the generated C function for `sign`, see `has_sign`
     """
     return [
         [(axis, _Writer(axis, literal, "f" if single else "", sign).written(factor))]
@@ -100,8 +100,8 @@ def _nodes(effect: FormulaEffect) -> Iterator[ast.AST]:
 class _Writer:
     """Writes an expression for one axis.
 
-    suffix   of the functions of libm for this type
-    sign     name of the function that C lacks
+    suffix   suffix of the libm functions for the real type ("f" for float)
+    sign     name of the generated C function for `sign`
     """
 
     axis: int
@@ -118,7 +118,8 @@ class _Writer:
             case ast.UnaryOp(op=op, operand=operand):
                 return f"({OPERATORS[type(op)]}{self.written(operand)})"
             case ast.BinOp(left=ast.Name() as base, op=ast.Pow(), right=ast.Constant(value=2)):
-                # Only a name is written twice: nested squares would double the text each time.
+                # Only the square of a name is written as a product. For other expressions the text would
+                # double with each nested square.
                 return f"({self.written(base)} * {self.written(base)})"
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 return f"pow{self.suffix}({self.written(left)}, {self.written(right)})"

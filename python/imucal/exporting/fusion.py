@@ -3,12 +3,12 @@
     calibrated = misalignment * hadamard(uncalibrated - offset, sensitivity)
 
 Sources: FusionModelInertial in FusionModel.h (Fusion 1.3; FusionCalibrationInertial in FusionCalibration.h
-before), `imufusion.model_inertial` in Python. Fusion's AHRS takes deg/s and g, so the sensitivities also
-convert the raw unit to these.
+before), `imufusion.model_inertial` in Python. Fusion's AHRS expects deg/s and g, so the sensitivities also
+convert from the raw units to deg/s and g.
 
-The initialisers use the member names. FusionMatrix is a union whose first member was float[3][3] before
-version 1.3 and is float[9] since, so a list without names has another meaning in each version. The member
-`element` has the same nine names in both.
+The initialisers use the member names. FusionMatrix is a union whose first member is float[3][3] before
+version 1.3 and float[9] from version 1.3. A list without names therefore has a different meaning in each
+version. The member `element` has the same nine names in both versions.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ SENSORS: Final = {
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """Bias, white noise and random walk of each axis."""
+    """The SDF element with bias, white noise and random walk of each axis."""
     if noise is None:
         raise ValueError("noise figures are needed")
     lines = ["<imu>"]

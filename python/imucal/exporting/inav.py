@@ -1,11 +1,11 @@
-"""INAV: CLI commands that set accelerometer zero and gain, and the zero of the gyroscope.
+"""INAV: CLI commands that set the zero and gain of the accelerometer and the zero of the gyroscope.
 
     accel = (raw - acczero) * accgain / 4096 / acc_1G     in g, raw in counts, for each axis
     gyro  = (raw - gyro_zero) * scale                     in deg/s
 
-Source: iNavFlight/inav, applyAccelerationZero and accUpdate in sensors/acceleration.c,
-gyroUpdateAndCalibrate in sensors/gyro.c. All settings are integers: docs/Settings.md has their ranges.
-acc_1G and scale are constants of the sensor's driver.
+Source: iNavFlight/inav, applyAccelerationZero and accUpdate in sensors/acceleration.c, gyroUpdateAndCalibrate
+in sensors/gyro.c. All settings are integers, with ranges from docs/Settings.md of INAV. acc_1G and scale are
+constants of the sensor's driver.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ if TYPE_CHECKING:
 
 __all__ = ["ACCEL_LSB_PER_G", "GYRO_LSB_PER_DPS", "INAV"]
 
-# acc_1G, counts per g, of INAV's drivers for 16 g, such as those of ICM-42605, MPU-6000, BMI160 and BMI270.
+# Default of acc_1G, counts per g: the value in INAV's drivers with a range of 16 g, such as those of
+# ICM-42605, MPU-6000, BMI160 and BMI270.
 ACCEL_LSB_PER_G: Final = 2048.0
-# Counts per deg/s of INAV's drivers, all of which use 2000 deg/s.
+# Default of the gyroscope resolution, counts per deg/s: that of INAV's drivers, all of which use the range
+# 2000 deg/s.
 GYRO_LSB_PER_DPS: Final = 16.4
-# Value of accgain that means 1.
+# Value of accgain for a gain of 1.
 UNIT_GAIN: Final = 4096
 GAIN_RANGE: Final = (1, 8192)
 ZERO_RANGE: Final = (-32768, 32767)
@@ -124,7 +126,7 @@ def _rounded(whole: Calibration, kept: Calibration) -> tuple[str, ...]:
     if whole.gyroscope is not None and kept.gyroscope is not None:
         errors.insert(1, (np.abs(whole.gyroscope.bias - kept.gyroscope.bias).max(), whole.gyro_unit))
     sizes = ", ".join(f"{size:.2g} {unit}" for size, unit in errors)
-    # 1e-12 is rounding of float64.
+    # Errors up to 1e-12 are rounding of float64 and are not reported.
     return (
         (f"fractions, as INAV stores integers: up to {sizes}",) if max(e for e, _ in errors) > 1e-12 else ()
     )

@@ -76,7 +76,7 @@ class TriangularModel:
     same_as       the calibration in that frame, with the g-sensitivity as its only effect; M_a, b_a and b_g
                   are its sensitivity and biases
     rotation      (3, 3), from the body frame of the calibration to the triangular one
-    gyro, to_gyro (3, 3), lower triangular with a positive diagonal, and a rotation
+    gyro, to_gyro (3, 3) each: a lower triangular matrix with positive diagonal, and a rotation
     from_force    (3, 3), rad/s per m/s^2
     """
 
@@ -93,7 +93,8 @@ def triangular_model(calibration: Calibration) -> TriangularModel:
     from_body = moved.both()[1].sensitivity
     gyro, to_gyro = _lower_times_rotation(from_body)
     effects = [values for values in calibration.effects if values.name == G_SENSITIVITY]
-    # The g-sensitivity of these programs adds to the raw rate; ours to the true rate, in the body frame.
+    # In these programs the g-sensitivity adds to the raw rate. In imucal it adds to the true rate in the body
+    # frame.
     sensitivity = np.zeros((3, 3))
     for values in effects:
         sensitivity = rotation @ values.values.reshape(3, 3) @ rotation.T

@@ -1,4 +1,4 @@
-"""Operations on calibrations for export: changes of the body frame, and the size of the omitted parts."""
+"""Operations on calibrations for export: rotation of the body frame, and the size of omitted parts."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def inverse(triad: Triad) -> FloatArray:
 
 
 def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calibration:
-    """The calibration for raw samples along the axes of the recorded columns, before any change of `axes`.
+    """The calibration for raw samples in the columns of the recordings, before axis remapping (`axes`).
 
-    Firmware and other programs get these samples. The body frame of the corrected samples stays the same, or
-    is along the columns as well (`with_body`). The result has no covariance, because that is of the
-    parameters along the changed axes.
+    Firmware and other programs correct such samples. The body frame of the corrected samples stays the same,
+    or is also along the columns (`with_body`). The result has no covariance, because the covariance is that
+    of the parameters after axis remapping.
     """
     if calibration.axes == UNCHANGED:
         return calibration
@@ -75,7 +75,7 @@ def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calib
 
 
 def axes_note(calibration: Calibration) -> str:
-    """The line of a header about the axes with which the recordings were read."""
+    """The header line on the axis remapping of the recordings."""
     return (
         f"The recordings were read with axes={calibration.axes!r}. Raw samples of this file are along the "
         "axes of the columns, before this change."
@@ -102,7 +102,7 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
     if _is_in(frame, old):
         return replace(linear(calibration), frame=frame), np.eye(3)
     gyroscope = calibration.gyroscope
-    # The frame is that of the accelerometer, whatever the gyroscope is.
+    # The accelerometer alone defines the frame, so the identity can stand in for a missing gyroscope.
     accel, gyro = _core.convert_frame(old, np.eye(3) if gyroscope is None else gyroscope.sensitivity, frame)
     moved = replace(
         linear(calibration),
@@ -117,14 +117,15 @@ def _is_in(frame: Frame, sensitivity: FloatArray) -> bool:
     """Whether the accelerometer's sensitivity has the form that defines this frame."""
     if frame == "triangular":
         return np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all())
-    # A rotation by 180 deg is symmetric as well, so the eigenvalues must be positive too.
+    # The eigenvalues must also be positive, because a rotation by 180 deg is symmetric as well.
     return np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all())
 
 
 def turned_axes(calibration: Calibration, rotation: FloatArray) -> Calibration:
     """The calibration for raw and corrected samples that are both rotated: v_new = rotation v_old.
 
-    Of the effects only the thermal ones of the biases are rotated, because no other is exported with this.
+    Only the temperature effects of the biases are rotated, because no other effect is exported with a
+    rotation.
     """
     if np.array_equal(rotation, np.eye(3)):
         return calibration
@@ -209,7 +210,7 @@ def off_scale(sensor: str, sensitivity: FloatArray) -> tuple[str, ...]:
 
 
 def lost_effects(calibration: Calibration, kept: Iterable[str] = ()) -> tuple[str, ...]:
-    """Description of each effect that `imucal apply` compensates and the other program does not."""
+    """Description of each effect that `imucal apply` compensates but the other program does not."""
     left = set(calibration.left_in_data) | set(kept)
     return tuple(
         f"the effect {values.name}"

@@ -6,7 +6,7 @@
 Ta and Tw are lower triangular; OpenVINS takes the lower triangle of their inverses. Source: rpng/open_vins,
 Simulator.cpp (get_next_imu), Propagator.cpp and VioManagerOptions.h (print_and_load_state). Tg acts on the
 force in the IMU frame, so it is A C_gyro_i of Kalibr. The comment in OpenVINS' files, "Tg is
-imu0:gyroscopes:A", holds for C_gyro_i = 1 only.
+imu0:gyroscopes:A", is correct only if C_gyro_i = 1.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ INT32: Final = 6
 REAL32: Final = 9
 # Letter of each sensor in the names of the TC_ parameters.
 LETTERS: Final = {"accel": "A", "gyro": "G"}
-# Temperatures of TMIN and TMAX, degC, if the calibration has no temperature range: PX4's defaults.
+# Values of TMIN and TMAX, degC, if the calibration has no temperature range. They are PX4's defaults.
 RANGE_DEGC: Final = (0.0, 100.0)
 
 

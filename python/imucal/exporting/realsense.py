@@ -3,9 +3,9 @@
     corrected = sensitivity raw - bias
 
 Source: correct_motion_helper in motion-transform.cpp of librealsense. Both files hold the sensitivity column
-by column (float3x3 in float3.h). The bias of the gyroscope is in rad/s in calibration.json, as the tool
-writes it, and in deg/s in the table, because librealsense multiplies that by pi / 180
-(dm_v2_imu_calib_parser::get_intrinsic in ds-calib-parsers.cpp).
+by column (float3x3 in float3.h). In calibration.json the bias of the gyroscope is in rad/s, as
+rs-imu-calibration writes it. In the table it is in deg/s, because librealsense multiplies the value in the
+table by pi / 180 (dm_v2_imu_calib_parser::get_intrinsic in ds-calib-parsers.cpp).
 
 The table is the EEPROM image of 520 bytes that rs-imu-calibration.py writes to the camera: dm_v2_eeprom in
 ds-private.h, three nested tables, each with a header of 16 bytes that has its CRC-32.
@@ -107,7 +107,7 @@ def _table(version: bytes, kind: int, content: bytes) -> bytes:
 
 
 def header_alone(lines: Sequence[str], body: str) -> str:
-    """The header as text; the table has no place for it."""
+    """The header as text. The EEPROM table cannot contain it."""
     return "\n".join(lines) + "\n"
 
 

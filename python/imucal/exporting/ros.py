@@ -3,7 +3,7 @@
     corrected_accel = SM raw - bias
 
 Source: AccelCalib::applyCalib in accel_calib.cpp of dpkoch/imu_calib; SM is stored row by row. The node
-apply_calib takes no gyroscope parameters from the file: it subtracts the mean rate of the first samples after
+apply_calib reads no gyroscope parameters from the file. It subtracts the mean rate of the first samples after
 its start (apply_calib.cpp).
 """
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RUST"]
 
-# Field of imucal-core's `Surroundings`, an argument of `correct_at`, for each quantity that an effect may
-# need.
+# For each quantity that an effect may need, the field of imucal-core's `Surroundings`, which is an argument
+# of `correct_at`.
 SURROUNDINGS: Final = {
     "temperature": "temperature_difference_k (sensor temperature minus REFERENCE_TEMPERATURE_DEGC)",
     "time": "time_s (since the start of the recording that the calibration was made from)",
@@ -38,7 +38,7 @@ pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The module. It omits user-defined effects whose fields are Python functions."""
+    """The Rust module. It omits user-defined effects whose fields are Python functions."""
     own = {effect.name for effect in calibration.user_effects}
     effects = [values for values in calibration.effects if values.name not in own]
     formulas = [(own, values) for own, values in calibration.own_effects() if isinstance(own, FormulaEffect)]
@@ -68,7 +68,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
             f"pub const TEMPERATURE_{end}_DEGC: f64 = {number(degc)};",
         ]
     lines.append(FUNCTION.rstrip("\n"))
-    # Constant expressions: the compiler leaves no conversion, no index and no panic for the device.
+    # The matrices are written as constant expressions, so that no conversion, indexing or panic remains in
+    # the code for the device.
     for name in ("ACCELEROMETER", "GYROSCOPE"):
         lines += [
             f"    let {name.lower()} = Triad::try_new(",

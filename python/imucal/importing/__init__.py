@@ -1,10 +1,10 @@
-"""Calibrations of other programs: Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, imu_tk and Ferraris.
+"""Import of calibrations from Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, imu_tk and Ferraris.
 
     calibration = imucal.read_calibration("imu.yaml")
     calibration.provenance.imported.missing      # what the file does not state
 
-The correction of the result is that of the other program, in its body frame. A part that a file does not
-state, such as a covariance, is absent and listed.
+The correction of the result is that of the other program, in its body frame. Parts that a file does not
+state, such as a covariance, are absent in the result and listed in `missing`.
 """
 
 from __future__ import annotations
@@ -56,9 +56,10 @@ def read_calibration(
 ) -> Calibration:
     """Read a calibration of another program, or a calibration file of imucal.
 
-    paths         the file, or for imu_tk and IMUInfo the files of accelerometer and gyroscope
-    format        a name of `imucal import --list`; recognised from the contents if not given
-    instance      number of the sensor in a file of several, from 0
+    paths         path of the file; for imu_tk and IMUInfo, the paths of the files of accelerometer and
+                  gyroscope
+    format        a name from `imucal import --list`; default: recognised from the contents
+    instance      index of the sensor in a file with several sensors, from 0
     accel_unit, gyro_unit   raw units, for imu_tk and Ferraris: m/s^2, g, mg, rad/s, deg/s, mdeg/s or lsb
     accel_bias, gyro_bias   (3,) biases in raw units, for files without biases, such as those of Kalibr
     temperature_degc        evaluate the thermal terms of PX4 and ArduPilot at this temperature
@@ -84,7 +85,8 @@ def read_calibration(
     try:
         found = reader.read(contents, wanted)
     except InputError as error:
-        # Values of a file that are no triad, such as a singular matrix.
+        # Values of a file that do not form a valid triad, such as a singular matrix, are an error of the
+        # file.
         if str(error).startswith("the sensitivity"):
             raise FormatError(f"{names}: {error}") from None
         raise
@@ -129,7 +131,7 @@ def _reader(contents: Sequence[Content], format: str | None) -> Reader:
 
 
 def _with_bias(found: Found, sensor: Literal["accel", "gyro"], bias: ArrayLike | None, name: str) -> Found:
-    """The calibration with a bias that the files do not state."""
+    """The calibration with a bias given by the user, because the files do not state it."""
     if bias is None:
         return found
     values = as_rows(bias, f"{sensor}_bias")
@@ -141,7 +143,7 @@ def _with_bias(found: Found, sensor: Literal["accel", "gyro"], bias: ArrayLike |
     if not alone and f"{sensor}_bias" not in found.missing:
         raise InputError(f"{name} states the bias of the {sensor} sensor: leave out {sensor}_bias")
     changed: dict[str, Any] = {field: Triad(triad.sensitivity, values)}
-    # A sensor that the files do not describe has no scale or misalignment either.
+    # If the files do not describe the sensor at all, its scale and misalignment are missing, too.
     others = (f"{sensor}_scale", f"{sensor}_misalignment") if alone else ()
     return replace(
         found,
@@ -177,7 +179,7 @@ def _calibration(
         user_effects=found.user_effects,
         noise=found.noise,
         temperature_range_degc=found.temperature_range_degc,
-        # Usable, but nothing is known of its residuals.
+        # The calibration is usable, but its residuals are not known.
         verdict="incomplete",
         reasons=(
             f"this is a calibration of {reader.program}, which no recording has judged here: use imucal "
@@ -196,12 +198,12 @@ def _calibration(
         ),
         serial_number=serial_number or found.serial_number,
     )
-    # The same checks as for a calibration file: ranges of sensitivities, biases, noise and temperatures.
+    # This runs the checks of a calibration file: ranges of sensitivities, biases, noise and temperatures.
     return Calibration.from_dict(calibration.to_dict(), names)
 
 
 def _frame(accelerometer: Triad, gyroscope: Triad | None) -> Frame:
-    """The body frame; a gyroscope of reversed sign, which files may have, has no place in our own frames."""
+    """The body frame; "given" for left-handed gyroscope axes, which the other frames do not permit."""
     if gyroscope is not None and np.linalg.det(gyroscope.sensitivity) < 0:
         return "given"
     return frame_of(accelerometer.sensitivity)

@@ -5,8 +5,8 @@
     p(T)  = (c1 + (c2 + c3 x) x) x 1e-6,  x = T - 35,  T and CALTEMP clamped to [TMIN, TMAX]
 
 Sources in ArduPilot: AP_InertialSensor_Backend.cpp (_rotate_and_correct_accel, _rotate_and_correct_gyro) and
-AP_InertialSensor_tempcal.cpp (correct_sensor, polynomial_eval). ArduPilot then rotates both by
-AHRS_ORIENTATION. The inverse is `imucal.exporting.ardupilot`.
+AP_InertialSensor_tempcal.cpp (correct_sensor, polynomial_eval). ArduPilot then rotates the samples of both
+sensors by AHRS_ORIENTATION. `imucal.exporting.ardupilot` writes these parameters.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted
 
 __all__ = ["ARDUPILOT"]
 
-# Number of each sensor in its names: the first has none.
+# Number of each sensor in the names of its parameters; the first sensor has no number.
 NUMBERS: Final = ("", "2", "3")
-# Value of INS_TCAL_ENABLE with which ArduPilot applies the thermal terms; 2 is learning.
+# Value of INS_TCAL_ENABLE with which ArduPilot applies the thermal terms. With 2 it learns them.
 APPLIED: Final = 1.0
-# Default of INS_ACC_CALTEMP and INS_GYR_CALTEMP, degC, which ArduPilot clamps to TMIN.
+# Default of INS_ACC_CALTEMP and INS_GYR_CALTEMP, degC, for "not set". ArduPilot clamps it to TMIN.
 NO_CALTEMP_DEGC: Final = -300.0
 
 
@@ -43,7 +43,8 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     if not wanted.instance < len(NUMBERS):
         raise InputError(f"instance is {wanted.instance}: parameters INS_ACC have the sensors 0 to 2")
     number = NUMBERS[wanted.instance]
-    # The first gyroscope is INS_GYROFFS, the others are INS_GYR2OFFS and INS_GYR3OFFS.
+    # The offsets of the first gyroscope are INS_GYROFFS; those of the others are INS_GYR2OFFS and
+    # INS_GYR3OFFS.
     offsets = {
         "accel": parameters.vector(f"INS_ACC{number}OFFS_{{}}"),
         "gyro": parameters.vector(f"INS_GYR{number}OFFS_{{}}" if number else "INS_GYROFFS_{}"),
@@ -64,7 +65,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _thermal(parameters: Parameters, sensor: str, number: int) -> Cubic:
-    """p(T) - p(CALTEMP), whose constant is -p(CALTEMP)."""
+    """The polynomial p(T) - p(CALTEMP), whose constant term is -p(CALTEMP)."""
     group, name = f"INS_TCAL{number}", NAMES[sensor]
     powers: list[FloatArray] = [parameters.vector(f"{group}_{name}{k}_{{}}") / PER_UNIT for k in (1, 2, 3)]
     limits = (

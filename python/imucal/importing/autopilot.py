@@ -3,7 +3,7 @@
     corrected_accel = (raw - thermal(T) - offset) * scale         for each axis
     corrected_gyro  =  raw - thermal(T) - offset                  old versions of PX4: also * scale
 
-The inverse is `imucal.exporting.autopilot`.
+`imucal.exporting.autopilot` is the export to this form.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ def per_axis_found(
     *,
     notes: tuple[str, ...] = (),
 ) -> Found:
-    """The calibration of offsets and scales.
+    """The calibration that corresponds to offsets and scales.
 
     offsets   by sensor ("accel", "gyro"), raw units
-    scales    by sensor, corrected / raw; without "gyro" the autopilot has no scale of the gyroscope
-    thermal   by sensor, only for sensors whose thermal terms the autopilot applies
+    scales    by sensor, corrected / raw; "gyro" is absent if the autopilot has no gyroscope scale
+    thermal   thermal terms by sensor, for sensors whose thermal terms the autopilot applies
     """
     missing = [
         "accel_misalignment",

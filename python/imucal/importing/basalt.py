@@ -20,7 +20,7 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted, corre
 
 __all__ = ["BASALT"]
 
-# Basalt's names of noise figures, continuous time, one per axis, and ours.
+# Basalt's names of noise figures (continuous time, one per axis), and the names in a calibration file.
 NOISE: Final = {
     "accel_noise_std": "accel_noise_density_{}_mps2_per_sqrt_hz",
     "gyro_noise_std": "gyro_noise_density_{}_radps_per_sqrt_hz",
@@ -30,7 +30,7 @@ NOISE: Final = {
 
 
 def recognises(content: Content) -> bool:
-    """Whether the file has one of the arrays, which cereal writes into the object value0."""
+    """Whether the file has one of the arrays. The library cereal writes them into the object value0."""
     return bool(_fields(content.fields).keys() & ENTRIES.keys())
 
 
@@ -40,7 +40,7 @@ def _fields(fields: dict[str, object]) -> dict[str, object]:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The two arrays, and the noise figures if they are there."""
+    """The calibration from the two arrays, with the noise figures if the file has them."""
     node = contents[0].document
     assert node is not None
     if "value0" in node.mapping():
@@ -69,7 +69,7 @@ def _triad(node: Node) -> Triad:
 
 
 def _axes(node: Node) -> list[float]:
-    """One figure per axis; older files have one for all."""
+    """One figure per axis. Older files have one number for all axes."""
     return node.array(3).tolist() if isinstance(node.value, list) else [node.number()] * 3
 
 

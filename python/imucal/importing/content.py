@@ -1,4 +1,4 @@
-"""Contents of the files of other programs as text, JSON or YAML."""
+"""Reads files of other programs as text, JSON or YAML."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from imucal.io.extra import library
 
 __all__ = ["content_of"]
 
-# Largest file of a calibration, bytes. Parameter files of autopilots have 50 kB, calibrations with cameras
-# 1 MB; a larger file is a recording.
+# Maximum size of a calibration file, bytes. Parameter files of autopilots have 50 kB and calibrations with
+# cameras 1 MB, so a larger file is a recording.
 LARGEST_BYTES: Final = 4 << 20
-# A line of YAML with a field.
+# Matches a line with a YAML field. A text with such a line is parsed as YAML.
 YAML_FIELD: Final = re.compile(r"^\s*[A-Za-z_][\w ]*:(\s|$)", re.MULTILINE)
-# A number as YAML 1.1 reads it as text, because it has an exponent and no decimal point.
+# Matches numbers with an exponent and no decimal point, which YAML 1.1 reads as text.
 EXPONENT_ONLY: Final = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
 
 def content_of(path: str | os.PathLike[str]) -> Content:
     """The content of a file.
 
-    Raises InputError if it cannot be read, FormatError if it is no text or damaged, and ImucalError if it is
-    YAML and PyYAML is not installed.
+    Raises InputError if the file cannot be read, FormatError if it is binary or damaged, and ImucalError if
+    it is YAML and PyYAML is not installed.
     """
     file = open_file(path)
     name = file.source.path
@@ -48,18 +48,19 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     document = None
     if text.lstrip().startswith("{"):
         document = read_json(path)
-    # Consoles of autopilots write lines that could be YAML above their parameters.
+    # Parameter files are excluded, because consoles of autopilots write lines that could be YAML above the
+    # parameters.
     elif YAML_FIELD.search(text) and not has_parameters(text):
         document = Node(_yaml(text, name), "$", name)
     return Content(name, text, document, file.source)
 
 
 def _yaml(text: str, name: str) -> Any:
-    """The value of a YAML document, or the list of several."""
+    """The value of a YAML document, or a list of values if there are several documents."""
     yaml = library("yaml", "yaml", "YAML files")
 
     class Once(yaml.SafeLoader):  # type: ignore[misc, name-defined]
-        """Refuses a field that stands twice, of which YAML keeps the last."""
+        """Loader that refuses duplicate fields, of which PyYAML would silently keep the last."""
 
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
             keys = [self.construct_object(key, deep=True) for key, _ in node.value]
@@ -68,17 +69,17 @@ def _yaml(text: str, name: str) -> Any:
                     raise FormatError(f"{name}: the field {key!r} stands twice: keep one")
             return super().construct_mapping(node, deep)
 
-    # OpenCV writes a directive that YAML does not know.
+    # OpenCV writes a directive that PyYAML does not accept.
     text = re.sub(r"\A\s*%YAML:1\.0\s*\n(---)?", "", text)
     with parsing(name, "YAML", "export or copy it again"):
         found = [document for document in yaml.load_all(text, Once) if document is not None]
-        # Through JSON, which has neither dates nor references.
+        # The conversion to JSON and back removes dates and references, which JSON does not have.
         plain = json.loads(json.dumps(found, default=str))
     return _with_numbers(plain[0] if len(plain) == 1 else plain)
 
 
 def _with_numbers(value: Any) -> Any:
-    """Numbers such as 1e-5, which YAML 1.1 reads as text, as numbers."""
+    """The value with texts such as 1e-5, which YAML 1.1 does not read as numbers, converted to numbers."""
     if isinstance(value, dict):
         return {key: _with_numbers(item) for key, item in value.items()}
     if isinstance(value, list):

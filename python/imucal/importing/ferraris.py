@@ -1,4 +1,4 @@
-"""Ferraris calibrations of the package imucal of mad-lab-fau (JSON), which has the same import name.
+"""Ferraris calibrations (JSON) of the package imucal of mad-lab-fau, whose import name is also imucal.
 
     acc  = R_a^-1 K_a^-1 (raw - b_a)
     gyro = R_g^-1 K_g^-1 (raw - K_ga acc - b_g)
@@ -22,7 +22,7 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted
 
 __all__ = ["FERRARIS"]
 
-# Raw units of that package that mean counts.
+# Names of raw units in that package that stand for counts.
 COUNTS: Final = ("a.u.", "a.u", "lsb", "counts")
 
 
@@ -32,7 +32,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """Both sensors."""
+    """The calibration of both sensors."""
     document = contents[0].document
     assert document is not None
     accelerometer, accel_unit = _triad(document, "a", "accelerometer", "acc", "m/s^2", wanted.accel_unit)
@@ -57,7 +57,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _unit(document: Node, name: str, default: str) -> str:
-    """A unit in the file; older versions of the package have none."""
+    """A unit in the file, or `default` for files of older versions of the package, which state no unit."""
     value = document.mapping().get(name)
     return default if value is None else document.get(name).text()
 
@@ -65,9 +65,9 @@ def _unit(document: Node, name: str, default: str) -> str:
 def _triad(
     document: Node, letter: str, sensor: str, short: str, si_unit: str, given: str | None
 ) -> tuple[Triad, str]:
-    """The triad in its raw unit, which is counts or the SI unit, and this unit."""
+    """The triad, and its raw unit: counts ("lsb") or the SI unit."""
     matrix = document.get(f"K_{letter}").array(3, 3) @ document.get(f"R_{letter}").array(3, 3)
-    # The matrices give raw units per unit of the calibrated samples.
+    # The matrices are in raw units per unit of the calibrated samples.
     calibrated = _unit(document, f"{short}_unit", "m/s^2" if short == "acc" else "deg/s")
     triad = Triad(matrix * per_si_unit(sensor, calibrated), document.get(f"b_{letter}").array(3))
     raw = _unit(document, f"from_{short}_unit", "a.u.") if given is None else given

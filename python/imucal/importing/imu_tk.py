@@ -24,7 +24,8 @@ __all__ = ["IMU_TK"]
 
 COUNT: Final = 21
 SENSORS: Final = {"acc": "accelerometer", "gyr": "gyroscope"}
-# A sensitivity within this factor of a unit's suggests that unit: more than scale factors of MEMS sensors.
+# The raw unit is inferred if the sensitivity differs from that of a perfect sensor in this unit by less than
+# this factor. Scale factor errors of MEMS sensors are smaller.
 SAME_UNIT: Final = 1.3
 
 
@@ -42,7 +43,7 @@ def _numbers(text: str) -> list[float] | None:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The sensors of one or two files."""
+    """The calibration of the sensors in one or two files."""
     triads: dict[str, Triad] = {}
     units = {"accelerometer": "m/s^2", "gyroscope": "rad/s"}
     given = {"accelerometer": wanted.accel_unit, "gyroscope": wanted.gyro_unit}
@@ -65,7 +66,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _sensor(name: str, place: int, count: int) -> str:
-    """The sensor by the name of the file, or by its place among two files."""
+    """The sensor of a file, from the file name or from the order of two files."""
     found = [sensor for word, sensor in SENSORS.items() if word in PurePath(name).name.lower()]
     if len(found) == 1:
         return found[0]
@@ -97,7 +98,7 @@ def _triad(content: Content) -> Triad:
 
 
 def _unit(name: str, sensor: str, triad: Triad) -> str:
-    """The raw unit that the scale implies. Raises InputError if it is ambiguous."""
+    """The raw unit inferred from the scale. Raises InputError if it is ambiguous."""
     option = "accel_unit" if sensor == "accelerometer" else "gyro_unit"
     si, *others = UNITS[sensor]
     size = float(np.cbrt(abs(np.linalg.det(triad.sensitivity))))

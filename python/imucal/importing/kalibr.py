@@ -6,7 +6,7 @@
 f and w are in the IMU frame i. So T of the accelerometer is M_a, T of the gyroscope is M_g C_gyro_i, and the
 g-sensitivity in the body frame is T^-1 A C_gyro_i. Source: IccSensors.py of ethz-asl/kalibr,
 addAccelerometerErrorTerms and addGyroscopeErrorTerms of IccScaledMisalignedImu and
-IccScaledMisalignedSizeEffectImu. The inverse is `imucal.exporting.kalibr`.
+IccScaledMisalignedSizeEffectImu. `imucal.exporting.kalibr` writes these files.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted
 __all__ = ["KALIBR"]
 
 MODELS: Final = ("calibrated", "scale-misalignment", "scale-misalignment-size-effect")
-# Kalibr's names of noise figures, continuous time, and ours.
+# Kalibr's names of noise figures (continuous time), and the names in a calibration file.
 NOISE: Final = {
     "accelerometer_noise_density": "accel_noise_density_mps2_per_sqrt_hz",
     "accelerometer_random_walk": "accel_random_walk_mps3_per_sqrt_hz",
     "gyroscope_noise_density": "gyro_noise_density_radps_per_sqrt_hz",
     "gyroscope_random_walk": "gyro_random_walk_radps2_per_sqrt_hz",
 }
-# Largest deviation of C_gyro_i from a rotation: it is written with seven digits or more.
+# Largest accepted deviation of C_gyro_i from a rotation. The matrix is written with seven digits or more.
 ROTATION_ROUNDING: Final = 1e-6
 
 
@@ -54,7 +54,7 @@ def _is_imu(fields: object) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """One block of the file."""
+    """The calibration in one block of the file."""
     (content,) = contents
     if content.document is None:
         raise FormatError(f"{content.name} is no YAML document")
@@ -90,7 +90,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _corrected(block: Node, noise: dict[str, float], notes: tuple[str, ...]) -> Found:
-    """The matrices of the models scale-misalignment and scale-misalignment-size-effect."""
+    """The calibration of a block with the model scale-misalignment or scale-misalignment-size-effect."""
     accelerometers, gyroscopes = block.get("accelerometers"), block.get("gyroscopes")
     from_body = accelerometers.get("M").array(3, 3)
     rotation = _rotation(gyroscopes.get("C_gyro_i"))
@@ -112,7 +112,7 @@ def _corrected(block: Node, noise: dict[str, float], notes: tuple[str, ...]) -> 
 
 
 def _size_effect(accelerometers: Node) -> list[EffectValues]:
-    """The positions of the three axes: a lever arm of all, that of x, and those of y and z relative to x."""
+    """The positions of the axes as effects: the lever arm of x, and those of y and z relative to x."""
     names = ("rx_i", "ry_i", "rz_i")
     if not set(names) & accelerometers.mapping().keys():
         return []

@@ -1,4 +1,4 @@
-"""Parameters of autopilots as ground stations and consoles write them, and thermal terms of their biases."""
+"""Parameter files of autopilots from ground stations and consoles, and the thermal terms of biases."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from imucal.importing.source_format import Content
 __all__ = ["AXES", "Cubic", "Parameters", "Thermal", "has_parameters"]
 
 AXES: Final = "XYZ"
-# Starts of the names of calibration parameters of PX4 and of ArduPilot.
+# Prefixes of the names of calibration parameters in PX4 and ArduPilot.
 PREFIXES: Final = ("CAL_ACC", "CAL_GYRO", "INS_ACC", "INS_GYR", "INS_TCAL")
-# NAME,VALUE and NAME=VALUE and NAME VALUE, after Vehicle-Id and Component-Id or `param set`, and the lines of
-# `param show`: x + NAME [12,34] : VALUE.
+# Matches one parameter: NAME,VALUE or NAME=VALUE or NAME VALUE, after Vehicle-Id and Component-Id, after
+# `param set`, or as in the output of `param show`: x + NAME [12,34] : VALUE.
 LINE: Final = re.compile(
     r"^\s*(?:(?:\d+\s+\d+|param\s+set|x?\s*[+*]?)\s+)?([A-Z][A-Z0-9_]{2,16})"
     r"(?:\s*\[[\d,]+\]\s*:\s*|\s*[,=\t]\s*|\s+)([-+]?[\w.+-]+)"
@@ -42,9 +42,9 @@ def names_in(text: str) -> set[str]:
 
 @dataclass(frozen=True)
 class Parameters:
-    """The parameters of a file by name, as they are written.
+    """The parameters of a file by name, with their values as text.
 
-    Raises FormatError for two values of one parameter.
+    Raises FormatError if a parameter has two different values.
     """
 
     file: str
@@ -63,7 +63,7 @@ class Parameters:
         return Parameters(content.name, found)
 
     def number(self, name: str, default: float | None = None) -> float:
-        """A finite number. FormatError if it is missing and has no default."""
+        """A parameter as a finite number. Raises FormatError if it is missing and has no default."""
         if name not in self.values:
             if default is not None:
                 return default
@@ -79,11 +79,14 @@ class Parameters:
         return value
 
     def vector(self, name: str, axes: Sequence[str] = AXES, default: float | None = None) -> FloatArray:
-        """Three parameters, `{}` in the name being the axis."""
+        """Three parameters, one per axis; `{}` in the name stands for the axis."""
         return np.array([self.number(name.format(axis), default) for axis in axes])
 
     def scale(self, name: str) -> FloatArray:
-        """Three scale factors. FormatError for one that is not positive, as before any calibration."""
+        """Three scale factors.
+
+        Raises FormatError if one is not positive, as in an autopilot that was never calibrated.
+        """
         scale = self.vector(name)
         for axis, value in zip(AXES, scale, strict=True):
             if value <= 0:
@@ -98,7 +101,7 @@ class Cubic:
     """A thermal offset of a sensor: the sum of coefficients[k] (T - reference)^k for k = 0 to 3, raw units.
 
     coefficients    (4, 3)
-    reference_degc  temperature T at which the powers are zero
+    reference_degc  reference temperature in this polynomial
     range_degc      T is clamped to this range
     """
 
@@ -107,7 +110,7 @@ class Cubic:
     range_degc: tuple[float, float]
 
     def at(self, temperature_degc: float) -> FloatArray:
-        """The offset at a temperature, which is clamped."""
+        """The offset at a temperature, which is clamped to the range."""
         held = min(max(temperature_degc, self.range_degc[0]), self.range_degc[1])
         powers = (held - self.reference_degc) ** np.arange(4)
         offset: FloatArray = powers @ self.coefficients
@@ -132,8 +135,8 @@ class Cubic:
         sensor   "accel" or "gyro"
         scale    corrected / raw of each axis
 
-        Without cubic terms it is the effect of the catalogue, relative to its reference temperature. With
-        them it is a formula, which also holds the terms constant outside the range.
+        Without cubic terms the effect is that of the catalogue, relative to the reference temperature of
+        imucal. With cubic terms it is a formula, which also clamps the temperature to the range.
         """
         constant, linear, square, cubic = self.about(_core.REFERENCE_TEMPERATURE_DEGC)
         if not cubic.any():
@@ -155,8 +158,8 @@ class Thermal:
     """The thermal terms of a sensor.
 
     offset      constant part, raw units
-    effect      the rest, with its values
-    definition  of an effect that is not in the catalogue
+    effect      temperature-dependent part, with its values
+    definition  definition of the effect if it is not in the catalogue, else None
     """
 
     offset: FloatArray

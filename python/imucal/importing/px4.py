@@ -5,9 +5,8 @@
     thermal_offset  =  x0 + x1 dT + x2 dT^2 + x3 dT^3             TemperatureCompensation.cpp,
                        dT = T - TREF, T clamped to [TMIN, TMAX]   calc_thermal_offsets_3D
 
-Old versions also scale the gyroscope (CAL_GYRO0_XSCALE). PX4 then rotates both to the axes of the board, by
-CAL_*_ROT or SENS_BOARD_ROT. The inverse is
-`imucal.exporting.px4`.
+Old versions also scale the gyroscope (CAL_GYRO0_XSCALE). PX4 then rotates the samples of both sensors to the
+axes of the board, by CAL_*_ROT or SENS_BOARD_ROT. `imucal.exporting.px4` writes these parameters.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted
 __all__ = ["PX4"]
 
 SENSORS: Final = {"accel": "ACC", "gyro": "GYRO"}
-# Slots of thermal terms of each sensor.
+# Slots (TC_A0, ... TC_A3) that can hold the thermal terms of a sensor.
 SLOTS: Final = range(4)
 
 
@@ -56,7 +55,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _thermal(parameters: Parameters, sensor: str, n: int) -> Cubic | None:
-    """The thermal terms of the sensor with the same device ID, or in a file without IDs those of slot n."""
+    """The thermal terms in the slot with the sensor's device ID, or of slot n in a file without IDs."""
     letter = LETTERS[sensor]
     if parameters.number(f"TC_{letter}_ENABLE", 0.0) != 1:
         return None

@@ -1,4 +1,4 @@
-"""Units of raw samples that files of other programs name."""
+"""Units of raw samples in files of other programs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["UNITS", "in_si", "per_si_unit"]
 
-# Units of raw samples per SI unit, the SI unit first. imucal converts samples in these units on reading.
+# Units of raw samples: how many there are in one SI unit, with the SI unit first. imucal converts samples in
+# these units on reading.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
     "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},
@@ -26,5 +27,5 @@ def per_si_unit(sensor: str, unit: str) -> float:
 
 
 def in_si(triad: Triad, per_si: float) -> Triad:
-    """The triad of raw samples in the SI unit instead of a unit of which there are `per_si` per SI unit."""
+    """The triad converted to raw samples in the SI unit from a unit of which `per_si` make one SI unit."""
     return Triad(triad.sensitivity / per_si, triad.bias / per_si)

@@ -4,8 +4,8 @@
 
 calibration.json has S column by column (`scale_and_alignment`), IMUInfo has the 3x4 matrix (S | bias) row by
 row. Sources: correct_motion_helper in motion-transform.cpp and operator* of float3x3 in float3.h of
-librealsense, rs-imu-calibration.py, create_motion_intrinsics in ds-private.h. The inverse of the first is
-`imucal.exporting.realsense`.
+librealsense, rs-imu-calibration.py, create_motion_intrinsics in ds-private.h. `imucal.exporting.realsense`
+writes calibration.json.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ SENSORS: Final = {"accel": "accelerometer", "gyro": "gyroscope"}
 
 
 def is_calibration(content: Content) -> bool:
-    """Whether the file is one of rs-imu-calibration."""
+    """Whether the file is a calibration.json of rs-imu-calibration."""
     return isinstance(content.fields.get("imus"), list)
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """One IMU of the file."""
+    """The calibration of one IMU in the file."""
     (content,) = contents
     assert content.document is not None
     device = content.document.mapping().get("device_type")
@@ -44,7 +44,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     triads = {}
     for sensor in SENSORS.values():
         node = imu.get(sensor)
-        # The array is column by column, numpy's reshape row by row.
+        # The matrix is transposed, because the array is stored by columns and numpy's reshape fills rows.
         matrix = node.get("scale_and_alignment").array(9).reshape(3, 3).T
         triads[sensor] = corrected_by(matrix, node.get("bias").array(3))
     return Found(triads["accelerometer"], triads["gyroscope"], missing=("noise",), notes=(NOTE,))
@@ -64,7 +64,7 @@ def _messages(content: Content) -> list[Node]:
 
 
 def read_info(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The messages of both sensors, in one file or in two."""
+    """The calibration from the messages of both sensors, in one file or in two."""
     triads: dict[str, Triad] = {}
     for node in (message for content in contents for message in _messages(content)):
         matrix = node.get("data").array(12).reshape(3, 4)

@@ -2,9 +2,9 @@
 
     corrected_accel = SM raw - bias
 
-SM is row by row (AccelCalib::loadCalib and applyCalib in accel_calib.cpp of dpkoch/imu_calib). The node
-apply_calib subtracts the mean rate after its start from the gyroscope, which is in no file. The inverse is
-`imucal.exporting.ros`.
+SM is stored by rows (AccelCalib::loadCalib and applyCalib in accel_calib.cpp of dpkoch/imu_calib). The file
+contains no gyroscope bias; the node apply_calib estimates it as the mean rate after its start.
+`imucal.exporting.ros` writes this file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The accelerometer."""
+    """The calibration of the accelerometer."""
     document = contents[0].document
     assert document is not None
     matrix = document.get("SM").array(9).reshape(3, 3)

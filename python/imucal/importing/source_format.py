@@ -1,4 +1,4 @@
-"""Formats of calibrations of other programs: how a file is recognised, and what it contains."""
+"""Description of calibration formats of other programs: how a file is recognised and read."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ class Content:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What the user asks for.
+    """Options of the user for reading a calibration.
 
-    instance      number of the sensor in a file of several, from 0
+    instance      index of the sensor in a file with several sensors, from 0
     accel_unit, gyro_unit   units of the raw samples, for formats that do not define them
     temperature_degc        temperature at which thermal terms are evaluated, None to keep the terms
     """
@@ -88,13 +88,13 @@ class Reader:
 
     name        value of `imucal import --from`
     title       short description of the file
-    program     the program whose files they are
+    program     the program that writes these files
     formula     correction that the other program computes
     source      source file of the other program that contains the formula
-    files       number of files of one calibration, the smallest and the largest
-    recognises  whether the content of a file is of this format
-    read        the calibration in the contents
-    without     what files of this format never state, for the table of formats
+    files       minimum and maximum number of files of one calibration
+    recognises  function that tests whether a file has this format
+    read        function that returns the calibration in the contents
+    without     the parts that files of this format never state, for the table of formats
     """
 
     name: str

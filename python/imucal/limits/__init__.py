@@ -1,1 +1,1 @@
-"""Acceptance limits of units, and their judgement."""
+"""Acceptance limits, and the judgement of units against these limits."""

@@ -1,4 +1,7 @@
-"""The limits file, schema imucal.limits/1. Unknown names are refused: such a limit would test nothing."""
+"""The limits file, schema imucal.limits/1.
+
+Unknown names are refused, because a limit on them would test nothing.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,8 @@ FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects", "ve
 # Verdicts that limits can require.
 REQUIRED: Final[tuple[Verdict, ...]] = ("good", "incomplete")
 NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one"
-# Largest limits of figures: 1000 times the noise, gravity, half a revolution, and a day of rests of a second.
+# Largest accepted limits of figures: residuals of 1000 times the noise, gravity, half a revolution, and the
+# number of rests in a day if each lasts a second.
 LARGEST_LIMITS: Final = {
     "chi2_per_dof": 1e6,
     "gravity_norm_rms_mps2": 9.9,
@@ -70,7 +74,8 @@ def fields_of(node: Node, user_effects: Sequence[UserEffect]) -> dict[str, Any]:
     node.require_schema(SCHEMA)
     _require_known(node, FIELDS)
     given = node.mapping()
-    # Contradicting numbers in a file are an error of the file, not of an argument.
+    # If numbers in a file contradict each other, the error is a FormatError of the file and not an
+    # InputError.
     try:
         fields: dict[str, Any] = {
             "parameters": _parameters(node.get("parameters"), user_effects) if "parameters" in given else (),
@@ -160,7 +165,7 @@ def _is_permitted(parameter: str, effects: Sequence[str]) -> bool:
 
 
 def _possible(parameter: str, unit: str) -> tuple[float, float]:
-    """The range of a bias or a sensitivity that a sensor can have; unlimited for an effect."""
+    """The range of possible values of a bias or a sensitivity; unlimited for an effect."""
     sensor = "accelerometer" if parameter.startswith("accel") else "gyroscope"
     if re.fullmatch("(accel|gyro)_bias_[xyz]", parameter):
         return -BIAS[unit], BIAS[unit]
@@ -227,7 +232,7 @@ def _known_units(user_effects: Sequence[UserEffect]) -> Mapping[str, tuple[str, 
 
 
 def _require_known(node: Node, fields: Sequence[str]) -> None:
-    """Raise FormatError for an unknown field: a limit with a misspelt name would test nothing."""
+    """Raise FormatError for an unknown field, because a limit with a misspelt name would test nothing."""
     _require_some(node)
     for name in node.mapping():
         if name not in fields:

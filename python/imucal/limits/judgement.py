@@ -1,6 +1,6 @@
-"""Judgement of one unit: each value with its limit, and whether the limit is kept.
+"""Judgement of one unit: the value, the limit and the outcome of each check.
 
-    kept: low <= value <= high          only the value decides
+    kept: low <= value <= high          gh the standard deviation has no effect
 
 A parameter within 2 sigma of its limit also gets a warning, because a repeated measurement may be on the
 other side.
@@ -30,7 +30,7 @@ class Check:
     value      in `unit`; None if it does not exist
     low, high  minimum and maximum; None for a side without a limit
     std        standard deviation of a parameter, None if not known
-    problem    reason why the limit fails whatever the value, such as a missing control recording
+    problem    reason why the check fails for any value, such as a missing control recording
     """
 
     what: str
@@ -43,7 +43,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether the limit is kept. A value equal to its limit keeps it; NaN does not."""
+        """Whether the value is within its limit, which includes values equal to it; False for NaN."""
         if self.problem or self.value is None:
             return False
         least = -math.inf if self.low is None else self.low
@@ -52,9 +52,10 @@ class Check:
 
     @property
     def used(self) -> float:
-        """Share of the limit: 0 in the middle of a range, 1 at its ends, infinite without a value.
+        """Used share of the limit: 0 in the middle of a range, 1 at its ends, infinite without a value.
 
-        Checks are ordered by it. A minimum number is either kept (0) or not (above 1).
+        Checks are sorted by this share. For a minimum number it is 0 if the check passes and above 1 if it
+        fails.
         """
         if self.problem or self.value is None or math.isnan(self.value):
             return math.inf
@@ -68,7 +69,7 @@ class Check:
 
     @property
     def reason(self) -> str:
-        """The reason why the limit is not kept; empty if it is kept."""
+        """The reason why the check fails; empty if it passes."""
         if self.passed:
             return ""
         if self.problem or self.value is None:
@@ -127,7 +128,7 @@ class Check:
 
 @dataclass(frozen=True)
 class VerdictCheck(Check):
-    """The verdict with the worst one that is permitted. The value counts from 0 for good to 2 for poor."""
+    """The check of a verdict against the worst permitted verdict. The value is 0 for good to 2 for poor."""
 
     @staticmethod
     def of(limit: Verdict, verdict: Verdict, reasons: Sequence[str]) -> VerdictCheck:
@@ -144,7 +145,7 @@ class VerdictCheck(Check):
 
     @property
     def limit_text(self) -> str:
-        """The verdict that is required."""
+        """The worst permitted verdict, as text."""
         return f"at least {VERDICTS[int(self.high or 0)]}"
 
 
@@ -157,7 +158,7 @@ class Judgement:
 
     @property
     def passed(self) -> bool:
-        """Whether every limit is kept."""
+        """Whether every check passes."""
         return all(check.passed for check in self.checks)
 
     @property
@@ -167,13 +168,13 @@ class Judgement:
 
     @property
     def by_use(self) -> tuple[Check, ...]:
-        """The checks, the worst first: failed ones, then those closest to their limit."""
+        """The checks, the worst first: failed checks before passed ones, then by the used share of the limit."""
         return tuple(sorted(self.checks, key=lambda check: (check.passed, -check.used)))
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """The reasons why the unit fails, the worst first; empty if it passes."""
-        # A missing set of recordings is one reason, even if several limits apply to it.
+        # Equal reasons are listed once, because several limits may lack the same set of recordings.
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
     def applied(self, verdict: Verdict, reasons: Sequence[str]) -> tuple[Verdict, tuple[str, ...]]:
@@ -193,7 +194,7 @@ class Judgement:
 
     @property
     def count(self) -> str:
-        """The number of limits that are kept, as text."""
+        """The number of passed checks, as text."""
         kept = len(self.checks) - len(self.failed)
         of = f" of {self.source.path}" if self.source else ""
         return f"{kept} of {len(self.checks)} limits{of} are kept"

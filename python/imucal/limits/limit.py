@@ -1,4 +1,4 @@
-"""One limit: on a parameter or a group of them, or on a figure of a set of recordings."""
+"""One limit, on a parameter, a group of parameters, or a figure of a set of recordings."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from imucal.limits.judgement import Check
 
 __all__ = ["COUNTS", "FIGURES", "FigureLimit", "ParameterLimit"]
 
-# Figures with a maximum, with their units, and figures with a minimum.
+# Units of the figures that have a maximum. The figures in `COUNTS` have a minimum.
 FIGURE_UNITS: Final = {
     "chi2_per_dof": "",
     "gravity_norm_rms_mps2": "m/s^2",
     "gravity_direction_rms_deg": "deg",
 }
 COUNTS: Final = ("rests", "moves")
-# Set of recordings: the figures that may have a limit.
+# Figures that may have a limit, by set of recordings.
 FIGURES: Final[dict[str, tuple[str, ...]]] = {
     "calibration_set": (*FIGURE_UNITS, *COUNTS),
     "control_set": (*FIGURE_UNITS, *COUNTS),
     "held_out": ("gravity_direction_rms_deg",),
 }
-# Reasons for a missing set of recordings.
+# Reasons for a failed check if a set of recordings is missing.
 MISSING: Final = {
     "calibration_set": "the calibration has no figures of the recordings it was made of",
     "control_set": "there is no control recording: give one with --control",
@@ -42,7 +42,7 @@ class ParameterLimit:
 
     name       a parameter, such as gyro_bias_x; `*` matches any part without an underscore: gyro_bias_*
     unit       unit of the numbers; a parameter in another unit fails the limit
-    low, high  minimum and maximum, both or neither
+    low, high  minimum and maximum; either both are given or neither
     """
 
     name: str
@@ -119,7 +119,7 @@ class FigureLimit:
             )
 
     def check(self, figures: Mapping[str, Any] | None) -> Check:
-        """The check of these figures; None if there are none."""
+        """The check of these figures; `figures` is None if the set of recordings is missing."""
         value = None if figures is None else figures.get(self.figure)
         exists = isinstance(value, (int, float)) and not isinstance(value, bool)
         what = f"{self.of} {self.figure}"

@@ -47,7 +47,7 @@ class Limits:
     """Acceptance limits of a unit. If several limits match a parameter, all of them apply.
 
     effects      names of the permitted effects; None permits all
-    verdict      worst verdict that is permitted, `good` or `incomplete`; None permits all
+    verdict      worst permitted verdict, `good` or `incomplete`; None permits all
     description  purpose of the limits, as text
     source       file from which the limits were read
     """
@@ -72,10 +72,10 @@ class Limits:
         control_set: Figures | None = None,
         verdict: tuple[Verdict, tuple[str, ...]] | None = None,
     ) -> Judgement:
-        """Judge a calibration, or the result of `calibrate`, which also has held-out figures.
+        """Check a calibration, or a result of `calibrate` (with held-out figures), against the limits.
 
-        control_set  figures on recordings other than the control set of the calibration
-        verdict      the verdict with these recordings, and its reasons; by default that of the calibration
+        control_set  figures on recordings to use instead of the control set of the calibration
+        verdict      the verdict with its reasons on these recordings; default: the verdict of the calibration
         """
         calibration = unit if isinstance(unit, Calibration) else unit.calibration
         sets = {

@@ -1,4 +1,4 @@
-"""A first limits file from good units: mean and k standard deviations over the units.
+"""Limits derived from a sample of good units: mean +- k standard deviations over the units.
 
 min, max = mean -+ k s        s: standard deviation over the units
 """
@@ -20,21 +20,22 @@ from imucal.limits.limits import Limits
 
 __all__ = ["DEVIATIONS", "limits_from"]
 
-# Half width of the ranges in standard deviations. With 3, one good unit of 18 would fail, because each of 21
-# parameters is outside with a probability of 0.27 %; with 4, one of 750.
+# Default half width of the ranges in standard deviations. With 3, one of 18 good units would fail, because
+# each of 21 parameters is outside its range with a probability of 0.27 %. With 4, one of 750 would fail.
 DEVIATIONS: Final = 4.0
-# Factor on the largest standard deviation of a parameter, which depends on motion and noise and hardly
-# differs between units.
+# Limit of the standard deviation of a parameter, as a multiple of the largest one of the units. A small
+# factor suffices, because standard deviations depend on motion and noise and hardly differ between units.
 STD_MARGIN: Final = 2.0
 
 
 def limits_from(calibrations: Sequence[Calibration], *, deviations: float = DEVIATIONS) -> Limits:
-    """Limits for units of this kind.
+    """Limits for units of the same kind as these.
 
     The limits of parameters and figures are the mean +- `deviations` standard deviations over the units. The
-    limit of a standard deviation is twice the largest one, that of rests and moves the smallest number.
-    Effects are permitted if any unit has them, and the verdict may be that of the worst unit. Figures are
-    those of the calibration and control sets, if all units have them.
+    limit of a standard deviation is twice the largest one of the units, and the minimum number of rests and
+    moves is the smallest of the units. Effects are permitted if any unit has them, and the worst permitted
+    verdict is that of the worst unit. Figures of the calibration and control sets get limits if all units
+    have these figures.
 
     Raises InputError for fewer than two units, a unit given twice, a unit with poor figures, and units with
     different parameters.

@@ -30,8 +30,8 @@ def allan_deviation(
              each is rounded to whole samples
     threads  number of threads; None uses all processors. The result does not depend on it.
 
-    docs/model.md (29). Raises InputError for values that are not numbers, and for an averaging time of less
-    than one sample or of more than half of the samples.
+    The definition is docs/model.md (29). Raises InputError for values that are not numbers, and for an
+    averaging time of less than one sample or of more than half of the samples.
     """
     check_threads(threads)
     if not (np.isfinite(rate_hz) and rate_hz > 0):
@@ -48,7 +48,8 @@ def allan_deviation(
         wanted = np.asarray(taus_s, dtype=np.float64)
         if wanted.ndim != 1 or not np.all(np.isfinite(wanted)) or np.any(wanted < 0):
             raise InputError("taus_s needs finite averaging times in s, or octave or decade")
-        # Limited because a very long time would overflow as an integer; longer times are refused below.
+        # The factors are clipped before the conversion, because a very long averaging time would overflow
+        # int64. Times that are too long are refused below.
         most = float(len(array) + 1)
         factors = np.unique(np.minimum(np.round(wanted * rate_hz), most)).astype(np.int64).tolist()
     columns = _core.allan_deviations(array, factors, threads)

@@ -14,7 +14,7 @@ from imucal.rig.unit import Sensor, Unit
 __all__ = ["kalibr_yaml", "unit_of_noise"]
 
 ROSTOPIC: Final = "/imu0"
-# Kalibr's name: triad, figure, and Kalibr's unit.
+# For each of Kalibr's names: sensor, noise figure, and Kalibr's unit.
 KALIBR: Final = {
     "accelerometer_noise_density": ("accel", "noise_density", "m/s^2/sqrt(Hz)"),
     "accelerometer_random_walk": ("accel", "random_walk", "m/s^3/sqrt(Hz)"),
@@ -27,8 +27,8 @@ def kalibr_yaml(noise: NoiseResult, *, rostopic: str = ROSTOPIC) -> str:
     """Kalibr's imu.yaml: continuous-time figures in SI units, the largest of the three axes.
 
     A random walk that is not detected is written as the upper end of its 95 % band, with a comment, because
-    Kalibr does not accept zero. One sensor alone gives its two lines. Raises InputError for a
-    recording in raw counts.
+    Kalibr does not accept zero. If only one sensor was recorded, only its two lines are written. Raises
+    InputError for a recording in raw counts.
     """
     _require_si(noise)
     lines = [
@@ -52,7 +52,9 @@ def kalibr_yaml(noise: NoiseResult, *, rostopic: str = ROSTOPIC) -> str:
 
 
 def unit_of_noise(noise: NoiseResult, *, name: str = "measured") -> Unit:
-    """A unit for the simulation with this noise and no other error; processes not detected are zero.
+    """A unit for the simulation with this noise and no other errors.
+
+    Noise processes that were not detected are zero.
 
     Noise density and bias instability are root mean squares over the axes. Raises InputError for raw counts.
     """

@@ -18,14 +18,14 @@ from imucal.recording.recording import Recording, as_recording
 __all__ = ["AxisNoise", "Departure", "Drift", "NoiseFigure", "NoiseResult", "Step", "noise"]
 
 SCHEMA: Final = "imucal.noise/1"
-# Figures and their units; {} is the unit of the sensor.
+# Units of the noise figures; {} stands for the unit of the sensor's samples.
 FIGURES: Final = {
     "noise_density": "{}/sqrt(Hz)",
     "bias_instability": "{}",
     "random_walk": "{}/s/sqrt(Hz)",
     "quantisation": "{} s",
 }
-# Findings that make the verdict poor, because the figures are not reliable.
+# Codes of findings that make the verdict poor, because the figures are then not reliable.
 POOR: Final = ("noise_below_lsb", "noise_model", "step")
 AXES: Final = tuple(f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz")
 
@@ -34,8 +34,8 @@ AXES: Final = tuple(f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis 
 class NoiseFigure:
     """A noise figure: maximum-likelihood estimate, standard deviation and 95 % band.
 
-    A process that is not detected has no value and no std: `low` is 0 and `high` is its upper bound, infinite
-    for a constant axis.
+    If the noise process is not detected, `value` and `std` are None, `low` is 0, and `high` is its upper
+    bound, which is infinite for a constant axis.
     """
 
     value: float | None
@@ -56,13 +56,13 @@ class NoiseFigure:
 class AxisNoise:
     """The noise of one axis; v is the unit of its samples, m/s^2, rad/s or lsb.
 
-    noise_density     white noise N, v/sqrt(Hz); of a gyroscope the angle random walk
+    noise_density     white noise N, v/sqrt(Hz); for a gyroscope also called angle random walk
     bias_instability  flicker coefficient B, v: the Allan deviation is flat at 0.664 B
     random_walk       rate random walk K, v/s/sqrt(Hz)
-    quantisation      Q of an integrated output, v s; rounding to counts is not part of Q or N
+    quantisation      quantisation Q of an integrated output, v s; rounding to counts is not part of Q or N
     lsb               one count: the smallest step between samples, v
-    is_below_lsb      white noise is less than half a count, so no figure has a value
-    shortest_period_s shortest period used in the fit; a filter has coloured shorter ones
+    is_below_lsb      whether white noise is less than half a count, so that no figure has a value
+    shortest_period_s shortest period used in the fit, s; a filter in the sensor affects shorter periods
     misfit            largest deviation of an octave of frequencies from the model, in standard deviations
     taus_s            (K,) averaging times, s
     deviations        (K,) overlapping Allan deviations, v
@@ -96,7 +96,7 @@ class AxisNoise:
 class Departure:
     """Change of the mean of one axis: its size and standard deviation, m/s^2, rad/s or lsb.
 
-    gain  increase of twice the log-likelihood over a model with random noise only
+    gain  increase of twice the log-likelihood relative to a model with random noise only
     """
 
     size: float
@@ -106,10 +106,10 @@ class Departure:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the mean of a unit at rest, as by a bump of the table.
+    """A step of the mean of a unit at rest, for example after a bump of the table.
 
     time_s  time of the first sample after the step
-    sample  index of that sample in the recording
+    sample  index of the first sample after the step in the recording
     sizes   size of the step in each axis that shows it
     """
 
@@ -120,10 +120,10 @@ class Step:
 
 @dataclass(frozen=True)
 class Drift:
-    """A slow change of the mean of one axis of a unit at rest, as by warming up.
+    """A slow change of the mean of one axis of a unit at rest, for example during warm-up.
 
-    start_s, end_s   the time of the change
-    time_constant_s  of an exponential approach; None for a change at a constant rate
+    start_s, end_s   start and end of the change, s
+    time_constant_s  time constant of an exponential change, s; None for a change at a constant rate
     """
 
     axis: str
@@ -135,14 +135,14 @@ class Drift:
 
 @dataclass(frozen=True, eq=False)
 class NoiseResult:
-    """The noise of both sensors of a unit, or of the one that was recorded.
+    """The noise of the recorded sensors of a unit.
 
     axes              accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z; without those of a sensor that the
                       recording does not have
     accel_unit, gyro_unit   units of the samples; None for a sensor that the recording does not have
-    start_s, end_s    the rest that was used
+    start_s, end_s    start and end of the rest that was used, s
     steps             steps of the means in the rest; they are part of the noise figures
-    cut_steps         steps that were cut; the samples without them were used
+    cut_steps         steps that lie outside the used part of the rest
     drifts            drifts of the means in the rest; they are part of the noise figures
     findings          findings about the recording
     """
@@ -161,7 +161,7 @@ class NoiseResult:
     findings: tuple[Finding, ...]
 
     def triad(self, sensor: str) -> tuple[AxisNoise, ...]:
-        """The axes of "accel" or "gyro"; InputError `sensor_missing` if the recording does not have it."""
+        """The axes of "accel" or "gyro"; InputError `sensor_missing` if the recording lacks this sensor."""
         if not self.has(sensor):
             name = {"accel": "accelerometer", "gyro": "gyroscope"}[sensor]
             raise InputError(
@@ -226,10 +226,11 @@ def noise(
 
     The longest rest of the recording is used; several hours at a constant temperature are best. Figures are
     in the units of the recording, with the definitions of the simulation and of unit files, docs/model.md
-    (22). If samples are lost or repeated, the longest stretch without is used, with a finding.
+    (22). If samples are lost or repeated, the longest interval without such samples is used, and a finding
+    reports it.
 
-    cut_steps  use only the longest part of the rest in which no mean changes in a step, as by a bump of the
-               table. Otherwise steps are reported, and the verdict is poor
+    cut_steps  use only the longest part of the rest without a step of a mean, which a bump of the table may
+               cause. If False, steps are reported, and they make the verdict poor
     threads    None uses all processors; the result does not depend on it
 
     Raises InputError for faults and for a rest of fewer than 1000 samples; NotEnoughMotionError if the unit

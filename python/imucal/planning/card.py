@@ -15,12 +15,13 @@ from imucal.rig.motion import Program
 
 __all__ = ["write_card"]
 
-# The drawn unit: its edges along x, y and z, and the ends of the axis arrows.
+# Half edges of the drawn box along x, y and z, and length of the axis arrows, in units of the half edge along
+# x.
 BOX: Final = np.array([1.0, 0.7, 0.35])
 ARROW: Final = 1.75
 COLOURS: Final = ("#d55e00", "#008560", "#0072b2")
 SIZE_PX: Final = 170
-# View from the front right and above: the image axes right and up, and the direction to the eye.
+# Projection for a view from the front right and above: image axes right and up, and direction to the eye.
 RIGHT: Final = np.array([0.88, 0.48, 0.0])
 UP: Final = np.array([-0.19, 0.35, 0.92])
 EYE: Final = np.cross(RIGHT, UP)
@@ -63,7 +64,7 @@ rests that are too short do.</p>
 
 
 def _attitude(angle_rad: FloatArray) -> FloatArray:
-    """Rotation from body to world: motor 1 about x, then 2 about y, then 3 about z."""
+    """Rotation from body to world: motor 1 about x, motor 2 about y, motor 3 about z, outermost first."""
     (c1, c2, c3), (s1, s2, s3) = np.cos(angle_rad), np.sin(angle_rad)
     about_x = np.array([[1, 0, 0], [0, c1, -s1], [0, s1, c1]])
     about_y = np.array([[c2, 0, s2], [0, 1, 0], [-s2, 0, c2]])
@@ -92,7 +93,7 @@ def _words(attitude: FloatArray) -> str:
 
 
 def _picture(attitude: FloatArray) -> str:
-    """The visible faces and the axes, the far ones first."""
+    """SVG shapes of the visible faces and the axes, farthest first."""
     shapes: list[tuple[float, str]] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -102,13 +103,13 @@ def _picture(attitude: FloatArray) -> str:
                 centre = normal * BOX
                 corners = [centre + a * first + b * second for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
                 points = " ".join(_point(attitude @ corner) for corner in corners)
-                # The light comes from above.
+                # Faces that point up are brighter, as in light from above.
                 grey = round(205 + 35 * float((attitude @ normal)[2]))
                 look = f'fill="rgb({grey},{grey},{grey})" stroke="#555" stroke-width=".03"'
                 shapes.append((0.0, f'<polygon points="{points}" {look}/>'))
     for axis in range(3):
         tip, foot = attitude[:, axis] * ARROW, attitude[:, axis] * BOX[axis]
-        # The box hides this part of an axis that points away from the eye.
+        # An axis that points away from the eye is drawn before the box, which hides part of it.
         shapes.append((float(np.sign(round(float(tip @ EYE), 6))) or 1.0, _arrow(foot, tip, axis)))
     return "".join(shape for _, shape in sorted(shapes, key=lambda item: item[0]))
 
@@ -128,7 +129,7 @@ def _arrow(foot: FloatArray, tip: FloatArray, axis: int) -> str:
 
 
 def _flat(point: Sequence[float] | FloatArray) -> tuple[float, float]:
-    """Coordinates in the picture, y downwards."""
+    """Coordinates in the picture, with y downwards."""
     return float(np.dot(RIGHT, point)), -float(np.dot(UP, point))
 
 

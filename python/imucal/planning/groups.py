@@ -1,4 +1,4 @@
-"""Groups of parameters by which a plan is judged."""
+"""Groups of parameters: a plan reports, and targets limit, the largest standard deviation in each group."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 
 __all__ = ["GROUPS", "PlannedParameter", "Size", "is_of", "worst_of"]
 
-# Group, which is the beginning of the names of its parameters: its SI unit.
+# SI unit of each group. The name of the group is the prefix of the names of its parameters.
 GROUPS: Final = {
     "accel_sensitivity": "1",
     "accel_bias": "m/s^2",
@@ -36,14 +36,17 @@ class PlannedParameter:
 
 
 def is_of(name: str, group: str) -> bool:
-    """Whether a parameter is in a group; the name of an effect may begin with that of a group."""
+    """Whether a parameter is in a group.
+
+    A prefix is not sufficient, because the name of an effect may begin with that of a group.
+    """
     if group in GROUPS:
         return re.fullmatch(f"{group}_[xyz]+", name) is not None
     return name.startswith(f"{group}_")
 
 
 def worst_of(parameters: Sequence[PlannedParameter], effects: Sequence[str]) -> dict[str, Size | None]:
-    """The largest standard deviation of each group; None if one of the group is not determined."""
+    """The largest standard deviation of each group; None if a parameter of the group is not determined."""
     worst: dict[str, Size | None] = {}
     for group in (*GROUPS, *effects):
         members = [p for p in parameters if is_of(p.name, group)]

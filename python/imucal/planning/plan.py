@@ -3,8 +3,8 @@
     planned = imucal.plan("optimal", targets={"accel_sensitivity": "50 ppm", "gyro_bias": 5e-5})
     planned.program.write("program.json"); print(planned.summary())
 
-Standard deviations are those of the joint fit, computed from the model and the white noise of the unit.
-Detection limits are those that `imucal gap` reports for a simulated run.
+Standard deviations are predicted for the joint fit, from the model and the white noise of the unit. Detection
+limits are the same as `imucal gap` reports for a simulated run.
 """
 
 from __future__ import annotations
@@ -41,13 +41,14 @@ __all__ = ["plan"]
 
 DEFAULT_MINUTES: Final = 3.0
 PROPOSALS: Final = 12000
-# Number of search steps to find out which parameters a stand can determine.
+# Number of search steps of the short search that determines which parameters a stand can determine.
 FEW_PROPOSALS: Final = 300
-# Tremor of a hand in the simulated run for detection limits: standard deviation about each axis, deg.
+# Hand tremor in the simulated run for detection limits: standard deviation about each axis, deg.
 TREMOR_DEG: Final = 0.05
 # Largest number of rounds over the faces of a box, about twenty minutes of work.
 MOST_ROUNDS: Final = 20
-# A target counts as reached up to this factor, which allows for rounding.
+# A target counts as reached if the standard deviation exceeds it by less than this factor, which allows for
+# rounding.
 ROUNDING: Final = 1.001
 
 
@@ -75,18 +76,19 @@ def plan(
     unit       the unit with its noise: a name of `unit_names()`, a Unit, or the path of a unit file
     stand      limits of the stand: "paper" (three motors, 120 deg/s), "two-axis", "one-axis", "hand" (poses
                to hold, without a stand), a StandLimits, or the path of a limits file
-    targets    of the optimal program: largest permitted standard deviation in a group, in SI units or as text
-               with a unit ("50 ppm"); groups are accel_bias, accel_sensitivity, gyro_bias, gyro_sensitivity
-               and the names in `effects`. The shortest program is found; for "faces", the smallest number of
-               rounds. Without targets the optimal program is that with the most information on all parameters
-               (D-optimal) in `minutes`
+    targets    largest permitted standard deviation of the parameters in a group, in SI units or as text with
+               a unit ("50 ppm"), for the optimal program. Groups are accel_bias, accel_sensitivity,
+               gyro_bias, gyro_sensitivity and the names in `effects`. The shortest program is found; for
+               "faces", the smallest number of rounds. Without targets the optimal program is the D-optimal
+               one in `minutes`, which has the most information on all parameters
     minutes    maximum duration of the optimal program; by default that of the stand limits, or 3
     effects    names of further effects that the program must determine
-    model, hold  parameters that have a prior, as in `calibrate`; widths that are not given are from the
-               spread of `unit`
+    model, hold  parameters that have a prior, as in `calibrate`; the default standard deviations of
+               the priors are the spread of `unit`
     seed       seed of the search and of the random program
     proposals  number of changes of the program that the search tries
-    detection_limits  False omits detection limits and `not_observable`, which take most of the time
+    detection_limits  if False, detection limits and `not_observable`, which take most of the time, are
+                      omitted
     rate_hz    sampling rate of the unit
     options    options of the named motions: `moves`, `max_rate_dps`, `move_s`, `hold_s`, `step_deg`,
     `rounds`, `poses`, ...
@@ -159,7 +161,7 @@ class CoreSensors:
 
 @dataclass(frozen=True)
 class _Planner:
-    """One unit on one stand."""
+    """Plans for one unit on one stand."""
 
     unit: Unit
     limits: StandLimits
@@ -177,7 +179,7 @@ class _Planner:
             return self._search(minutes_allowed, None, self.proposals)
         sigma = sigma_of(targets, self._parameters(minutes_allowed))
         if self.limits.axis_count < 3 or any(axis and axis.in_si()[2] for axis in self.limits.axes):
-            # A parameter that no program of this stand determines has no target.
+            # Targets of parameters that no program of this stand determines are removed.
             trial, _ = self._search(minutes_allowed, None, FEW_PROPOSALS)
             determined = self._prospect(self._run(trial)).predicted_sigma
             base = [math.inf if std is None else s for s, std in zip(sigma, determined, strict=False)]
@@ -191,7 +193,7 @@ class _Planner:
     def rounds_of_faces(
         self, targets: Mapping[str, float], options: dict[str, float | int]
     ) -> tuple[Motion, bool]:
-        """The smallest number of rounds over the faces that reaches the targets, and whether one does."""
+        """The motion with the smallest number of rounds for the targets, and whether it reaches them."""
         if "rounds" in options:
             raise InputError("rounds follow from the targets: leave rounds out, or the targets")
         for rounds in range(1, MOST_ROUNDS + 1):
@@ -277,7 +279,7 @@ class _Planner:
         return sigma, rests
 
     def _parameters(self, minutes: float) -> list[tuple[str, str]]:
-        """Name and unit of each."""
+        """Name and unit of each parameter."""
         perfect = Triad(np.eye(3), np.zeros(3))
         base = [(parameter.name, parameter.unit) for parameter in Calibration(perfect, perfect).parameters]
         return [*base, *_core.plan_effect_parameters(self._sensors(minutes))]
@@ -302,11 +304,11 @@ class _Planner:
         )
 
     def _prospect(self, run: Recording) -> _core.Prospect:
-        """The parameters that a run determines, and what is missing."""
+        """The parameters that a run determines, and the missing motion."""
         return _core.prospect([run], self._options())
 
     def _visible(self, run: Recording) -> tuple[dict[str, Size], tuple[NotObservable, ...], list[str]]:
-        """Detection limits, effects that are not observable, and notes if there are no limits."""
+        """Detection limits, effects that are not observable, and notes if there are no detection limits."""
         candidates = [(effect.name, False) for effect in catalogue()]
         try:
             visible, blind = _core.smallest_visible([run], self._options(), candidates)
@@ -316,7 +318,7 @@ class _Planner:
         return limits, tuple(NotObservable(name, needs) for name, needs in blind), []
 
     def _papers(self) -> tuple[ComparedProgram, ...]:
-        """The paper's programs with the noise of this unit, on its own stand."""
+        """The paper's programs on the paper's stand, with the noise of this unit."""
         own = dataclasses.replace(self, limits=stand_limits_of("paper"), effects=())
         grid, random = Program.grid(), Program.random(seed=self.seed)
         rows = []
@@ -341,8 +343,9 @@ class _Planner:
         ]
 
 
-# Largest predicted standard deviation of a determined parameter, as a share of its size: a fifth of the 0.1
-# that the prior gives to an unobservable parameter.
+# Threshold of the predicted standard deviation, relative to the size of the parameter, below which a
+# parameter counts as determined. It is a fifth of 0.1, the standard deviation that the prior gives to an
+# unobservable parameter.
 OPEN: Final = 0.02
 
 

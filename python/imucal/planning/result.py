@@ -16,13 +16,13 @@ from imucal.units import units_of
 
 __all__ = ["Plan", "headline", "worst_rows"]
 
-# SI unit: unit in which a plan shows standard deviations, if not in SI units.
+# Units in which a plan shows standard deviations instead of SI units, by SI unit.
 SHOWN_IN: Final = {"1": "ppm", "m/s^2": "ug"}
 
 
 @dataclass(frozen=True, slots=True)
 class NotObservable:
-    """An effect that a run cannot show, and the data that would show it."""
+    """An effect that is not observable in a run, and the data in which it would be."""
 
     name: str
     needs: str
@@ -42,19 +42,21 @@ class Plan:
     """A motion and the predicted standard deviations of a calibration from it.
 
     kind              "optimal", "random", "grid", "faces", "tumble" or "program"
-    motion            the motion; `program` if a stand runs it
+    motion            the motion; the property `program` returns it if a stand can run it
     minutes           duration on the stand
-    moves, rests      their numbers, without rests that are too short to be found
+    moves, rests      numbers of moves and rests, without rests that are too short to be detected
     parameters        the 21 parameters, then those of the requested effects
-    worst             largest standard deviation of each group; None if one of the group is not determined
+    worst             largest standard deviation of each group; None if a parameter of the group is not
+                      determined
     targets           requested standard deviations by group, SI units
     reached           whether all targets and the allowed duration are met
-    detection_limits  for each effect, the smallest size that `imucal gap` would find with 90 % probability
-    not_observable    effects that such a run cannot show
-    undetermined      what the motion does not determine, and what would; None if it determines all
+    detection_limits  for each effect, the smallest size that `imucal gap` would detect with 90 % probability
+    not_observable    effects that are not observable in such a run
+    undetermined      the parameters that the motion does not determine, and the motion to add; None if it
+                      determines all
     through_moves     names of the parameters that only the moves determine, because the rests alone lack
                       directions for them, as on the six faces of a box
-    comparison        the paper's programs with this unit: each, and both
+    comparison        the paper's programs with this unit: each one alone, and both together
     notes             contributions that the standard deviations do not include
     """
 

@@ -1,1 +1,1 @@
-"""Recordings of a unit."""
+"""Recordings of a unit: samples of accelerometer and gyroscope, axis remapping, and tables of means."""

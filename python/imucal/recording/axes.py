@@ -1,10 +1,11 @@
-"""Axes of a recording: which columns, with which signs, give x, y and z of both sensors.
+"""Axis remapping of a recording: the columns, with their signs, that become x, y and z of each sensor.
 
 x,-y,-z                    both sensors: x is the column x, y the negative column y, z the negative column z
-frd, ned                   both sensors: x,-y,-z, from x forward, y right, z down to x forward, y left, z up
+frd, ned                   both sensors: x,-y,-z, which converts x forward, y right, z down to x forward, y
+                           left, z up
 flu                        both sensors: x,y,z, no change
 accel=-x,-y,-z             the accelerometer only
-accel=z,y,x gyro=z,y,-x    each sensor by itself
+accel=z,y,x gyro=z,y,-x    each sensor separately
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ __all__ = ["UNCHANGED", "Axes"]
 
 NAMED: Final = {"frd": "x,-y,-z", "ned": "x,-y,-z", "flu": "x,y,z"}
 SENSORS: Final = ("accel", "gyro")
-# The columns as they are.
+# The text for no remapping.
 UNCHANGED: Final = "x,y,z"
 
 
@@ -35,7 +36,7 @@ class Axes:
 
     @staticmethod
     def parse(text: str) -> Axes:
-        """The axes of a text as above. Raises InputError for any other text."""
+        """The axes of a text in one of the forms above. Raises InputError for any other text."""
         parts = re.split(r"[;\s]+", text.strip().lower()) if isinstance(text, str) else []
         given: dict[str, FloatArray] = {}
         for part in parts:
@@ -59,12 +60,12 @@ class Axes:
         return np.array_equal(self.accel, self.gyro)
 
     def after(self, first: Axes) -> Axes:
-        """The axes that result if these are applied to recordings with the axes `first`."""
+        """The remapping `first` followed by this one, as one remapping."""
         return Axes(self.accel @ first.accel, self.gyro @ first.gyro)
 
     @property
     def inverse(self) -> Axes:
-        """The axes that undo these."""
+        """The inverse remapping."""
         return Axes(self.accel.T, self.gyro.T)
 
     def __str__(self) -> str:

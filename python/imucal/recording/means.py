@@ -27,9 +27,9 @@ class Means:
     """Mean readings of a unit at rest, one row for each pose, in any order.
 
     specific_force      (K, 3)  means of the accelerometer, in `accel_unit`
-    angular_rate        (K, 3)  means of the gyroscope, in `gyro_unit`; None without one
-    specific_force_std  (K, 3)  standard deviation of each mean of the accelerometer, not of a sample; None if
-                                it is not known
+    angular_rate        (K, 3)  means of the gyroscope, in `gyro_unit`; None without a gyroscope
+    specific_force_std  (K, 3)  standard deviation of each mean of the accelerometer (not of a sample); None
+                                if it is not known
     duration_s          (K,)    time over which each mean was taken, s; None if it is not known
 
     Raises InputError for wrong shapes.
@@ -89,7 +89,7 @@ class Means:
         return Means(
             specific_force=np.asarray(table.specific_force, dtype=np.float64),
             angular_rate=None if rate is None else np.asarray(rate, dtype=np.float64),
-            # The columns of the file, along the axes of the recording.
+            # The columns of the file are remapped to the axes of the recording.
             specific_force_std=None if std is None else std @ matrix.T,
             duration_s=table.auxiliary.get(DURATION),
             accel_unit=table.accel_unit,

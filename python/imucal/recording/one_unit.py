@@ -1,4 +1,4 @@
-"""Checks of several recordings of one unit: same raw units, different names, independent control."""
+"""Checks of several recordings of one unit: same raw units, unique names, independent control recordings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from imucal.recording.recording import Recording, as_recordings
 
 __all__ = ["of_one_unit", "require_different", "require_other_data", "with_own_names"]
 
-# Number of samples, from the start, that are compared first: two different runs nearly always differ there.
+# Number of samples from the start that are compared first. Different runs nearly always differ in these
+# samples.
 BEGINNING: Final = 100
 
 
@@ -98,7 +99,7 @@ def require_different(judges: Sequence[Recording]) -> None:
 
 
 def _is_same_run(one: Recording, other: Recording) -> bool:
-    """Whether both have the same samples; a sample that is repeated counts once."""
+    """Whether both recordings have the same samples, where consecutive equal samples count once."""
     # Fast path: the first samples nearly always differ.
     starts = [_changes(recording, BEGINNING) for recording in (one, other)]
     shared = min(map(len, starts))

@@ -38,7 +38,8 @@ __all__ = [
 Sensor: TypeAlias = Literal["accelerometer", "gyroscope"]
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
-# Longer time steps are pauses between runs, s: no sensor that can be calibrated samples more slowly.
+# Time step above which there is a pause between two runs, s. No sensor that can be calibrated samples more
+# slowly.
 PAUSE_S: Final = 1.0
 
 
@@ -54,20 +55,20 @@ class Recording:
     auxiliary         name -> (N,)  other columns of the file; characters of a name that cannot be printed
                       become escapes
     findings          repairs and remarks of the reader of the file
-    axes              columns of the source that give x, y and z, as `with_axes` takes them
+    axes              axis remapping from the columns of the source, in the form of `with_axes`
     column_units      units of the accelerometer and gyroscope columns in the source, such as "g" and "dps";
                       None if unknown; only messages use them
 
-    All are float64, except that force and rate may also be float32 or int16. A C-contiguous array of such a
-    type is not copied; anything else (lists, other integers, Fortran order, strides) is converted once.
-    Masked values become NaN. Do not change an array that was not copied while a calculation uses it.
+    All arrays are float64, except that force and rate may also be float32 or int16. A C-contiguous array of
+    such a type is not copied; anything else (lists, other integers, Fortran order, strides) is converted
+    once. Masked values become NaN. Do not change an array that was not copied while a calculation uses it.
 
-    A recording has at least one of the two sensors. One sensor alone is calibrated (the accelerometer),
-    evaluated, applied and analysed for noise; everything that needs both raises InputError with the code
-    `sensor_missing` (docs/one-sensor.md).
+    A recording has at least one of the two sensors. A recording of one sensor alone can be corrected and
+    analysed for noise; an accelerometer alone can also be calibrated and evaluated. Functions that need both
+    sensors raise InputError with the code `sensor_missing` (docs/one-sensor.md).
 
-    Raises InputError if a column has the wrong shape, another length than `time_s`, or no real numbers, and
-    without any sensor.
+    Raises InputError if there is no sensor, or if a column has the wrong shape, another length than `time_s`,
+    or values that are not real numbers.
     """
 
     time_s: FloatArray
@@ -108,7 +109,7 @@ class Recording:
             if unit not in known:
                 raise InputError(f"{shown(name)}: {what} is {unit!r}: give one of {', '.join(known)}")
 
-        # A file may have any name, but messages are one line of valid text.
+        # The name is escaped, because a file may have any name but messages are one line of printable text.
         printable = shown(name)
 
         if specific_force is None and angular_rate is None:
@@ -156,7 +157,10 @@ class Recording:
         return html_of(self)
 
     def said(self, samples: int, duration_s: float) -> str:
-        """A one-line description, or that of the whole recording of which this is the first piece."""
+        """A one-line description.
+
+        If this is the first piece of a recording, the arguments describe the whole recording.
+        """
         extras = [
             *(["temperature"] if self.temperature_degc is not None else []),
             *(["stand angles"] if self.stand_rad is not None else []),
@@ -186,7 +190,7 @@ class Recording:
     def of_sensor(self, sensor: Sensor) -> Recording:
         """The same recording with the accelerometer or the gyroscope alone.
 
-        Raises InputError if it does not have this sensor.
+        Raises InputError if the recording does not have this sensor.
         """
         if sensor not in get_args(Sensor):
             raise InputError(f"sensor is {sensor!r}: give one of {', '.join(get_args(Sensor))}")
@@ -199,7 +203,7 @@ class Recording:
     def rate_hz(self) -> float:
         """Mean sampling rate without pauses, Hz; NaN with fewer than two samples.
 
-        The median time step is no substitute: it differs from the mean by ten per cent and more if samples
+        The median time step is not used, because it differs from the mean by ten per cent or more if samples
         come in bursts.
         """
         steps_s = np.diff(self.time_s)
@@ -235,13 +239,14 @@ class Recording:
         )
 
     def without_copies(self) -> Recording:
-        """The recording without exact copies: rows with the time stamp and all values of the row before.
+        """The recording without copies: rows with the time stamp and all values of the previous row.
 
-        A warning among the findings counts them. If other rows have equal time stamps with different values,
-        nothing is left out: the stamps are then too coarse, and some samples are equal by chance.
+        A warning among the findings reports their number. If other rows have equal time stamps with different
+        values, no row is removed, because the time stamps are then too coarse and equal samples may be
+        coincidences.
         """
         is_copy = np.zeros(len(self), dtype=bool)
-        # Fast path: time nearly always increases.
+        # Only time is compared first, because it nearly always increases.
         is_copy[1:] = self.time_s[1:] == self.time_s[:-1]
         if not is_copy.any():
             return self
@@ -272,12 +277,12 @@ class Recording:
         return replace(self.rows(~is_copy), findings=(*self.findings, finding))
 
     def with_axes(self, axes: str) -> Recording:
-        """The recording along other axes: "frd", "ned", "flu", "x,-y,-z", "gyro=-x,-y,-z".
+        """The recording after axis remapping: "frd", "ned", "flu", "x,-y,-z", "gyro=-x,-y,-z".
 
         "x,-y,-z" means that x is the column x, and y and z are the negative columns y and z, for both sensors
-        and for a magnetometer among the auxiliary inputs (mag_x_*, mag_y_*, mag_z_*). "frd" and "ned" are
-        this change, from x forward, y right, z down to x forward, y left, z up. With `accel=` or `gyro=`,
-        only this sensor changes; "accel=... gyro=..." changes each by itself.
+        and for a magnetometer among the auxiliary inputs (mag_x_*, mag_y_*, mag_z_*). "frd" and "ned" are the
+        same remapping: they convert x forward, y right, z down to x forward, y left, z up. With `accel=` or
+        `gyro=`, only this sensor is remapped; "accel=... gyro=..." remaps each sensor separately.
 
         Raises InputError for any other text.
         """
@@ -312,7 +317,7 @@ class Recording:
         return self.to_arrow().to_pandas()
 
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
-        """The columns through the Arrow PyCapsule interface, for polars.DataFrame(recording) and its like."""
+        """The columns through the Arrow PyCapsule interface, for example for polars.DataFrame(recording)."""
         return self.to_arrow().__arrow_c_stream__(requested_schema)
 
 
@@ -353,12 +358,12 @@ def _sensor_missing(recording: Recording, sensor: Sensor) -> InputError:
 
 
 def _along(samples: NDArray[Any], matrix: FloatArray) -> NDArray[Any]:
-    """The samples along other axes, in their own number type where it can hold the negative values."""
+    """The samples after axis remapping. Their number type is kept if it can represent the negated values."""
     columns = np.abs(matrix).argmax(axis=1)
     turned = samples[:, columns]
     is_negative = matrix.sum(axis=1) < 0
     if turned.dtype.kind == "i" and is_negative.any():
-        # The lowest integer has no positive counterpart.
+        # Converted to float64, because the lowest integer has no positive counterpart.
         turned = turned.astype(np.float64)
     turned[:, is_negative] *= -1
     return np.ascontiguousarray(turned)
@@ -374,7 +379,7 @@ def _magnetometers(names: Iterable[str]) -> list[tuple[str, str, str]]:
 
 
 def as_recording(given: Any) -> Recording:
-    """`given` if it is a Recording, the recording in a data frame; otherwise InputError with what to do."""
+    """`given` if it is a Recording, or the recording in a data frame; InputError for any other type."""
     if isinstance(given, Recording):
         return given
     if is_frame(given):

@@ -1,1 +1,1 @@
-"""The simulated unit and its temperature, the stand, and the motion."""
+"""Inputs of a simulation: the unit and its temperature, the stand, and the motion."""

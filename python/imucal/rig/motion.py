@@ -26,7 +26,7 @@ from imucal.rig.stand import Stand, stand_of
 __all__ = ["Motion", "Program", "Static", "Step", "Tumble"]
 
 SCHEMA: Final = "imucal.program/1"
-# In a truth file the program has its kind instead of the schema.
+# Fields of a program in a program file (`schema`) or in a truth file (`kind` instead of `schema`).
 PROGRAM_FIELDS: Final = ("schema", "kind", "steps", "stand")
 STEP_FIELDS: Final = ("turn_deg", "move_s", "hold_s")
 
@@ -42,7 +42,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Program:
-    """A program for the motors of a stand: a list of steps, starting with all motors at zero.
+    """A program for the motors of a stand: a list of steps. All motors start at zero.
 
     stand  the errors of the stand on which the program runs; None is a perfect stand
     """
@@ -61,7 +61,7 @@ class Program:
     ) -> Program:
         """The paper's gyroscope program: random rotations of all motors, each between two rests.
 
-        max_rate_dps  limit of the mean rate of each motor over a rotation, deg/s
+        max_rate_dps  largest mean rate of each motor over a rotation, deg/s
         """
         check_seed(seed)
         check_count(moves, "moves")
@@ -76,8 +76,8 @@ class Program:
     def faces(*, rounds: int = 1, move_s: float = 1.5, hold_s: float = 3.0) -> Program:
         """A box rolled over its faces: four turns of 90 deg about each axis while that axis is level.
 
-        One round has 14 rests. A person on a table and three motors can do it alike, since every move turns
-        one motor.
+        One round has 14 rests. Both a person at a table and a stand with three motors can run it, because
+        every move turns one motor only.
         """
         check_count(rounds, "rounds")
         turns = [motor for round_ in range(rounds) for motor in ROUND_OF_FACES[0 if round_ else 1 :]]
@@ -126,7 +126,7 @@ class Tumble:
     poses           number of rests
     hold_s, move_s  duration of a rest and of a move
     tremor_deg      standard deviation of the tremor about each axis; 0 is no tremor
-    translation_mm  edge of the cube in which the poses are; 0 is rotation in place
+    translation_mm  edge of the cube that contains the positions of the poses; 0 for rotation in place
     """
 
     seed: int
@@ -174,8 +174,9 @@ class Static:
         return self
 
 
-# Turns of the motors over the faces, deg. The first leads back from the end of a round to its start. First
-# the x axis of the unit is level, then its y axis. The turn before the last four makes the z axis level.
+# Turns of the motors in one round over the faces, deg. The first turn returns from the end of the previous
+# round to the start. The x axis of the unit is level first, then its y axis. The turn before the last four
+# makes the z axis level.
 ROUND_OF_FACES: Final = (
     (0.0, -90.0, 0.0),
     *((90.0, 0.0, 0.0),) * 4,
@@ -213,7 +214,7 @@ def motion_of(
 
     The names are "random", "grid", "faces", "tumble" and "static".
 
-    seed     of the random program's moves and of the tumble's poses
+    seed     seed of the moves of the random program and of the poses of the tumble
     options  arguments of the named motion, such as `moves` of "random"
 
     Raises InputError for an option that the motion does not have.

@@ -1,4 +1,4 @@
-"""Bounds of a program: what no stand and no gyroscope can follow is a mistake in the file, not a program."""
+"""Bounds of a program. Values that no stand and no gyroscope can follow are mistakes in the file."""
 
 from __future__ import annotations
 
@@ -16,17 +16,19 @@ __all__ = [
     "turned_too_far",
 ]
 
-# Largest number of steps: a grid of 1 deg over the sphere has 64,800 poses.
+# Largest number of steps. For comparison, a grid of 1 deg over the sphere has 64,800 poses.
 MAX_STEPS: Final = 100_000
-# Largest angle of a motor from its start, deg: a hundred revolutions, after which a stand has no cable.
+# Largest angle of a motor from its start, deg: a hundred revolutions, which no cable survives.
 MAX_ANGLE_DEG: Final = 36_000.0
-# Largest mean rate of a motor over a turn, deg/s: the widest range of a MEMS gyroscope is 4000 deg/s.
+# Largest mean rate of a motor over a turn, deg/s. The widest range of a MEMS gyroscope is 4000 deg/s.
 MAX_RATE_DPS: Final = 5_000.0
-# Largest acceleration of a motor, deg/s^2; a hobby servo that turns by 60 deg in 0.1 s has 48,000.
+# Largest acceleration of a motor, deg/s^2. A hobby servo that turns by 60 deg in 0.1 s reaches 48,000
+# deg/s^2.
 MAX_ACCELERATION_DPS2: Final = 200_000.0
-# Peak acceleration of a turn, as a multiple of its angle over the square of its time (docs/model.md).
+# Peak acceleration of a turn, as a multiple of its angle divided by the square of its duration
+# (docs/model.md).
 PEAK_ACCELERATION: Final = 8.0
-# Longest turn or rest, s, and longest program, s: a day and a week.
+# Longest turn or rest (a day) and longest program (a week), s.
 MAX_STEP_S: Final = 86_400.0
 MAX_DURATION_S: Final = 7 * MAX_STEP_S
 
@@ -44,7 +46,7 @@ class Timed(Protocol):
 
     @property
     def hold_s(self) -> float:
-        """Duration of the rest after it, s."""
+        """Duration of the rest after the rotation, s."""
 
 
 class Fault(NamedTuple):

@@ -31,12 +31,12 @@ CHEAP: Final = {
     "vibration_mm": 0.05,
     "encoder_noise_deg": 0.02,
 }
-# Largest error by the ending of its name: a revolution, a metre, 100 kHz, and a week.
+# Largest accepted error by the suffix of its name: a revolution, a metre, 100 kHz, and a week.
 LARGEST: Final = {"_deg": 360.0, "_mm": 1000.0, "_hz": 1e5, "_s": MAX_DURATION_S}
 NOT_NEGATIVE: Final = (
     *("vibration_deg", "vibration_mm", "vibration_hz", "encoder_noise_deg", "tremor_deg", "slip_time_s"),
 )
-# Its encoders have 12 bits, and effects with the typical sizes of the catalogue.
+# The encoders of the cheap stand have 12 bits and these effects, with the typical sizes of the catalogue.
 CHEAP_COUNTS: Final = 4096
 CHEAP_ENCODERS: Final = ("encoder_eccentricity", "encoder_time_offset", "encoder_backlash")
 CHEAP_VIBRATION_HZ: Final = (20.0, 80.0)
@@ -47,7 +47,7 @@ class Stand:
     """Errors of a stand; a perfect stand has all of them at zero.
 
     mount_rotation_deg     rotation vector of the unit on the innermost ring
-    base_tilt_deg          tilt of the base about the world's x and y axes
+    base_tilt_deg          tilt of the base about the x and y axes of the world
     non_orthogonality_deg  deviations from a right angle of axis 2 to axis 1, and of axis 3 to axis 2
     flexure_deg            sag of the innermost ring with axis 3 horizontal
     vibration_deg, vibration_mm, vibration_hz   amplitudes and frequency of the vibration while motors rotate
@@ -55,7 +55,7 @@ class Stand:
     encoder_counts         counts of an encoder per revolution, or None for no quantisation
     encoder_effects        effects of the catalogue on the encoder readings
     tremor_deg             standard deviation about each axis of a vibration that continues at rest
-    tremor_seed            seed of its frequencies and phases
+    tremor_seed            seed of the frequencies and phases of the tremor
     slip_deg, slip_time_s  rotation vector by which the unit slips on its mount, and the time of the slip
     """
 
@@ -90,8 +90,9 @@ class Stand:
 
         The errors are normally distributed with standard deviations of 1 deg (mount, per axis), 0.5 deg
         (tilt, right angles) and 0.1 deg (flexure). Vibration (0.02 deg, 0.05 mm, at 20 to 80 Hz) and encoder
-        noise (0.02 deg) are absolute values of normal draws. The encoders have 4096 counts, and
-        eccentricity, time offset and backlash with the catalogue's typical sizes as standard deviations.
+        noise (0.02 deg) are absolute values of normal draws. The encoders have 4096 counts. Their
+        eccentricity, time offset and backlash are normally distributed with the typical sizes of the
+        catalogue as standard deviations.
         """
         check_seed(seed)
         random = np.random.default_rng(seed)
@@ -170,7 +171,7 @@ class StandErrors:
 
 
 def stand_of(node: Node) -> Stand:
-    """The stand in a file; missing fields have no error."""
+    """The stand in a file. Missing fields mean that there is no such error."""
     known = {field.name: field.default for field in dataclasses.fields(Stand)}
     found: dict[str, Any] = {}
     for name in node.mapping():
@@ -200,7 +201,7 @@ def stand_of(node: Node) -> Stand:
 
 
 def _require_possible(node: Node, name: str, value: Any) -> None:
-    """Raise FormatError for an error that no stand has."""
+    """Raise FormatError for an error that is larger than any stand has."""
     most = next((most for ending, most in LARGEST.items() if name.endswith(ending)), None)
     if most is None:
         return
@@ -219,7 +220,8 @@ def stand_from_name(stand: Stand | str | os.PathLike[str]) -> Stand:
     name, _, seed = os.fspath(stand).partition(":")
     if name == "perfect" and not seed:
         return Stand()
-    # Separate from the seed of the run, because a run and its control run usually share one stand.
+    # The seed of the stand is separate from that of the run, because a run and its control run usually share
+    # one stand.
     if name == "cheap" and (seed or "1").isdigit():
         return Stand.cheap(int(seed or "1"))
     return Stand.read(stand)

@@ -29,7 +29,7 @@ SCHEMA: Final = "imucal.stand-limits/1"
 AXES: Final = ("axis_1", "axis_2", "axis_3")
 AXIS_FIELDS: Final = ("max_rate_dps", "max_acceleration_dps2", "range_deg", "cable_wrap_deg")
 FIELDS: Final = ("schema", "description", "axes", "settle_s", "min_rest_s", "minutes", "forbidden_deg")
-# Largest values of a limit by name: those of a program, a day, and a week.
+# Largest accepted value of each limit by name: the bounds of a program, a day, and a week.
 LARGEST: Final = {
     "max_rate_dps": MAX_RATE_DPS,
     "max_acceleration_dps2": MAX_ACCELERATION_DPS2,
@@ -38,7 +38,8 @@ LARGEST: Final = {
     "min_rest_s": MAX_STEP_S,
     "minutes": MAX_DURATION_S / 60.0,
 }
-# The paper does not give the acceleration: this is what its random program needs, 240 deg in 2 s.
+# Limits of the paper's stand. The paper does not state the acceleration; the value is that of its random
+# program, which turns by 240 deg in 2 s.
 PAPER_DPS: Final = 120.0
 PAPER_DPS2: Final = 480.0
 
@@ -49,7 +50,7 @@ Range = tuple[float, float]
 class AxisLimits:
     """Limits of one motor.
 
-    max_rate_dps           maximum of the mean rate over a rotation; the peak rate is 4/3 of it
+    max_rate_dps           maximum of the mean rate over a rotation; the peak rate is 4/3 of the mean rate
     max_acceleration_dps2  maximum acceleration
     range_deg              end stops, relative to the start of a program; None if there are none
     cable_wrap_deg         angle by which the cable may wind up in either direction; None for slip rings
@@ -78,12 +79,13 @@ class StandLimits:
     """Limits of a stand or of a hand.
 
     axes           the three motors, outermost first; None for a motor that does not exist
-    settle_s       duration of the vibration after a rotation; rests are longer by this time
-    min_rest_s     minimum duration of a rest
+    settle_s       duration of the vibration after a rotation, s; rests are extended by this time
+    min_rest_s     minimum duration of a rest, s
     minutes        maximum duration of a program, or None
     forbidden_deg  boxes of motor angles, modulo full revolutions, that the unit must not enter: from and to
                    for each motor, None for any angle
-    in_hand        no stand: a hand with tremor, and poses in steps of 45 deg
+    in_hand        whether the unit is hand-held instead of on a stand, with tremor and poses in steps of 45
+                   deg
     """
 
     axes: tuple[AxisLimits | None, AxisLimits | None, AxisLimits | None] = (
@@ -162,7 +164,7 @@ class StandLimits:
 
 @dataclass(frozen=True)
 class CoreLimits:
-    """What the compiled library reads, by these names; rad and s."""
+    """The limits under the names of the compiled library, in rad and s."""
 
     axes: Any
     settle_s: float
@@ -176,7 +178,8 @@ class CoreLimits:
 
 STEP_DEG: Final = 0.1
 MOST_MOVES: Final = 400
-# A hand: poses that are clear in a picture, and enough time to look at the next picture.
+# Hand-held programs: the angle between poses, deg, is easy to see in a picture, and the time of a move, s,
+# suffices to look at the next picture.
 HAND_STEP_DEG: Final = 45.0
 HAND_MOVE_S: Final = 2.0
 HAND_MOVES: Final = 40
@@ -196,7 +199,7 @@ NAMED: Final[dict[str, StandLimits]] = {
 
 
 def stand_limits_of(limits: StandLimits | str | os.PathLike[str]) -> StandLimits:
-    """The limits for an argument: an object, a name of `NAMED`, or a file."""
+    """The limits for an argument, which is a StandLimits, a name of `NAMED`, or the path of a file."""
     if isinstance(limits, StandLimits):
         return limits
     if isinstance(limits, str) and limits in NAMED:
@@ -233,7 +236,7 @@ def _zone(node: Node) -> tuple[Range | None, Range | None, Range | None]:
 
 
 def _require_free_start(node: Node) -> None:
-    """Raise FormatError for a forbidden zone that contains the start of every program."""
+    """Raise FormatError for a forbidden zone that contains the start of every program (all motors at 0)."""
     spans = [span for span in _zone(node) if span is not None]
     if all(math.ceil(low / 360.0) * 360.0 <= high for low, high in spans):
         raise FormatError(

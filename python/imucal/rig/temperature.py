@@ -23,8 +23,8 @@ __all__ = ["Temperature"]
 # Reference temperature of sensitivities and biases; temperature effects are relative to it.
 REFERENCE_DEGC: Final = 25.0
 ABSOLUTE_ZERO_DEGC: Final = -273.15
-# A warm-up is approximated by 50 straight lines per time constant, over 12 time constants: the error is 5e-5
-# of the rise, and 6e-6 of the rise remain at the end.
+# A warm-up is approximated by 50 straight lines per time constant, over 12 time constants. The error of the
+# approximation is 5e-5 of the temperature rise, and 6e-6 of the rise remain at the end.
 KNOTS_PER_CONSTANT: Final = 50
 CONSTANTS: Final = 12
 FORMS: Final = (
@@ -104,7 +104,7 @@ class Temperature:
 
 
 def temperature_of(given: Temperature | float | str | os.PathLike[str]) -> Temperature:
-    """The temperature for an argument: an object, a number, `warmup:...`, `cycle:...`, or a CSV file."""
+    """The temperature for an argument: a Temperature, a number, `warmup:...`, `cycle:...`, or a CSV file."""
     if isinstance(given, Temperature):
         return given
     if isinstance(given, (int, float)):
@@ -118,7 +118,7 @@ def temperature_of(given: Temperature | float | str | os.PathLike[str]) -> Tempe
             return forms[kind](first, second, third)
         return Temperature.constant(float(text))
     except ValueError as error:
-        # InputError is a ValueError with a sufficient message.
+        # InputError is also a ValueError, but its message needs no further explanation.
         if isinstance(error, InputError):
             raise
     if kind in forms or not Path(text).exists():

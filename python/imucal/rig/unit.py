@@ -3,9 +3,9 @@
     measured = convert(sensitivity (true + effects) + bias + noise)
 
 A unit file (schema imucal.unit/1) has the figures of a datasheet, each with its unit and source. The noise
-density of a datasheet is one-sided and is given as `noise_density_one_sided`; `noise_density` is that of the
-Allan deviation, which is smaller by sqrt(2). A figure that the source does not give is `null` and is
-simulated as perfect. The package contains the units `unit_names()`.
+density of a datasheet is one-sided and is given as `noise_density_one_sided`; `noise_density` is the
+two-sided density of the Allan deviation, which is smaller by a factor of sqrt(2). A figure that the source
+does not give is `null` and is simulated as perfect. The package contains the units `unit_names()`.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ SCHEMA: Final = "imucal.unit/1"
 FOLDER: Final = Path(__file__).parent / "shipped"
 # Minimum of the Allan deviation of flicker noise with coefficient B: sqrt(2 ln 2 / pi) B (IEEE Std 952-1997).
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
-# The noise density N (two-sided) per noise density of a datasheet (one-sided, docs/model.md (22)).
+# Ratio of the two-sided noise density N to the one-sided noise density of a datasheet (docs/model.md (22)).
 TWO_SIDED_PER_ONE_SIDED: Final = math.sqrt(0.5)
-# A typical tolerance of a datasheet is one standard deviation of the drawn units, a maximum is three.
+# Number of standard deviations of the drawn units in a tolerance of a datasheet, by kind of tolerance.
 DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
-# Shape and unit of the drawn figures other than effects, in the order in which random numbers are used.
+# Number of values and unit of the drawn figures other than effects, in the order in which they are drawn.
 DRAWN: Final[dict[str, tuple[int, str]]] = {
     "accel_bias": (3, "m/s^2"),
     "accel_scale": (3, "1"),
@@ -69,15 +69,16 @@ class Sensor:
 
     sensitivity       (3, 3), 1 is perfect
     bias              (3,) v
-    noise_density     white noise N, continuous, two-sided, v/sqrt(Hz): a point sample has N * sqrt(rate_hz),
-                      the Allan deviation is N / sqrt(tau). The density of a datasheet is one-sided: sqrt(2) N
-    bias_instability  flicker coefficient B, v: the Allan deviation is flat at 0.664 B
-    random_walk       (3,) rate random walk K per axis, v/s/sqrt(Hz): the Allan deviation is K sqrt(tau / 3)
-    noise_in_motion   factor on the white noise during moves
-    lsb, bits         one count in v and the word width, or None for no quantisation and no saturation
-    filter_hz         bandwidth of the low-pass filter before sampling, or None: point samples
-    averaging         samples are means over the sampling interval
-    bandwidth_hz      bandwidth of the datasheet, used with `filter_hz="datasheet"`
+    noise_density     white noise N, continuous, two-sided, v/sqrt(Hz). The standard deviation of a point
+                      sample is N * sqrt(rate_hz), and the Allan deviation is N / sqrt(tau). The density of a
+                      datasheet is one-sided, which is sqrt(2) N
+    bias_instability  flicker coefficient B, v; the minimum of the Allan deviation is 0.664 B
+    random_walk       (3,) rate random walk K per axis, v/s/sqrt(Hz); its Allan deviation is K sqrt(tau / 3)
+    noise_in_motion   factor by which white noise is larger during moves
+    lsb, bits         size of one count, v, and word width; None for no quantisation and no saturation
+    filter_hz         bandwidth of the low-pass filter before sampling, Hz; None for no filter (point samples)
+    averaging         whether samples are means over the sampling interval
+    bandwidth_hz      bandwidth in the datasheet, Hz, used with `filter_hz="datasheet"`
     """
 
     sensitivity: FloatArray = field(default_factory=lambda: np.eye(3))
@@ -108,7 +109,7 @@ class Sensor:
         return dataclasses.replace(self, lsb=limit / 2.0 ** (bits - 1), bits=bits)
 
     def to_dict(self, unit: str) -> dict[str, Any]:
-        """The sensor in a unit file; `unit` is the SI unit of what it measures."""
+        """The sensor for a unit file; `unit` is the SI unit of the measured quantity."""
         return {
             "part": self.part,
             "sensitivity": Figure(self.sensitivity, "1"),
@@ -130,9 +131,9 @@ class Unit:
     """An accelerometer and a gyroscope on one board, with their effects.
 
     description, sources   description of the unit, and the sources of its figures
-    spread                 standard deviations of the units of its kind, from the tolerances of the file, SI
-                           units: accel_bias, accel_scale, accel_misalignment and the same for gyro; one
-                           value, or one per axis
+    spread                 standard deviations over units of this kind, from the tolerances of the file, SI
+                           units: accel_bias, accel_scale, accel_misalignment, gyro_bias, gyro_scale and
+                           gyro_misalignment; one value, or one per axis
     """
 
     accelerometer: Sensor = field(default_factory=Sensor)
@@ -200,7 +201,8 @@ def unit_of(unit: Unit | str | os.PathLike[str]) -> Unit:
     if text in unit_names():
         return Unit.named(text)
     if text.startswith("random:"):
-        # Separate from the seed of the run, because a run and its control run are of the same unit.
+        # The seed of the unit is separate from that of the run, because a run and its control run are of the
+        # same unit.
         profile, _, seed = text.removeprefix("random:").partition(":")
         if not (profile and (seed or "1").isdigit()):
             raise InputError(f"the unit {text!r} is not understood: give random:NAME or random:NAME:SEED")
@@ -288,7 +290,7 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     if one_sided is not None:
         names["noise_density"] = "noise_density_one_sided"
     figures = {names.get(name, name): value for name, value in known.items() if name != "bias_instability"}
-    # Figures that are not simulated.
+    # Figures that the file contains but the simulation does not use.
     figures |= {
         name: value
         for name, of in (
@@ -305,7 +307,7 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
 
 
 def _require_spread(spread: Node, sources: Collection[str]) -> None:
-    """Raise FormatError for a tolerance that cannot be drawn from."""
+    """Raise FormatError for a tolerance from which no unit can be drawn."""
     largest = {"accel_bias": LARGEST["m/s^2"]["bias"], "gyro_bias": LARGEST["rad/s"]["bias"]}
     for name, given in spread.mapping().items():
         size, unit, typical = (*DRAWN[name], None) if name in DRAWN else _drawn_effect(spread, name)
@@ -335,8 +337,8 @@ def _draw(node: Node, seed: int) -> Unit:
     if not any(value is not None for value in spread.mapping().values()):
         raise InputError(f"{node.file} gives no spread: take its unit as it is, or another profile")
     random = np.random.default_rng(seed)
-    # All numbers are drawn whether used or not, so that the tolerance of one figure does not change the
-    # others.
+    # All random numbers are drawn even if they are not used, so that the tolerance of one figure does not
+    # change the random numbers of the others.
     drawn = {
         name: random.normal(size=size) * _deviation(spread, name, unit, size)
         for name, (size, unit) in DRAWN.items()
@@ -351,7 +353,7 @@ def _draw(node: Node, seed: int) -> Unit:
         if name not in DRAWN and value is not None:
             effect = find(name)
             deviation = _deviation(spread, name, effect.parameters[0].unit, effect.plain)
-            # Datasheets give no tolerance of a time constant.
+            # The time constant is not drawn, because datasheets give no tolerance of it.
             shape = None if effect.shape is None else effect.shape.typical
             effects.append(EffectValues(name, random.normal(size=effect.plain) * deviation, shape))
     return dataclasses.replace(
@@ -369,7 +371,7 @@ def _draw(node: Node, seed: int) -> Unit:
 
 
 def _deviation(spread: Node, name: str, unit: str, count: int) -> FloatArray:
-    """Standard deviation of a drawn figure with this many numbers: one value for all; 0 without a tolerance.
+    """Standard deviation of a drawn figure with `count` numbers: one value for all; 0 without a tolerance.
 
     A figure of three numbers may have one value per axis.
     """

@@ -1,4 +1,4 @@
-"""Checks of a unit file: its figures against each other, and against what sensors can be."""
+"""Checks that the figures of a unit file do not contradict each other and are possible for real sensors."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ __all__ = [
 ]
 
 FIGURE_FIELDS: Final = ("value", "unit", "source", "note", "limit")
-# Fields of a sensor that are no figures.
+# Fields of a sensor that are not figures.
 OTHERS: Final = ("part", "averaging")
 # Figures that cannot be zero.
 POSITIVE: Final = ("range", "resolution", "bits", "bandwidth", "filter", "output_rate")
-# Largest figures by SI unit of the sensor: 50 mg/sqrt(Hz) and 6 deg/s/sqrt(Hz), fifty times the noisiest MEMS
-# sensors; 10 g and 2000 deg/s of bias; 10,000 g and 100,000 deg/s of range.
+# Largest accepted figures by SI unit of the sensor. Noise: 50 mg/sqrt(Hz) and 6 deg/s/sqrt(Hz), fifty times
+# that of the noisiest MEMS sensors. Bias: 10 g and 2000 deg/s. Range: 10,000 g and 100,000 deg/s.
 LARGEST: Final[dict[str, dict[str, float]]] = {
     "m/s^2": {"noise_density": 0.5, "bias": 98.0665, "random_walk": 1.0, "range": 98_066.5},
     "rad/s": {"noise_density": 0.1, "bias": 34.9066, "random_walk": 1.0, "range": 1_745.33},
@@ -35,12 +35,12 @@ LARGEST_HZ: Final = 1e6
 LARGEST_BITS: Final = 32.0
 # Largest factor by which noise grows in motion.
 LARGEST_FACTOR: Final = 1e3
-# Difference of two entries of a sensitivity that is explained by rounding, relative to its largest entry.
+# Largest difference of two entries of a sensitivity that counts as rounding, relative to its largest entry.
 ENTRY_ROUNDING: Final = 1e-7
-# Range of the sensitivity in SI units; 1 is perfect. A factor of five is no scale factor but another unit.
+# Accepted range of the sensitivity in SI units; 1 is perfect. A factor beyond this range means a wrong unit.
 SENSITIVITY: Final = (0.2, 5.0)
-# Range according to the datasheet over the range of the counts. Some words have twice the range that is
-# specified.
+# Accepted ratio of the range in the datasheet to the range of the counts. In some sensors the range of the
+# counts is twice the specified range.
 SHARE_OF_COUNTS: Final = (0.45, 1.05)
 # Largest tolerance of a scale factor or a misalignment: 50 % and 30 deg.
 LARGEST_TOLERANCE: Final = 0.5
@@ -49,10 +49,10 @@ LARGEST_EFFECT: Final = 1e5
 
 
 def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Collection[str]) -> None:
-    """Raise FormatError for figures of a sensor that contradict each other, or that no sensor has.
+    """Raise FormatError for figures of a sensor that contradict each other or are impossible.
 
-    found     the figures by name in SI units, null ones left out
-    unit      SI unit of what the sensor measures
+    found     the figures by name in SI units, without those that are null
+    unit      SI unit of the measured quantity
     sources   names of the sources of the file
     """
     for name in node.mapping():
@@ -103,7 +103,7 @@ def require_tolerance(
 
     value     the tolerance in SI units
     typical   typical size of the effect, or None for another figure
-    largest   the largest tolerance by name of other figures
+    largest   the largest accepted tolerance of other figures, by name
     """
     most = LARGEST_EFFECT * typical if typical is not None else largest.get(name, LARGEST_TOLERANCE)
     if not (np.asarray(value) > 0).all() or not (np.asarray(value) <= most).all():
@@ -114,7 +114,7 @@ def require_tolerance(
 
 
 def require_figure(node: Node, sources: Collection[str]) -> None:
-    """Raise FormatError for an unknown field of a figure, or a source that the file does not have."""
+    """Raise FormatError for an unknown field of a figure, or a source that is not in the list of sources."""
     require_fields(node, FIGURE_FIELDS, "a figure")
     if "source" in node.mapping():
         source = node.get("source").text()
@@ -142,7 +142,7 @@ def _require_range_of_counts(node: Node, found: Mapping[str, Any]) -> None:
 
 
 def _require_sensitivity(node: Node, matrix: Any, *, is_frame: bool) -> None:
-    """Raise FormatError unless this is a sensitivity; that of the accelerometer defines the body frame."""
+    """Raise FormatError unless this is a valid sensitivity, symmetric if it defines the body frame."""
     if is_frame:
         for row, column in ((1, 0), (2, 0), (2, 1)):
             if abs(matrix[row, column] - matrix[column, row]) > ENTRY_ROUNDING * np.abs(matrix).max():
@@ -161,6 +161,6 @@ def _require_sensitivity(node: Node, matrix: Any, *, is_frame: bool) -> None:
 
 
 def _given(node: Node, name: str) -> str:
-    """The figure as it is in the file."""
+    """The figure as text, with the value and the unit in the file."""
     figure = node.get(name)
     return f"{figure.get('value').value} {figure.get('unit').value}"

@@ -1,1 +1,1 @@
-"""Simulated runs and their truth."""
+"""Simulation of runs, with their ground truth."""

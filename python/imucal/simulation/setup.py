@@ -1,4 +1,4 @@
-"""The setup of a simulated run: the same setup gives the same bytes."""
+"""The setup of a simulated run. The same setup gives the same bytes."""
 
 from __future__ import annotations
 
@@ -28,9 +28,8 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Setup"]
 
-# Parameters of the clock and the link in the compiled library, and their range in a file: shares of samples,
-# and
-# a clock that is wrong by half and jitters by seconds.
+# Parameters of the clock and the data link in the compiled library, each with its accepted range in a file:
+# shares of samples from 0 to 1, and generous bounds of the clock's rate error and jitter (s).
 LINK: Final = {
     "missing_share": (0.0, 1.0),
     "duplicated_share": (0.0, 1.0),
@@ -51,10 +50,10 @@ class Setup:
 
     effects             effects of the catalogue, in addition to those of the unit and of the encoders
     user_effects        definitions of user-defined effects, and their values
-    missing_share       share of the samples that are lost
-    duplicated_share    share of the samples that repeat the previous one
+    missing_share       share of lost samples
+    duplicated_share    share of samples that repeat the previous sample
     clock_rate_error    relative error of the unit's clock, positive if fast
-    clock_jitter_s      standard deviation of the sampling instant about its time stamp
+    clock_jitter_s      standard deviation of the difference between sampling instant and time stamp, s
 
     Raises InputError for an invalid seed and for an effect given twice.
     """
@@ -195,7 +194,7 @@ def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
 
 
 def _own_to_dict(own: UserEffect, values: EffectValues) -> dict[str, Any]:
-    """A user-defined effect in a truth file, with its formula if it is one."""
+    """A user-defined effect for a truth file, with its formula if it is defined by one."""
     (item,) = effects_to_list([values])
     if isinstance(own, FormulaEffect):
         item |= {"formula": own.text, "columns": list(own.auxiliary)}
@@ -211,7 +210,10 @@ def _formula_of(item: Node, name: str) -> FormulaEffect:
 
 
 def with_disturbances(setup: Setup, disturbances: Iterable[EffectValues]) -> Setup:
-    """The setup with these noise processes and faults; InputError for a fault that the motion cannot have."""
+    """The setup with these noise processes and faults.
+
+    Raises InputError for a fault that the motion cannot have.
+    """
     for disturbance in disturbances:
         setup = DISTURB[disturbance.name](setup, disturbance.values)
     return setup

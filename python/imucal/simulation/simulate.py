@@ -1,9 +1,10 @@
-"""Simulated runs of a unit, with the truth.
+"""Simulated runs of a unit, with their ground truth.
 
     run = imucal.simulate("random", unit="bmi088", effects={"gyro_g_sensitivity": 1e-4}, seed=7)
     run.recording, run.truth
 
-Motion, unit, effects and faults form a `Setup`, which is part of the truth; `repeat` runs it again.
+Motion, unit, effects and faults form a `Setup`, which is part of the truth. `repeat` simulates the setup of a
+truth file again.
 """
 
 from __future__ import annotations
@@ -72,10 +73,10 @@ def simulate(
 ) -> Simulation:
     """Simulate a motion of a unit; the same arguments give the same bytes.
 
-    program       "random" (the paper's gyroscope program, its moves drawn from `seed`), "grid" (its
+    program       "random" (the paper's gyroscope program, with moves drawn from `seed`), "grid" (the paper's
                   accelerometer program), "tumble" (by hand), "static", a Program, Tumble or Static, or the
                   path of a program file
-    seed          of the noise, and of the random program and the tumble
+    seed          seed of the noise, of the random program, and of the tumble
     unit          a name of `unit_names()`, "random:NAME:SEED", a Unit, or the path of a unit file
     effects       name -> values (see `imucal.effects.values`): effects of the catalogue, noise, faults,
                   formulas, and user-defined effects; they replace effects of the unit with the same name
@@ -84,13 +85,14 @@ def simulate(
                   available to user-defined effects
     stand         errors of the stand: a Stand, "cheap" or "cheap:SEED", or the path of a stand file; None
                   uses the stand of the program
-    gravity_mps2  local gravity; None uses that of `latitude_deg` and `height_m`, or standard gravity
-    latitude_deg  adds the Earth rate at this latitude, the effect earth_rate; None adds none
-    temperature   a Temperature, degC, "warmup:20:35:300", "cycle:10:50:1200", or a CSV file; it is recorded
-                  if it is given or an effect depends on it
+    gravity_mps2  local gravity, m/s^2; None: normal gravity at `latitude_deg` and `height_m`, or standard
+                  gravity
+    latitude_deg  adds the effect earth_rate, the Earth's rate at this latitude; None: no Earth's rate
+    temperature   a Temperature, degC, "warmup:20:35:300", "cycle:10:50:1200", or a CSV file; the temperature
+                  is recorded if it is given or an effect depends on it
     clock_rate_error  relative error of the unit's clock, positive if fast
     filter_hz     bandwidth of the low-pass filter before sampling, or "datasheet"
-    averaging     samples are means over the sampling interval
+    averaging     whether samples are means over the sampling interval
 
     Raises InputError for invalid arguments, FormatError for an invalid file.
     """
@@ -128,7 +130,7 @@ def repeat(
 ) -> Simulation:
     """Repeat the run of a truth file: the same version of imucal writes the same bytes.
 
-    user_effects, auxiliary  those of the original run; a file cannot contain them
+    user_effects, auxiliary  arguments of the original run; a file cannot contain them
 
     Raises InputError if the definition of an effect is missing, FormatError for an invalid file.
     """
@@ -139,11 +141,11 @@ def repeat(
     try:
         repeated = run(setup, auxiliary, keep_temperature=keep_temperature)
     except InputError as error:
-        # Columns and effects that are arguments are no part of the file.
+        # If columns or effects were passed as arguments, the error may be in them and not in the file.
         if auxiliary or user_effects:
             raise
         raise FormatError(f"{node.file}: $.setup: {error}") from None
-    # The setup may be edited into another valid one, but what the file repeats of it has to agree.
+    # A user may change the setup in the file, but the other fields of the file must agree with the setup.
     written = plain(repeated.truth.to_dict())
     require_agreement(
         node,
@@ -158,7 +160,7 @@ def repeat(
 def _without_formulas(
     effects: Mapping[str, EffectInput] | Iterable[EffectValues], auxiliary: Auxiliary
 ) -> tuple[Mapping[str, EffectInput] | Iterable[EffectValues], tuple[FormulaEffect, ...]]:
-    """The values with the name of its effect in the place of each formula, and these effects."""
+    """The values with each formula replaced by the name of its effect, and the effects of the formulas."""
     if not isinstance(effects, Mapping):
         return effects, ()
     formulas = {
@@ -186,7 +188,8 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: b
         core.angular_rate,
         temperature_degc=core.temperature_degc if keep_temperature or setup.needs_temperature else None,
         stand_rad=core.stand_rad,
-        # The same samples are lost as in the first run.
+        # Interpolation selects the samples that were not lost, because both runs have the same sampling
+        # instants.
         auxiliary={name: np.interp(core.time_s, sampled_s, given) for name, given in samples.items()},
         name=f"simulated-{setup.seed}",
     )
@@ -194,7 +197,7 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: b
 
 
 def _added(setup: Setup, truth: Any, auxiliary: Mapping[str, FloatArray]) -> dict[str, FloatArray | None]:
-    """The contribution of user-defined effects to the true force and rate of every sample."""
+    """The contributions of user-defined effects to the true force and rate of every sample."""
     state = State(
         truth.true_angular_rate,
         truth.true_specific_force,
@@ -223,7 +226,7 @@ def _column(
 
 
 def _filtered(unit: Unit, filter_hz: float | str | None, averaging: bool) -> Unit:
-    """The unit with this filter before sampling."""
+    """The unit with this low-pass filter, or averaging, before sampling."""
     if filter_hz is None and not averaging:
         return unit
     if isinstance(filter_hz, str) and filter_hz != "datasheet":
@@ -260,7 +263,7 @@ def _place(
     height_m: float | None,
     given: tuple[EffectValues, ...],
 ) -> tuple[float, tuple[EffectValues, ...]]:
-    """Gravity and the Earth rate of a place."""
+    """Local gravity and the effect of the Earth's rate at a place."""
     if latitude_deg is None:
         if height_m is not None:
             raise InputError("height_m without latitude_deg says nothing of gravity: give the latitude, too")

@@ -82,7 +82,7 @@ class Truth:
 
 
 def is_truth(path: str | os.PathLike[str]) -> bool:
-    """Whether this is the path of a truth file."""
+    """Whether the file at this path is a truth file."""
     if not Path(path).is_file():
         return False
     document = read_json(path).value
@@ -90,7 +90,7 @@ def is_truth(path: str | os.PathLike[str]) -> bool:
 
 
 def truth_of(setup: Setup, core: Any, recording: Recording) -> Truth:
-    """The truth from the result of the compiled library."""
+    """The truth of a run, from the result of the compiled library."""
     unit = setup.unit
     calibration = Calibration(
         Triad(unit.accelerometer.sensitivity, unit.accelerometer.bias),
