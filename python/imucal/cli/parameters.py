@@ -132,9 +132,16 @@ def _signature(function: Callable[..., Any]) -> list[tuple[str, Any, Declared, A
     hints = typing.get_type_hints(function, include_extras=True)
     rows = []
     for name, given in inspect.signature(function).parameters.items():
-        kind, declared = typing.get_args(hints[name])[:2]
+        kind, declared = typing.get_args(_annotated(hints[name]))[:2]
         rows.append((name, _without_none(kind), declared, given.default))
     return rows
+
+
+def _annotated(hint: Any) -> Any:
+    """The annotation itself: Python 3.10 wraps that of a parameter whose default is None in Optional."""
+    if hasattr(hint, "__metadata__"):
+        return hint
+    return next(item for item in typing.get_args(hint) if hasattr(item, "__metadata__"))
 
 
 def _without_none(kind: Any) -> Any:
