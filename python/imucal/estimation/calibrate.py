@@ -82,8 +82,8 @@ def calibrate(
     gravity_mps2       local gravity, m/s^2, to which the estimated accelerometer sensitivities are inversely
                        proportional; None: normal gravity at `latitude_deg` and `height_m`, or standard
                        gravity 9.80665
-    gravity_sigma_mps2 standard deviation of local gravity, m/s^2, to include in the standard deviations of the
-                       scales; None: with `latitude_deg` the uncertainty of normal gravity, otherwise zero
+    gravity_sigma_mps2 standard deviation of local gravity, m/s^2, to include in the standard deviations of
+                       the scales; None: with `latitude_deg` that of normal gravity, otherwise zero
     latitude_deg, height_m   geodetic latitude, deg, and height, m, of the place
     clock_ppm          standard deviation of the rate of the clock that gives the time stamps, 1e-6, to
                        include in the standard deviations of the gyroscope scales

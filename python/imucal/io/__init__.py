@@ -69,8 +69,8 @@ def read(
     accel_unit, gyro_unit  [imu_tk, pair, folder] "lsb" (default of imu_tk), "m/s^2" and "rad/s"; for pair and
                folder also "g", "mg", "deg/s" and "mdeg/s", if there is no header that gives it
     temp_scale  slope, degC per count, and offset, degC, of a column temp_lsb: (1/340, 36.53) or
-               "1/340,36.53". Without it these counts become an auxiliary input
-    axes       change of axes after reading, for all formats: "frd" or "ned" for data with z down, "x,-y,-z",
+               "1/340,36.53". Without `temp_scale` these counts become an auxiliary input
+    axes       axis remapping after reading, for all formats: "frd" or "ned" for data with z down, "x,-y,-z",
                or "accel=..." and "gyro=..." for one sensor; see `Recording.with_axes`
 
     Physical units are converted to SI, counts are unchanged. Time in ms, us or ns is counted from the first
@@ -125,7 +125,9 @@ def read_pieces(
     axes: str | None = None,
     **given: Any,
 ) -> Iterator[Recording]:
-    """Read a recording in pieces, with the arguments of `read`; only CSV and Parquet come in several pieces.
+    """Read a recording in pieces, with the arguments of `read`.
+
+    Only CSV and Parquet files give several pieces.
 
     Time counts from the start of the first piece. Raises the errors of `read`, and NotInPartsError, a
     FormatError, at a later piece of a CSV file if its column types can only be determined from the whole
@@ -152,7 +154,7 @@ def _pieces(
 
 
 def _axes(axes: str | None) -> Callable[[Recording], Recording]:
-    """The change of axes. Raises InputError, before any file is read, if `axes` is not a valid text."""
+    """The function for axis remapping. Raises InputError, before any file is read, for an invalid text."""
     if axes is None:
         return lambda recording: recording
     Axes.parse(axes)
@@ -203,12 +205,12 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
 
 
 def write_pieces(pieces: Iterable[Recording], path: str | os.PathLike[str]) -> None:
-    """Write a recording given in pieces, at least one, in the way of `write`."""
+    """Write a recording that is given in one or more pieces, in the same form as `write`."""
     write_parts((column_names(piece) for piece in pieces), path)
 
 
 def files_per_recording(format: str | None, paths: Sequence[str | os.PathLike[str]] = ()) -> int:
-    """The number of files that one recording consists of; 2 for two files with one sensor each."""
+    """The number of files of one recording: 2 if each sensor has a separate file, otherwise 1."""
     if format is None and len(paths) == 2:
         return 2 if are_pair(paths) else 1
     return FORMATS[format].files if format in FORMATS else 1

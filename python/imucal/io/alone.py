@@ -1,4 +1,4 @@
-"""One text file with the samples of one sensor alone, as a recording without the other sensor."""
+"""Reads a text file with the samples of one sensor as a recording without the other sensor."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["alone", "recording_of_any_text"]
 
-# Columns besides those of the sensor and the time from which the file may hold a second sensor that its names
-# do not give away: the three axes of one.
+# Number of unknown columns from which a file may contain a second sensor with unrecognised names. A sensor
+# has three axes.
 SECOND_SENSOR = 3
 NO_UNITS = Units(None, None, None)
 
@@ -25,7 +25,7 @@ NO_UNITS = Units(None, None, None)
 def recording_of_any_text(
     text: Text, columns: str | Sequence[str] | None, rate_hz: float | None
 ) -> Recording:
-    """The recording in a text table with a header: of both sensors, or of the one that it has.
+    """The recording in a text table with a header, with both sensors or with the only sensor in the table.
 
     Arguments as for `read_csv`.
     """
@@ -36,7 +36,7 @@ def recording_of_any_text(
 
 
 def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
-    """The sensor of a text with the columns of one and of nothing that may be another one."""
+    """The sensor of a text with the columns of one sensor and without columns of a possible second one."""
     header = layout_header(text.layout)
     try:
         sensor = sensor_of(text)
@@ -50,7 +50,7 @@ def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
 
 
 def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recording:
-    """The recording of one sensor without the other one; `rate_hz` if there is no time column."""
+    """The recording of one sensor alone; `rate_hz` is needed if there is no time column."""
     what, text = sensor.what, sensor.text
     unit = unit_of_sensor(sensor, what, units)
     if what == "accel":

@@ -1,6 +1,7 @@
-"""Values of Arrow arrays as NumPy arrays, from their buffers.
+"""Conversion of Arrow arrays to NumPy arrays without pandas.
 
-Arrow's own `to_numpy` imports pandas where it is installed, which takes longer than reading a short file.
+The buffers are read directly, because Arrow's `to_numpy` imports pandas if it is installed, which takes
+longer than reading a short file.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 __all__ = ["arrow_of", "numpy_of", "present_of", "ticks_of", "truth_of"]
 
-# Arrow types by name, and NumPy's; times are given as their ticks.
+# NumPy types by name of the Arrow type. Time stamps are represented by integer ticks.
 _TYPES: Final[dict[str, np.dtype[Any]]] = {
     **{f"{kind}{bits}": np.dtype(f"{kind}{bits}") for kind in ("int", "uint") for bits in (8, 16, 32, 64)},
     **{"halffloat": np.dtype("f2"), "float": np.dtype("f4"), "double": np.dtype("f8")},
@@ -20,10 +21,10 @@ _TYPES: Final[dict[str, np.dtype[Any]]] = {
 
 
 def numpy_of(array: Any) -> NDArray[Any]:
-    """The numbers of an Arrow array or chunked array; integers with empty cells become float64 with NaN.
+    """The numbers of an Arrow array or chunked array. Integers with empty cells become float64 with NaN.
 
-    Numbers without empty cells are views of Arrow's memory, read-only. Time stamps are given as integers.
-    A NumPy array is returned as it is.
+    Numbers without empty cells are views of Arrow's memory, read-only. Time stamps become integers. A NumPy
+    array is returned unchanged.
     """
     if isinstance(array, np.ndarray):
         return array
@@ -49,7 +50,7 @@ def numpy_of(array: Any) -> NDArray[Any]:
 
 
 def ticks_of(array: Any) -> NDArray[Any]:
-    """The integers of an Arrow array as they are stored, with any number in empty cells."""
+    """The stored integers of an Arrow array. The values of empty cells are undefined."""
     if isinstance(array, np.ndarray):
         return array
     dtype = _TYPES[str(array.type)]
@@ -59,15 +60,15 @@ def ticks_of(array: Any) -> NDArray[Any]:
 
 
 def present_of(array: Any) -> NDArray[np.bool_]:
-    """Which cells of an Arrow array are not empty."""
-    # Arrow's own function loads its library of functions.
+    """The mask of the cells of an Arrow array that are not empty."""
+    # Arrow's is_valid is not used, because it loads Arrow's function library.
     if isinstance(array, np.ndarray) or not array.null_count:
         return np.ones(len(array), bool)
     return _bits(array.buffers()[0], array)
 
 
 def arrow_of(values: NDArray[Any]) -> Any:
-    """An array of numbers as an Arrow array, which shares the memory of a contiguous one; NaN stays NaN."""
+    """An array of numbers as an Arrow array, which shares the memory of a contiguous array; NaN stays NaN."""
     import pyarrow as pa
 
     whole = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
@@ -90,7 +91,7 @@ def truth_of(array: Any) -> NDArray[np.bool_]:
 
 
 def _bits(buffer: Any, array: Any) -> NDArray[np.bool_]:
-    """The bits of a buffer that belong to the cells of an array, which may be a small part of a column."""
+    """The bits in a buffer that belong to an array, which may be a small part of the column."""
     first, end = array.offset // 8, (array.offset + len(array) + 7) // 8
     bits = np.unpackbits(np.frombuffer(buffer, np.uint8)[first:end], bitorder="little")
     return bits[array.offset - 8 * first :][: len(array)].astype(bool)

@@ -36,12 +36,13 @@ __all__ = [
 
 # First bytes of a Parquet file.
 PARQUET_MAGIC = b"PAR1"
-# Read buffer of a Parquet column chunk, bytes.
+# Size of the read buffer for a Parquet column chunk, bytes.
 BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
-# Rows of a row group written to Parquet, the default of Arrow.
+# Number of rows in a written Parquet row group: Arrow's default.
 ROWS_WRITTEN = 1 << 20
-# Rows formatted as CSV at once; small, because a part that contains integral values is formatted more slowly.
+# Number of rows that are formatted as CSV at once. It is small, because a part that contains any integral
+# value is formatted more slowly.
 ROWS_OF_TEXT = 1 << 16
 
 # Names and values of columns, in the order in which they are written.
@@ -56,8 +57,8 @@ def read_csv(
 ) -> Recording:
     """Read a CSV file with a header line.
 
-    columns  "canonical=name,..." if the header has other names. Other columns are ignored, except those whose
-             own names are canonical and are not given here.
+    columns  "canonical=name,..." if the header has other names. Columns that are not listed are ignored
+             unless their names are canonical and not assigned to another column.
     rate_hz  sampling rate, Hz, if there is no time column
     """
     return recording_of_any_text(open_path(path), columns, rate_hz)
@@ -85,7 +86,7 @@ def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
 
 
 def write_parts(parts: Iterable[Columns], path: str | os.PathLike[str]) -> None:
-    """Write columns given in parts, at least one, in the way of `write_columns`."""
+    """Write columns that are given in one or more parts, in the same form as `write_columns`."""
     require_ending(path)
     written = _parquet_writer if Path(path).suffix.lower() == PARQUET else _csv_writer
     with write_atomically(path) as file:
@@ -136,10 +137,11 @@ def _with_points(name: str, column: Any) -> Any:
     import pyarrow as pa
     from pyarrow import compute
 
-    # Format float32 values with the digits of float64: the shortest float32 text is another float64 number.
+    # float32 values are formatted with the digits of float64, because the shortest text of a float32 is a
+    # different number when read as float64.
     column = compute.cast(column, pa.float64())
     whole = compute.equal(column, compute.round(column))
-    # Raw counts are integers and stay so.
+    # Columns of raw counts remain integers.
     if name.endswith("_lsb") or not compute.any(whole).as_py():
         return column
     text = compute.cast(column, pa.string())
@@ -157,10 +159,10 @@ def _parquet_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], Non
 
 
 def chosen(table: Table, columns: str | Sequence[str] | None, *, has_rate: bool) -> Table:
-    """The table with the columns in `columns` renamed, plus unnamed columns whose own names are canonical.
+    """The table with renamed columns, and with the other columns whose names are canonical.
 
-    Without `columns`, names that give sensor, axis and unit in other words are understood, too; `has_rate` as
-    for `by_header`.
+    Without `columns`, names that state sensor, axis and unit in other words are also recognised; `has_rate`
+    is that of `by_header`.
     """
     if columns is None:
         return by_header(table, has_rate=has_rate)

@@ -1,4 +1,4 @@
-"""Text files without a canonical header, whose columns the caller names."""
+"""Reader of text files without a canonical header, for which the caller names the columns."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def read_columns(
     columns    a name for every column, in the order of the file: canonical names ("accel_x_mps2,..."), `-` or
                `skip` for a column to ignore; columns with other names become auxiliary inputs
     rate_hz    sampling rate, Hz, if there is no time column
-    skip_rows  number of lines to skip at the start; further lines that contain text are skipped in any case
+    skip_rows  number of lines to skip at the start; further lines with text are always skipped
     """
     names = column_list(columns)
     if not any(is_canonical(name) for name in names):

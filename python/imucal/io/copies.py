@@ -1,4 +1,4 @@
-"""Rows that a logger wrote twice: the same time stamp with the same values."""
+"""Removal of rows that a logger wrote twice, with the same time stamp and the same values."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from imucal.recording.recording import Recording
 
 __all__ = ["has_equal_stamps", "without_copies"]
 
-# Time stamps compared at once; they fit into the processor's cache.
+# Number of time stamps that are compared at once. They fit into the processor's cache.
 STAMPS_AT_ONCE: Final = 1 << 14
 
 
 def has_equal_stamps(time_s: FloatArray) -> bool:
-    """Whether a time stamp does not increase, so that rows may be copies."""
-    # In parts, so that memory for the steps does not grow with the recording.
+    """Whether any time stamp is not larger than the previous one, so that rows may be copies."""
+    # Computed in parts, so that the memory for the differences does not grow with the recording.
     starts = range(0, len(time_s), STAMPS_AT_ONCE)
     return any((np.diff(time_s[at : at + STAMPS_AT_ONCE + 1]) <= 0).any() for at in starts)
 
 
 def without_copies(recording: Recording) -> Recording:
-    """The recording without rows that are exact copies of an earlier row, with a warning that counts them.
+    """The recording without exact copies of earlier rows, with a warning that reports their number.
 
-    If other rows have equal time stamps with different values, nothing is left out: the stamps are then too
-    coarse for the samples, of which some are equal by chance.
+    If other rows have equal time stamps with different values, no row is removed, because the time stamps are
+    then too coarse and equal samples may be coincidences.
     """
     time_s = recording.time_s
     if not has_equal_stamps(time_s):
@@ -42,7 +42,7 @@ def without_copies(recording: Recording) -> Recording:
     rows = np.column_stack(
         [np.asarray(c, dtype=np.float64) for c in (*columns, *recording.auxiliary.values())]
     )
-    # Compared byte by byte, so that NaN equals NaN.
+    # Rows are compared byte by byte, so that NaN equals NaN.
     keys = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
     _, first = np.unique(keys, return_index=True)
     is_first = np.zeros(len(time_s), dtype=bool)

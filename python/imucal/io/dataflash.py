@@ -1,9 +1,9 @@
-"""ArduPilot dataflash logs (.bin): the messages IMU, or ACC and GYR at the sensors' own rates.
+"""ArduPilot dataflash logs (.bin): the messages IMU, or the messages ACC and GYR at the rates of the sensors.
 
 The units are those declared in the log and in ArduPilot's list of log messages (ardupilot.org, logmessages):
 m/s/s and rad/s in the body frame (front, right, down), degC, and microseconds since boot. ArduPilot has
-applied its INS_* parameters to all of these messages, and the rotation of the board, AHRS_ORIENTATION, which
-is read from the messages PARM.
+applied its INS_* parameters and the rotation of the board, AHRS_ORIENTATION, to the samples in these
+messages. AHRS_ORIENTATION is read from the messages PARM.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ DATAFLASH_MAGIC = b"\xa3\x95"
 # Message names. Before version 4.1 the name contained the instance: IMU2, IMU3, ACC1, ACC2, ...
 MESSAGE = re.compile(r"(IMU|ACC|GYR)([1-9]?)")
 ACCEL, GYRO = ("AccX", "AccY", "AccZ"), ("GyrX", "GyrY", "GyrZ")
-# Name of the messages of parameters, and of the parameter that rotates the board.
+# Name of the messages with parameters, and name of the parameter for the rotation of the board.
 PARAMETER, ORIENTATION = "PARM", "AHRS_ORIENTATION"
 # Field of the sensor temperature; it was called Temp before version 4.1.
 TEMPERATURE = ("T", "Temp")
-# Expected unit of each field, as the log's FMTU messages write it.
+# Expected unit of each field, in the notation of FMTU messages.
 UNITS = {**dict.fromkeys(ACCEL, "m/s/s"), **dict.fromkeys(GYRO, "rad/s")}
 
 
 @dataclass
 class Rows:
-    """Fields of all messages of one name and instance, in the order of the log, three numbers for a triad.
+    """Fields of all messages with one name and instance, in the order of the log, three numbers per triad.
 
-    Arrays, because lists of Python numbers would need several times the memory of the file.
+    The fields are arrays, because lists of Python numbers would need several times the memory of the file.
     """
 
     time_us: array[int] = field(default_factory=lambda: array("q"))
@@ -98,7 +98,7 @@ def read_dataflash(
 def _complaints() -> Iterator[io.StringIO]:
     """Captures the output of pymavlink, which prints a message for every damaged part that it skips."""
     printed = io.StringIO()
-    # The fast indexer bypasses sys.stdout, so it is switched off.
+    # The fast indexer is switched off, because it bypasses sys.stdout.
     before = os.environ.get("PYMAVLINK_FAST_INDEX")
     os.environ["PYMAVLINK_FAST_INDEX"] = "0"
     try:
@@ -205,7 +205,7 @@ def _corrected(name: str) -> Finding:
 
 
 def _rotated(name: str, orientations: Sequence[int]) -> list[Finding]:
-    """The remark for a board that is rotated, or was while the log was written."""
+    """A finding if the board was rotated at any time during the log."""
     values = list(dict.fromkeys(orientations))
     if not any(values):
         return []

@@ -4,8 +4,8 @@
     31-Jan-2026 12:00:00.123  Jan 31, 2026 12:00:00 PM   12:00:00.123  12:00:00:123  00:12.3 (minutes)
     0 days 00:00:12.3
 
-A time of day continues on the next day after midnight. Of 01/02/2026, day and month are exchanged as the rest
-of the column needs it.
+Times of day continue after midnight on the next day. In dates such as 01/02/2026, the order of day and month
+is determined from the whole column.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ DAY_NS: Final = 86_400_000_000_000
 
 
 def is_date_column(column: Any) -> Any | None:
-    """Which cells of a column of text have the form of most of them; None if that form is not known."""
+    """The mask of the cells that have the date form of the column; None if no form is recognised."""
     from pyarrow import compute
 
     pattern = _pattern(column)
@@ -56,7 +56,7 @@ def _unnamed(pattern: str) -> str:
 
 
 def _pattern(column: Any) -> str | None:
-    """The form of the first of 50 cells that has a known form."""
+    """The form of the first cell, among 50 cells, that has a known form."""
     for cell in column.slice(0, 50).to_pylist():
         for pattern in PATTERNS:
             if cell is not None and re.match(pattern, str(cell).strip()):
@@ -67,7 +67,7 @@ def _pattern(column: Any) -> str | None:
 def nanoseconds(column: Any) -> NDArray[np.int64] | None:
     """The dates of a column of text since an epoch, ns; NaT (the least integer) for empty cells.
 
-    None if the form is not known, or a cell has another form.
+    None if the form is not known or cells have different forms.
     """
     import pyarrow as pa
     from pyarrow import compute
@@ -140,7 +140,7 @@ def _with_days(ns: NDArray[np.int64], number: Any, found: set[str], parts: Any) 
     for day, month in ((first, other), (other, first)):
         if month.max(initial=1) <= 12:
             readings.append(_days(year, month, day) * DAY_NS + ns)
-    # Where both are possible, that in which time passes without a jump of a month.
+    # If both orders of day and month are possible, the order with the shorter total time span is used.
     return min(readings or [ns], key=lambda each: np.ptp(each) if len(each) else 0)
 
 
@@ -150,7 +150,7 @@ def _days(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int
 
 
 def _past_midnight(ns: NDArray[np.int64], empty: NDArray[np.bool_], turn_ns: int) -> NDArray[np.int64]:
-    """Times of day, of which one much earlier than the one before is on the next day."""
+    """Times of day made continuous: a time much earlier than the previous one is on the next day."""
     known = np.flatnonzero(~empty)
     turns = np.cumsum(np.diff(ns[known], prepend=ns[known[:1]]) < -turn_ns // 2)
     ns = ns.copy()

@@ -1,4 +1,4 @@
-"""Optional libraries for other formats, imported when a file needs them."""
+"""Import of the optional libraries that some formats need."""
 
 from __future__ import annotations
 

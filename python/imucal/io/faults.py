@@ -1,4 +1,4 @@
-"""One place where any failure of a reader becomes an error that names file, format and remedy."""
+"""Conversion of any failure of a reader to an error that names file, format and remedy."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ WAY_OUT: Final = (
 def faults_named(paths: Sequence[str | os.PathLike[str]], title: str) -> Iterator[None]:
     """Convert any exception but ImucalError to a FormatError; `title` is the name of the format.
 
-    Libraries raise all kinds of exceptions on damaged files, including MemoryError for lengths that the file
-    claims.
+    Libraries raise all kinds of exceptions on damaged files, including MemoryError for wrong lengths in the
+    file.
     """
     try:
         yield
@@ -39,7 +39,7 @@ def faults_named(paths: Sequence[str | os.PathLike[str]], title: str) -> Iterato
 
 
 def too_large(paths: Sequence[str | os.PathLike[str]], title: str) -> FormatError:
-    """The error for a file that needs more memory than it may have, or than there is."""
+    """The error for a file that needs more memory than the limit for its size, or than is available."""
     return FormatError(
         f"{shown_names(paths)} cannot be read as {title}: it needs more memory than a file of this size "
         f"should, or than there is: {WAY_OUT}; or give a shorter recording"

@@ -15,7 +15,7 @@ from imucal.io.table import Table, parts
 
 __all__ = ["HEAD_ROWS", "TableCells", "is_numeric"]
 
-# Rows whose numbers are looked at to propose units.
+# Number of rows from which units are inferred.
 HEAD_ROWS: Final = 1500
 
 
@@ -27,14 +27,14 @@ class TableCells:
         self._part = cache(self._first_part)
 
     def numbers(self, name: str) -> FloatArray:
-        """The first numbers of a column; NaN for a column of anything else."""
+        """The first numbers of a column; a single NaN if the column is not numeric."""
         part = self._part(name)
         if part is None or not is_numeric(self._table.column(name)):
             return np.array([math.nan])
         return np.asarray(numpy_of(part[:HEAD_ROWS]), dtype=np.float64)
 
     def texts(self, name: str) -> list[str]:
-        """The first cells of a column as text, dates in ISO form."""
+        """The first cells of a column as text, with dates in ISO form."""
         part = self._part(name)
         if part is None:
             return []
@@ -45,7 +45,7 @@ class TableCells:
         return np.column_stack([self.numbers(name) for name in triad.columns])
 
     def is_date(self, name: str) -> bool:
-        """Whether a column holds time stamps, each a date with a time of day."""
+        """Whether a column contains time stamps (date with time of day)."""
         column = self._table.column(name)
         if isinstance(column, np.ndarray):
             return False

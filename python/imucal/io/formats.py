@@ -1,4 +1,4 @@
-"""The formats that can be read, with the texts of `imucal convert --list` and of the page on formats."""
+"""The formats that can be read, with their descriptions for `imucal convert --list` and docs/formats.md."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Format:
     time      origin of the time stamps
     options   keyword arguments of `read`
     example   files and options of an `imucal convert` command
-    pieces    reads a recording in pieces, with the same options; None if it is read as a whole
-    isolated  whether a child process with limited memory and time reads it, because its library does not
-              verify the lengths and offsets in a file
+    pieces    reads a recording in pieces, with the same options; None if files can only be read as a whole
+    isolated  whether the file is read in a child process with limited memory and time, because the library
+              for the format does not verify the lengths and offsets in a file
     """
 
     read: Callable[..., Recording]

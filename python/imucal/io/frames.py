@@ -1,4 +1,4 @@
-"""Recordings from data frames, and as Arrow tables; the columns are named as those of a file."""
+"""Conversion of data frames to recordings, and of recordings to Arrow tables, with the names of files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["read_frame", "to_table"]
 
-# Name that pandas gives an index without a name.
+# Name that pandas gives to an index without a name when it exports a data frame.
 INDEX: Final = "__index_level_0__"
 
 
@@ -28,8 +28,8 @@ def read_frame(
     columns  "canonical=name,..." if the frame has other names
     rate_hz  sampling rate, Hz, if there is no time column
 
-    An index of time stamps is the time column if there is no other. Raises FormatError and InputError as
-    for a file.
+    An index of time stamps serves as the time column if there is no time column. Raises FormatError and
+    InputError as for a file.
     """
     import pyarrow as pa
 
@@ -37,7 +37,7 @@ def read_frame(
     if not is_frame(frame):
         raise InputError(f"a {kind} is no data frame with the Arrow interface (__arrow_c_stream__)")
     try:
-        # pa.table would import pandas, to see whether the frame is one of it.
+        # pa.table is not used, because it would import pandas to check the type of the frame.
         reader = pa.RecordBatchReader
         has_stream = hasattr(reader, "from_stream") and hasattr(frame, "__arrow_c_stream__")
         table = reader.from_stream(frame).read_all() if has_stream else pa.table(frame)
@@ -60,7 +60,7 @@ def read_frame(
 
 
 def to_table(recording: Recording) -> Any:
-    """The columns of a recording with canonical names; every number is that of the recording, bit for bit."""
+    """The columns of a recording with canonical names. Every number is preserved bit for bit."""
     import pyarrow as pa
 
     columns = column_names(recording)
@@ -68,7 +68,7 @@ def to_table(recording: Recording) -> Any:
 
 
 def _plain(column: Any) -> Any:
-    """Decimal numbers, as databases have them, as floating-point numbers; other columns as they are."""
+    """The column with decimal numbers converted to floating point; other columns are unchanged."""
     import pyarrow as pa
 
     return column.cast(pa.float64()) if pa.types.is_decimal(column.type) else column

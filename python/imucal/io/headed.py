@@ -1,4 +1,4 @@
-"""Text tables with a header: canonical names, names given by the caller, or names with all units."""
+"""Text tables with a header: canonical names, names assigned by the caller, or names with all units."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
     "time_of",
 ]
 
-# Ticks of SampleTimeFine of an MTi in a second, by the MT low-level communication protocol.
+# Ticks per second of SampleTimeFine of an MTi, from the MT low-level communication protocol.
 TICKS_100US: Final = 1e4
 
 
@@ -47,13 +47,13 @@ class FirstCells(Protocol):
     """The first cells of a table by column name."""
 
     def numbers(self, name: str) -> Any:
-        """The first numbers of a column; NaN for cells that are none."""
+        """The first numbers of a column; NaN for cells that are not numbers."""
 
     def triad(self, triad: Triad) -> Any:
         """The first samples of three columns, (N, 3)."""
 
     def is_date(self, name: str) -> bool:
-        """Whether a column holds dates or times of day."""
+        """Whether a column contains dates or times of day."""
 
 
 class Head:
@@ -73,7 +73,7 @@ class Head:
         self._decimal = layout.decimal
 
     def numbers(self, name: str) -> Any:
-        """The first numbers of a column; NaN for cells that are none."""
+        """The first numbers of a column; NaN for cells that are not numbers."""
         return np.array([_number(cell, self._decimal) for cell in self.cells.get(name, [])])
 
     def triad(self, triad: Triad) -> Any:
@@ -81,7 +81,7 @@ class Head:
         return np.column_stack([self.numbers(name) for name in triad.columns])
 
     def is_date(self, name: str) -> bool:
-        """Whether a column holds dates or times of day."""
+        """Whether a column contains dates or times of day."""
         cells = self.cells.get(name, [])[:50]
         if all(map(is_number, cells)):
             return False
@@ -108,7 +108,7 @@ def layout_header(layout: Layout) -> Header:
 
 
 def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float | None = None) -> Table:
-    """The table of a text with a header, under canonical names."""
+    """The table of a text with a header, with canonical column names."""
     layout = text.layout
     if layout.names is None:
         raise FormatError(
@@ -116,7 +116,8 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
             "every column in its order (columns=..., --columns time_s,accel_x_g,...), '-' for a column to "
             "ignore"
         )
-    # A canonical name of the time alone, such as time_us, does not make the other names canonical.
+    # If only the name of the time column is canonical, such as time_us, the other names are still
+    # interpreted.
     by_names = any(triad_part(name) for name in layout.names) or (
         any(map(is_canonical, layout.names)) and not layout_header(layout).accel
     )
@@ -126,7 +127,7 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
 
 
 def names_given(name: str, layout: Layout, columns: str | Sequence[str] | None) -> list[str]:
-    """The name of each column: as in the header, or as `columns` gives it, with `-` for those left out."""
+    """The name of each column, from the header or from `columns`; `-` for columns that are not read."""
     header = layout.names or []
     if columns is None:
         return [column or SKIP[0] for column in header]
@@ -155,7 +156,7 @@ def names_given(name: str, layout: Layout, columns: str | Sequence[str] | None) 
 
 
 def require_agreement(name: str, layout: Layout, names: Sequence[str], *, check_axes: bool) -> None:
-    """Raises InputError if the header says another unit, sensor or axis than the given names."""
+    """Raises InputError if the header states another unit, sensor or axis than the assigned names."""
     if layout.names is None or len(layout.names) != len(names):
         return
     header = layout_header(layout)
@@ -189,7 +190,7 @@ def require_agreement(name: str, layout: Layout, names: Sequence[str], *, check_
 
 
 def _by_header(text: Text, rate_hz: float | None) -> Table:
-    """The table of a text whose header gives sensor, axis and unit of all columns; otherwise FormatError."""
+    """The table of a text whose header states all sensors, axes and units; FormatError if it does not."""
     layout = text.layout
     header, head = layout_header(layout), Head(text)
     certain = certain_time(header, head, rate_hz is not None)
@@ -218,14 +219,14 @@ def canonical_names(names: Sequence[str], header: Header, time: tuple[str, str] 
 def certain_time(
     header: Header, head: FirstCells, has_rate: bool
 ) -> tuple[tuple[str, str] | None, float | None] | None:
-    """(name, canonical name) of the time column and its ticks, if the header leaves nothing open."""
+    """(name, canonical name) of the time column and its ticks; None if the header is ambiguous."""
     if len(header.accel) != 1 or len(header.gyro) != 1:
         return None
     accel, gyro = header.accel[0], header.gyro[0]
     if accel.unit is None or gyro.unit is None:
         return None
     gravity = gravity_g(head.triad(accel), accel.unit)
-    # The data speak against what the header says, for example acceleration without gravity.
+    # The data contradict the header, for example acceleration without gravity.
     if np.isfinite(gravity) and not NO_GRAVITY_G < gravity < 1 / NO_GRAVITY_G:
         return None
     if has_rate:
@@ -235,9 +236,10 @@ def certain_time(
 
 
 def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | None] | None:
-    """(name, canonical name) of the time column, and its ticks per second if that name cannot say them.
+    """(name, canonical name) of the time column, and its ticks per second if no canonical name has them.
 
-    Stamps since 1970 come before a time since the start, because two files have only those in common.
+    Time stamps since 1970 take precedence over a time since the start, because only they are comparable
+    between two files.
     """
     for name, _ in header.times:
         unit = epoch_unit(head.numbers(name))
@@ -255,7 +257,7 @@ def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | 
 
 
 def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
-    """What was read from the header, and how to correct it."""
+    """A finding that reports the interpretation of the header and how to correct it."""
     shown = [] if time is None else [f"{time[1]}={time[0]}"]
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
         shown += [f"{what}_{a}_{triad.unit}={n}" for a, n in zip("xyz", triad.columns, strict=True)]
@@ -273,7 +275,7 @@ def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
 
 
 def _unsure(text: Text, header: Header, head: Head) -> str:
-    """The message about a header that leaves something open."""
+    """The error message for a header that is ambiguous."""
     layout = text.layout
 
     def works(columns: str) -> bool:

@@ -1,7 +1,7 @@
-"""What the columns of a text file are, by their names.
+"""Interpretation of the column names of a text file.
 
-Roles are taken from the words of a name, units only from a unit that is written in the header, or from the
-documented export of a program that is recognised by its header.
+The role of a column is inferred from the words of its name. Its unit is taken only from the header, or from
+the documentation of the program if the header identifies the program.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Header", "Triad", "header_of", "names_sensor", "unknown_units"]
 ACCEL: Final = {
     *("a", "ac", "acc", "accel", "accl", "accelerometer", "acceleration", "accelerometers", "accels", "af"),
     *("specific", "gf", "gforce", "acce", "accs", "accelero", "totalacceleration"),
-    # Apps translate the names: German, French, Spanish, Italian, Portuguese, Dutch, without accents.
+    # Names translated by apps: German, French, Spanish, Italian, Portuguese, Dutch, without accents.
     *("beschleunigung", "aceleracion", "accelerazione", "aceleracao", "versnelling"),
 }
 GYRO: Final = {
@@ -42,7 +42,7 @@ GYRO: Final = {
     *("angvel", "anglvel", "angrate", "turnrate"),
     *("gyroskop", "drehrate", "winkelgeschwindigkeit", "giroscopio", "gyroscoop"),
 }
-# Words of columns that are neither the accelerometer with gravity nor the gyroscope.
+# Words in names of columns that belong neither to the accelerometer (with gravity) nor to the gyroscope.
 OTHER: Final = {
     *(
         "user",
@@ -83,12 +83,12 @@ TIME: Final = re.compile(
     r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|yyyy|uptime|"
     r"packettime|systime|timeus|timems|loggingtime|ms|us|ns|zeit|temps|tiempo|tempo|tijd)$"
 )
-# Words of a second time column, less suitable than the others.
+# Words in names of secondary time columns, which are used only if there is no other time column.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
 # Descriptor of a quantity in the names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = re.compile(r"\s*\[x[0-9A-Fa-f]{4}\]")
 WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%")
-# Names in one piece: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
+# Names that join sensor and axis in one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
 JOINED: Final = re.compile(
     r"^(?:(a|acc|accel|ac|f|gf|g|gy|gyr|gyro|w|omega)([xyz])|([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
 )
@@ -99,8 +99,8 @@ class Triad:
     """Three columns of one sensor.
 
     columns  names in the file, in the order x, y, z
-    unit     ending of the canonical names (mps2, g, mg, lsb; radps, dps, mdps), or None if nobody gives it
-    source   what gives the unit: "header", or the program that writes such files
+    unit     suffix of the canonical names (mps2, g, mg, lsb; radps, dps, mdps); None if the unit is not known
+    source   source of the unit: "header", or the name of the program that writes such files
     """
 
     columns: tuple[str, str, str]
@@ -114,7 +114,7 @@ class Header:
 
     accel, gyro  the triads, the more likely one first
     linear       triads of acceleration without gravity
-    plain        triads whose names are only x, y, z, with the sensor of their unit, or ""
+    plain        triads whose names are only x, y, z, with the sensor according to their unit, or ""
     times        name, unit or None, and unit source of the time columns
     temperature  name of a column of temperature and its canonical name, or None
     program      the program or app that writes such files, or None
@@ -129,7 +129,7 @@ class Header:
     program: str | None = None
 
 
-# (quantity, rest of the name): {axis: (name, unit)}.
+# Name and unit of each axis, by quantity and rest of the name.
 _Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
 
 
@@ -138,7 +138,7 @@ def header_of(
 ) -> Header:
     """The roles of the columns.
 
-    described  the names, each with the unit of a line of units
+    described  the names, each with the unit from a line of units, if there is one
     preamble   lines before the header
     """
     described = names if described is None else described
@@ -146,7 +146,7 @@ def header_of(
     groups: _Groups = {}
     times: list[tuple[str, str | None]] = []
     temperature: tuple[str, str] | None = None
-    # A name of the device before all columns says nothing about them.
+    # A common prefix of all names, such as the name of the device, is ignored.
     prefix = _shared_start([name for name in names if name])
     for name, text in zip(names, described, strict=True):
         bare, unit = split_unit(text)
@@ -191,14 +191,14 @@ def header_of(
         else:
             {"accel": header.accel, "gyro": header.gyro, "linear": header.linear}[what].append(triad)
     if program is not None and program.name == "ROS" and not header.accel:
-        # linear_acceleration of sensor_msgs/Imu includes gravity.
+        # In sensor_msgs/Imu the field linear_acceleration includes gravity, so it is the accelerometer.
         header.accel.extend(Triad(t.columns, t.unit or program.accel, program.name) for t in header.linear)
         header.linear.clear()
     return header
 
 
 def names_sensor(names: Sequence[str], what: str) -> bool:
-    """Whether any column is an axis of this sensor, "accel" or "gyro", by the words of its name."""
+    """Whether the words of any column name identify an axis of this sensor, "accel" or "gyro"."""
 
     def of(name: str) -> str | None:
         bare, unit = split_unit(name)
@@ -209,7 +209,7 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 
 
 def unknown_units(described: Sequence[str]) -> list[str]:
-    """The units in brackets that are not known, of columns that without them are those of a sensor."""
+    """The unknown units in brackets in the names of columns that belong to a sensor."""
     brackets = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
     found = {text: match[1].strip() for text in described if (match := brackets.search(text))}
     bare = {
@@ -227,14 +227,14 @@ def _words(name: str) -> list[str]:
 
 
 def _shared_start(names: Sequence[str]) -> str:
-    """The start of all names, up to a separator."""
+    """The common prefix of all names, up to a separator."""
     least, most = min(names, default=""), max(names, default="")
     end = next((i for i, (a, b) in enumerate(zip(least, most, strict=False)) if a != b), 0)
     return least[: max(least.rfind(mark, 0, end) for mark in "_./:") + 1]
 
 
 def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
-    """The quantity, the axis, and the rest of the name, which is equal for the axes of one sensor."""
+    """The quantity, the axis, and the rest of the name, which is the same for all axes of one sensor."""
     of = unit[0] if unit else ""
     if of in ("time", "temp", "angle", "other"):
         return None

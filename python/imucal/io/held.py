@@ -12,8 +12,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["LONGEST_HELD_S", "hold_temperature"]
 
-# Longest time that a temperature reading is held, s. A unit that warms up changes by a few 0.01 K in this
-# time.
+# Maximum time for which a temperature reading is held, s. During warm-up the temperature changes by a few
+# 0.01 K in this time.
 LONGEST_HELD_S: Final = 10.0
 
 
@@ -22,8 +22,8 @@ def hold_temperature(
 ) -> Iterator[Recording]:
     """The pieces of a recording, with missing temperatures (NaN) replaced by the last reading before them.
 
-    longest_s  a reading is held for at most this time, s; later samples stay NaN. Samples before the first
-               reading of the first piece get that reading if it follows within this time.
+    longest_s  maximum time for which a reading is held, s; later samples stay NaN. Samples before the first
+               reading of the first piece get this reading if it follows within this time.
     """
     last_s, last_degc = np.nan, np.nan
     for number, piece in enumerate(pieces):
@@ -37,7 +37,7 @@ def hold_temperature(
         if number == 0 and is_known.any():
             first = int(is_known.argmax())
             source[:first] = first
-        # The source of a sample without any reading has time NaN, so the comparison is false.
+        # If a sample has no reading, the time of its source is NaN, so the comparison is false.
         is_near = np.abs(time_s - time_s[source]) <= longest_s
         held = np.where(is_near, degc[source], np.nan)
         last_s, last_degc = time_s[source[-1]], degc[source[-1]]

@@ -27,7 +27,8 @@ def read_imu_tk(
     accel_unit, gyro_unit  unit of the numbers: raw counts ("lsb", default, as in the data of imu_tk) or SI
                            units
 
-    A header, which files of imu_tk do not have, is read; files with other time stamps are resampled.
+    A header is interpreted, although files of imu_tk have none. Files with different time stamps are
+    resampled.
     """
     for what, unit, known in (
         ("accel_unit", accel_unit, get_args(AccelUnit)),
@@ -37,7 +38,7 @@ def read_imu_tk(
             raise InputError(
                 f"{what} is {unit!r}: give one of {', '.join(known)}, and convert other units first"
             )
-    # A header counts: then the units and axes are those that it says.
+    # If there is a header, units and axes are taken from it.
     has_header = any(head_of(path)[1].names is not None for path in (accel_path, gyro_path))
     return read_pair(
         accel_path,

@@ -1,7 +1,8 @@
 """Reading of files in a child process with limited memory and time.
 
 Libraries of binary formats trust the lengths and offsets in a file. A damaged file can make them allocate
-gigabytes, loop for ever, or crash the process. In a child process this ends as an error of that file.
+gigabytes, loop for ever, or crash the process. In a child process such a failure becomes an error for this
+file only.
 """
 
 from __future__ import annotations
@@ -26,23 +27,25 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Limits", "limits_for", "read_in_child", "size_of"]
 
-# Memory that a child may allocate in addition to that of its start, bytes: a constant for libraries and small
-# files, and a multiple of the size of the files. A ROS message needs about its own size, an array of a
-# compressed file several times its compressed size, twice while it is converted.
+# Limit of the memory that a child may allocate after its start, bytes: a constant for libraries and small
+# files, plus a multiple of the size of the files. A ROS message needs about its size in the file. An array of
+# a compressed file needs several times its compressed size, and twice as much during conversion.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 10
-# Processor time of a child, s: a constant for libraries and small files, and a time per byte. The slowest
-# library reads some megabytes per second.
+# Limit of the processor time of a child, s: a constant for libraries and small files, plus a time per byte.
+# The slowest library reads some megabytes per second.
 PROCESSOR_S: Final = 6.0
 PROCESSOR_S_PER_BYTE: Final = 4e-6
-# Ratio of the largest duration to the largest processor time, for a child that waits or has a busy computer.
+# Limit of the duration of a child, as a multiple of the limit of its processor time. It allows for waiting
+# and for a busy computer.
 DURATION: Final = 20.0
-# The child gets the module search path of this process, so that it finds the same libraries.
+# Program of the child. It uses the module search path of this process, so that it finds the same libraries.
 START: Final = (
     "import json, sys; request = json.loads(sys.stdin.readline()); sys.path[:] = request['search_path']; "
     "from imucal.io.isolated_child import serve; serve(request)"
 )
-# Environment of the child: each thread of these libraries would reserve memory.
+# Environment variables of the child that restrict libraries to one thread, because each thread would reserve
+# memory.
 ONE_THREAD: Final = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -75,7 +78,8 @@ def read_in_child(
     Raises the errors of the format's reader, and FormatError if the child exceeds its limits or crashes.
     """
     if not Path(sys.executable or "").name.lower().startswith(("python", "pypy")):
-        # The interpreter is part of another program, which this would start once more.
+        # If the interpreter is embedded in another program, the executable is that program and must not be
+        # started again.
         return None
     limits = limits_for(size_of(paths))
     request = {
@@ -91,7 +95,8 @@ def read_in_child(
             [sys.executable, "-I", *(["-B"] if sys.dont_write_bytecode else []), "-c", START],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            # Libraries print messages about damage there, which the error message replaces.
+            # The messages that libraries print about damage are discarded, because the error message replaces
+            # them.
             stderr=subprocess.DEVNULL,
             env={**os.environ, **ONE_THREAD},
         )
@@ -129,7 +134,7 @@ def _received(
 
 
 def _reason(code: int, limits: Limits, is_late: bool) -> str:
-    """Why a child has ended without a result; `code` is its exit code."""
+    """The reason why a child ended without a result; `code` is its exit code."""
     if is_late:
         return f"its library took more than {limits.duration_s:.0f} s"
     if code == -getattr(signal, "SIGXCPU", 0):
@@ -141,7 +146,10 @@ def _reason(code: int, limits: Limits, is_late: bool) -> str:
 
 
 def size_of(paths: Sequence[str | os.PathLike[str]]) -> int:
-    """Total size of the files, also of those in a folder, bytes; inaccessible ones count 0."""
+    """Total size of the files, including those in a folder, bytes.
+
+    The size of an inaccessible file counts as 0.
+    """
     total = 0
     for path in map(Path, paths):
         with suppress(OSError, ValueError):

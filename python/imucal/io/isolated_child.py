@@ -18,10 +18,10 @@ __all__ = ["limit_process", "serve"]
 
 def serve(request: dict[str, Any]) -> None:
     """Read the requested files and write them to standard output; see `imucal.io.passing`."""
-    # The parent handles Ctrl-C and ends this process.
+    # Interrupts are ignored, because the parent handles Ctrl-C and ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with os.fdopen(os.dup(1), "wb") as stream:
-        # Libraries print messages; they must not reach the stream.
+        # Standard output is redirected, because messages printed by libraries must not reach the stream.
         os.dup2(2, 1)
         limit_process(request["memory_bytes"], request["processor_s"])
         known, paths, options = FORMATS[request["format"]], request["paths"], request["options"]
@@ -34,7 +34,7 @@ def serve(request: dict[str, Any]) -> None:
         except ImucalError as failure:
             error = failure
         except MemoryError:
-            # At the limit even the message of the error has no memory.
+            # The limit is lifted first, because at the limit there is no memory even for the error message.
             _free_memory()
             error = too_large(paths, known.title)
         _free_memory()
@@ -43,12 +43,12 @@ def serve(request: dict[str, Any]) -> None:
         else:
             write_error(error, stream)
         stream.flush()
-    # Without the clean-up of libraries, which can crash after damaged files.
+    # Ends without the clean-up of libraries, which can crash after damaged files.
     os._exit(0)
 
 
 def limit_process(memory_bytes: int, processor_s: int) -> None:
-    """Limit what this process may use from now on, as far as the system can do this."""
+    """Limit memory, processor time and file size of this process, if the operating system supports it."""
     try:
         import resource
     except ImportError:
@@ -66,13 +66,13 @@ def limit_process(memory_bytes: int, processor_s: int) -> None:
         _, most = resource.getrlimit(kind)
         allowed = value if most == resource.RLIM_INFINITY else min(value, most)
         with suppress(OSError, ValueError):
-            # The hard limit stays, because the system kills a process at its hard limit of processor time
-            # without the signal that names the cause.
+            # Only the soft limit is changed. At the hard limit of processor time the system kills a process
+            # without the signal that identifies the cause.
             resource.setrlimit(kind, (allowed, most))
 
 
 def _free_memory() -> None:
-    """Lift the limit of memory, for the few bytes that end the stream."""
+    """Lift the memory limit, because writing the end of the stream needs a few bytes."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 

@@ -1,4 +1,4 @@
-"""One recording of two sensors from separate text files, on one clock if their time stamps differ."""
+"""One recording from separate text files of two sensors, resampled to one clock if time stamps differ."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ __all__ = ["joined"]
 def joined(
     accel: Sensor, gyro: Sensor, units: Units, sources_of: Callable[[], Sequence[Source]]
 ) -> Recording:
-    """One recording of both sensors, on one clock if their time stamps differ.
+    """One recording of both sensors, resampled to one clock if their time stamps differ.
 
-    sources_of  the files, whose hashes are known when they are read
+    sources_of  function that returns the files; it is called after reading, when their hashes are known
     """
     accel_unit, gyro_unit = unit_of_sensor(accel, "accel", units), unit_of_sensor(gyro, "gyro", units)
     require_gravity(accel, accel_unit)

@@ -1,12 +1,12 @@
-"""Lines with the three axes of a sensor, as the examples of Arduino libraries print them.
+"""Lines that contain the three axes of a sensor, as printed by the examples of Arduino libraries.
 
-Those of Adafruit print a line for each sensor, and the lines of all sensors are one sample:
+The examples of Adafruit print one line per sensor. The lines of all sensors together form one sample:
 
     Acceleration X: 0.04, Y: 0.11, Z: 9.79 m/s^2
     Rotation X: 0.01, Y: -0.02, Z: 0.00 rad/s
     Temperature: 27.63 degC
 
-Those of SparkFun for the ICM-20948 print one line:
+The examples of SparkFun for the ICM-20948 print one line per sample:
 
     Scaled. Acc (mg) [ 00039.15, -0033.29, 00996.78 ], Gyr (DPS) [ 00000.04, -0000.16, -0000.03 ], ...
 """
@@ -20,7 +20,7 @@ from typing import Final
 __all__ = ["are_blocks", "rows_of_blocks"]
 
 _NUMBER: Final = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-# The name of a sensor, its axes, and the unit.
+# Matches a line with the name of a sensor, its three axes, and the unit.
 VECTOR: Final = re.compile(
     rf"^\s*([A-Za-z][\w .]*?)\s*X\s*[:=]\s*{_NUMBER}\s*,?\s*Y\s*[:=]\s*{_NUMBER}\s*,?\s*Z\s*[:=]\s*{_NUMBER}"
     r"\s*([^\d\s,;:=][^\d,;:=]{0,20}\d?)?\s*$"
@@ -34,14 +34,14 @@ TEMPERATURE: Final = re.compile(
 
 
 def are_blocks(start: bytes) -> bool:
-    """Whether at least two sensors occur twice in the lines of a text with three axes each."""
+    """Whether the lines of a text with three axes name at least two sensors, each at least twice."""
     lines = start.decode(errors="replace").splitlines()[:100]
     labels = Counter(label for line in lines for label, _, _ in _vectors(line))
     return sum(count > 1 for count in labels.values()) > 1
 
 
 def rows_of_blocks(lines: list[str]) -> tuple[list[str], int]:
-    """A header line and a row for each complete block, and the number of lines that are in none."""
+    """A header line with a row for each complete block, and the number of lines outside complete blocks."""
     blocks: list[dict[str, str]] = [{}]
     sizes: list[int] = [0]
     other = 0
@@ -56,14 +56,14 @@ def rows_of_blocks(lines: list[str]) -> tuple[list[str], int]:
         blocks[-1].update(cells)
         sizes[-1] += 1
     names = Counter(tuple(block) for block in blocks).most_common(1)[0][0]
-    # The first block can begin in the middle, and is then in another order.
+    # The most frequent order of sensors is used, because the first block may begin in the middle of a sample.
     rows = [",".join(block[name] for name in names) for block in blocks if block.keys() == set(names)]
     other += sum(size for block, size in zip(blocks, sizes, strict=True) if block.keys() != set(names))
     return [",".join(names), *rows], other
 
 
 def _cells(line: str) -> dict[str, str]:
-    """The numbers of a line by column name; empty for a line of another kind."""
+    """The numbers of a line by column name; empty for a line without the three axes of a sensor."""
     vectors = _vectors(line)
     if vectors:
         return {

@@ -1,7 +1,7 @@
-"""The layout of a text table, found in the start of the file.
+"""The layout of a text table, determined from the start of the file.
 
-The header may stand in any of the first lines: after comments (`#`, `%`, `//`), a `sep=` line and free text.
-A second line with the unit of each column may follow it. Rows of data are told from text by their numbers.
+The header may be in any of the first lines, after comments (`#`, `%`, `//`), a `sep=` line and free text. A
+second line with the unit of each column may follow the header. Rows of data are recognised by their numbers.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ __all__ = ["HEAD", "Layout", "is_number", "is_value", "layout_of", "plain_text",
 
 # Size of the start of a file in which header and first row are searched, bytes.
 HEAD: Final = 1 << 16
-# Lines before the first row that may hold the header.
+# Number of lines before the first row in which the header is searched.
 HEADER_LINES: Final = 50
-# Lines at the end of the head from which separator and number of columns are determined.
+# Number of lines at the end of the searched part from which separator and number of columns are determined.
 SAMPLE_LINES: Final = 60
-# Least number of values of a line that decides for a separator.
+# Minimum number of values in a line for its separator to be accepted.
 LEAST_NUMBERS: Final = 3
 NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-# Something that starts like a date or a time of day; `imucal.io.dates` reads it.
+# Matches the start of a date or a time of day, which `imucal.io.dates` parses.
 DATE: Final = re.compile(
     r"(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|\w{3,9}\.? \d{1,2}, \d{4}|"
     r"\d+ days? )",
@@ -39,13 +39,13 @@ COMMENT: Final = re.compile(r"^\s*(#|%|//)+\s*")
 # The time stamp that the Arduino serial monitor writes before each line.
 ARRIVAL: Final = re.compile(rb"\d\d:\d\d:\d\d\.\d{3} -> ")
 SEPARATORS: Final = ("\t", ";", ",", " ")
-# Old spreadsheet programs end lines with a carriage return only.
+# Byte order marks and their encodings.
 BOMS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the parts of a text table are.
+    """The positions of the parts of a text table, and its column names.
 
     names      column names, or None without a header
     units      text of a line with the unit of each column, or None
@@ -87,7 +87,7 @@ class _Line:
 
 
 def plain_text(name: str, content: bytes) -> bytes:
-    """The text as UTF-8 with line feeds; not copied if it is so already. Raises FormatError if binary."""
+    """The text as UTF-8 with line feeds, copied only if necessary. Raises FormatError for binary data."""
     for mark, encoding in BOMS:
         if content.startswith(mark):
             try:
@@ -96,7 +96,7 @@ def plain_text(name: str, content: bytes) -> bytes:
                 raise FormatError(f"{name} is no valid UTF-16 text: export it again as UTF-8") from None
     start = content[:4096]
     if b"\0" in start:
-        # UTF-16 without a mark: every second byte of Latin text is zero.
+        # Recognises UTF-16 without a byte order mark, in which every second byte of Latin text is zero.
         for zeros, encoding in ((start[1::2], "utf-16-le"), (start[0::2], "utf-16-be")):
             if zeros and zeros.count(0) == len(zeros) and len(zeros) > 20:
                 return content[: len(content) // 2 * 2].decode(encoding, "replace").encode()
@@ -119,11 +119,11 @@ def _with_arrival_column(content: bytes) -> bytes:
 def layout_of(
     name: str, text: bytes, *, width: int | None = None, used: Sequence[int] = (), skip_rows: int = 0
 ) -> Layout:
-    """The layout of a text, of which the start suffices.
+    """The layout of a text; only the start of the text is needed.
 
     width      number of columns, if it is known
-    used       the columns that must hold numbers or dates, if they are known
-    skip_rows  lines at the start in which neither the header nor a row is searched
+    used       the columns that must contain numbers or dates, if they are known
+    skip_rows  number of lines at the start that contain neither the header nor a row
 
     Raises FormatError if the text contains only blank lines.
     """
@@ -166,7 +166,7 @@ def _without_rows(lines: list[_Line], text: bytes) -> Layout:
 
 
 def _lines(text: bytes) -> Iterator[_Line]:
-    """The lines of the head that are not blank, without a last one that the head cuts."""
+    """The nonblank lines of the head, without a last line that is cut off by the end of the head."""
     head = text[:HEAD].removeprefix(b"\xef\xbb\xbf")
     if len(text) >= HEAD and b"\n" in head:
         head = head[: head.rfind(b"\n")]
@@ -180,7 +180,7 @@ def _lines(text: bytes) -> Iterator[_Line]:
 
 
 def _offset(text: bytes, number: int) -> int:
-    """Where a line begins, bytes."""
+    """The offset of a line, bytes."""
     at = 3 if number == 1 and text.startswith(b"\xef\xbb\xbf") else 0
     for _ in range(number - 1):
         at = text.index(b"\n", at) + 1
@@ -220,9 +220,9 @@ def is_value(field: str, decimal: str = ".") -> bool:
 
 
 def _separator(lines: list[_Line], first: list[_Line], width: int | None) -> str:
-    """The first separator that splits the last lines of the head into three numbers or more, a tab first.
+    """The first of `SEPARATORS` that splits the last lines of the head into three numbers or more.
 
-    Spaces stand last because they are also inside of dates.
+    Spaces are tried last, because they also occur within dates.
     """
     sample = lines[-SAMPLE_LINES:]
     best, most = ",", 0
@@ -269,7 +269,8 @@ def _first_row(
         numbers = sum(is_value(field, decimal) for field in filled)
         return numbers > 0 and 2 * numbers >= len(filled)
 
-    # The last lines show how many fields are usual, so that only the lines up to the first row are split.
+    # The usual number of fields is determined from the last lines, so that only the lines up to the first row
+    # need to be split.
     last = [split_line(line.text, separator) for line in lines[-SAMPLE_LINES:]]
     widths = Counter(len(fields) for fields in last if is_row(fields))
     if not widths:
@@ -289,7 +290,7 @@ def _first_row(
 def _header(
     above: list[_Line], separator: str, first: list[str]
 ) -> tuple[list[str] | None, list[str] | None, list[str]]:
-    """Names, units, and the lines before them, from the lines above the first row."""
+    """Names, units, and the lines before the names, from the lines above the first row."""
     above = [line for line in above[-HEADER_LINES:] if not _are_states(line.text, separator)]
     for index in range(len(above) - 1, -1, -1):
         names = _names(above[index].text, separator, first)
@@ -316,7 +317,7 @@ def _names(text: str, separator: str, first: list[str]) -> list[str] | None:
         while len(fields) > width and not fields[-1]:
             fields.pop()
         if len(fields) == width - 1 and not first[-1]:
-            # Each row ends with a separator.
+            # Each row ends with a separator, so its last field is empty and has no name.
             fields.append("")
         named = sum(bool(field) and not is_value(field) for field in fields)
         if (len(fields) == width and 2 * named > width) or (canonical and mark != " "):
@@ -325,7 +326,7 @@ def _names(text: str, separator: str, first: list[str]) -> list[str] | None:
 
 
 def _are_states(text: str, separator: str) -> bool:
-    """Whether a line says of each column only that it is calibrated or raw, as Shimmer's exports do."""
+    """Whether a line states for each column only that it is calibrated or raw, as in Shimmer's exports."""
     return {field.upper() for field in split_line(text, separator) if field} <= {"CAL", "RAW", "UNCAL"}
 
 

@@ -1,4 +1,4 @@
-"""MATLAB .mat files of all versions: variables and fields of structs."""
+"""Reader of MATLAB .mat files of all versions: variables and fields of structs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["MATLAB_MAGIC", "read_matlab"]
 
-# First bytes of MAT-files of level 5 (MATLAB 5 to 7.2) and 7.3. Level 4 has none and needs format="matlab".
+# First bytes of MAT-files of level 5 (MATLAB 5 to 7.2) and 7.3. Level 4 has no such bytes, so it needs
+# format="matlab".
 MATLAB_MAGIC: Final = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 # Classes of the variables that contain numbers.
 NUMERIC: Final = (
@@ -68,7 +69,7 @@ def read_matlab(
 
 
 def _variables(scipy_io: Any, path: str) -> tuple[list[str] | None, bool]:
-    """The variables with numbers, or None for all, and whether the file contains objects."""
+    """The names of variables with numbers (None for all), and whether the file contains objects."""
     try:
         listed = scipy_io.whosmat(path)
     except TypeError:
@@ -80,12 +81,12 @@ def _variables(scipy_io: Any, path: str) -> tuple[list[str] | None, bool]:
 
 
 def _has_samples(by_path: Mapping[str, StoredArray]) -> bool:
-    """Whether there is an array of floating-point numbers; objects are stored as a few integers."""
+    """Whether there is an array of floating-point numbers. Objects are stored as a few integers."""
     return any(array.dtype.kind == "f" for array in by_path.values())
 
 
 def _transposed(array: StoredArray) -> StoredArray:
-    """The array as MATLAB shows it; its columns are rows in HDF5."""
+    """The array in MATLAB's orientation, because MATLAB's columns are rows in HDF5."""
     return StoredArray(array.shape[::-1], array.dtype, lambda: array.load().T)
 
 

@@ -1,4 +1,4 @@
-"""Topics and messages of MCAP files."""
+"""Reading of topics and messages in MCAP files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def topics_of_mcap(file: BinaryIO) -> tuple[dict[str, str], dict[str, int]]:
     for channel in summary.channels.values():
         schema = summary.schemas.get(channel.schema_id)
         kind = channel.message_encoding if schema is None else schema.name
-        # ROS 1 has no /msg/ in the names of its types: sensor_msgs/Imu.
+        # Type names of ROS 1, such as sensor_msgs/Imu, are converted to ROS 2 notation, which has /msg/.
         types[channel.topic] = kind if kind.count("/") != 1 else kind.replace("/", "/msg/")
         number[channel.topic] = number.get(channel.topic, 0) + counts.get(channel.id, 0)
     return types, number

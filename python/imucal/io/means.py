@@ -11,7 +11,8 @@ from imucal.recording.means import Means
 
 __all__ = ["read_means"]
 
-# The rows have no time. Any rate gives them one, which is not used.
+# Arbitrary sampling rate for reading the table, because its rows have no time. The resulting time is not
+# used.
 ANY_RATE_HZ: Final = 1.0
 
 
@@ -21,8 +22,8 @@ def read_means(
     """Read a table of mean readings: one row for each pose in which the unit rested, without a time column.
 
     path, columns, axes   as for `imucal.read`, like its other options; the columns are accel_x_mps2, ...,
-                          and, where there are any, gyro_x_radps, ..., accel_x_std_mps2, ... (standard
-                          deviation of each mean) and duration_s (time over which a mean was taken)
+                          and, optionally, gyro_x_radps, ..., accel_x_std_mps2, ... (standard deviation of
+                          each mean) and duration_s (time over which a mean was taken)
 
     Raises the errors of `imucal.read`.
     """

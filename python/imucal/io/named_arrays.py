@@ -1,8 +1,8 @@
 """Named arrays of MATLAB, HDF5 and NumPy files, and their conversion to a Recording.
 
 An array is found by its canonical name: a column (`time_s`, `accel_x_mps2`, `temp_degc`) or a whole triad of
-shape (N, 3) (`accel_mps2`, `gyro_radps`, `stand_rad`). If the file has other names, they are given as
-`columns`:
+shape (N, 3) (`accel_mps2`, `gyro_radps`, `stand_rad`). If the file has other names, the option `columns`
+assigns them:
 
     time_s=t,accel_mps2=imu/acc,gyro_dps=imu/gyr     canonical=name, for arrays with other names
     time_s,accel_x_mps2,...,gyro_z_radps             a name for every column of one array of shape (N, k)
@@ -39,7 +39,7 @@ MOST_SHOWN = 30
 
 @dataclass(frozen=True)
 class StoredArray:
-    """An array in a file, whose values `load` reads."""
+    """An array in a file. `load` reads its values."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -58,7 +58,7 @@ class StoredArray:
 
 @dataclass(frozen=True)
 class NamedArrays:
-    """The arrays of a file by path; `separator` separates the groups in a path."""
+    """The arrays of a file by path. `separator` separates the groups in a path."""
 
     file: str
     by_path: dict[str, StoredArray]
@@ -147,7 +147,7 @@ def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> list[tuple[str, Arr
 
 
 def _split(arrays: NamedArrays, names: list[str]) -> list[tuple[str, Array]]:
-    """The columns of the only array that has as many columns as there are names."""
+    """The columns of the array whose number of columns is the number of names. There must be only one."""
     fitting = [
         path for path, array in arrays.by_path.items() if len(array.shape) == 2 and len(names) in array.shape
     ]
@@ -184,7 +184,7 @@ def _canonical(arrays: NamedArrays) -> list[tuple[str, Array]]:
     members = next(iter(groups.values()))
     known = {name: array for name, array in members.items() if is_canonical(name) or _triad_of(name)}
     lengths = {max(array.shape, default=0) for array in known.values()}
-    # Other arrays with one number per sample become auxiliary inputs.
+    # All other arrays with one number per sample become auxiliary inputs.
     along = [
         (name, array)
         for name, array in members.items()

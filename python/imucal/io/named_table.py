@@ -1,4 +1,4 @@
-"""Tables of Parquet files and data frames whose column names give sensor, axis and unit in other words."""
+"""Tables of Parquet files and data frames whose column names state sensor, axis and unit in other words."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ __all__ = ["by_header"]
 
 
 def by_header(table: Table, *, has_rate: bool) -> Table:
-    """The table under canonical names, if its names leave nothing open; otherwise the table as it is.
+    """The table with canonical names if its names are unambiguous; otherwise the table unchanged.
 
-    has_rate  whether the caller gives the sampling rate, so that no column of time is needed
+    has_rate  whether the caller gives the sampling rate, so that no time column is needed
     """
     if any(map(triad_part, table.names)):
         return table

@@ -26,7 +26,7 @@ NAMES = (
     "temp_{degc,k,degf,lsb}, stand_{1,2,3}_{rad,deg}"
 )
 SKIP = ("-", "skip")
-# Raw counts of a temperature sensor: an auxiliary input unless their scale is given.
+# Column with raw counts of a temperature sensor. It is an auxiliary input unless `temp_scale` is given.
 RAW_TEMPERATURE = "temp_lsb"
 
 AXES = {"accel": "xyz", "gyro": "xyz", "stand": "123"}
@@ -53,12 +53,12 @@ def triad_part(name: str) -> tuple[str, str, str] | None:
 
 
 def time_unit(name: str) -> str | None:
-    """The unit of a column of time, such as us of time_us; None for any other column."""
+    """The unit of a time column, such as us for time_us; None for any other column."""
     unit = name.removeprefix("time_")
     return unit if unit != name and unit in TICKS_PER_S else None
 
 
 def temperature_unit(name: str) -> str | None:
-    """The unit of a column of temperature, such as k of temp_k; None for other columns and raw counts."""
+    """The unit of a temperature column, such as k for temp_k; None for other columns and raw counts."""
     unit = name.removeprefix("temp_")
     return unit if unit != name and unit in TEMPERATURE_UNITS else None

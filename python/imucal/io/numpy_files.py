@@ -1,4 +1,4 @@
-"""NumPy files: .npz with named arrays, .npy with a structured array or a plain array of shape (N, k)."""
+"""Reader of NumPy files: .npz with named arrays, .npy with a structured or plain array of shape (N, k)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["read_numpy"]
 
-# Memory for one decompressed array, bytes: a constant, and a multiple of its compressed size.
+# Limit of the memory for one decompressed array, bytes: a constant plus a multiple of its compressed size.
 MEMORY_BYTES: Final = 200_000_000
 MEMORY_PER_BYTE: Final = 40
 
@@ -42,7 +42,7 @@ def read_numpy(
         if first_bytes(path, len(ZIP)) == ZIP:
             archive = zipfile.ZipFile(file)
             for member in archive.infolist():
-                # Any zip archive can be opened; members that are no arrays are ignored.
+                # Members of the zip archive that are not arrays are ignored.
                 if member.filename.endswith(".npy"):
                     key = member.filename.removesuffix(".npy")
                     by_path.update(spread(key, _member(archive, member), "/"))
@@ -68,7 +68,7 @@ def _whole(file: BinaryIO) -> StoredArray:
 
 
 def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> StoredArray:
-    """An array of a .npz file. Its values are decompressed when they are needed."""
+    """An array of a .npz file, which is decompressed when its values are needed."""
     with archive.open(member) as file:
         shape, dtype = _header(file)
         _require_size(shape, dtype, member.file_size - file.tell())
@@ -87,7 +87,8 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape and element type in the header at the start of an array."""
     version = np.lib.format.read_magic(file)
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    # Version 3 differs in the encoding of the names of fields only, and numpy has no function for its header.
+    # Headers of version 3 are read as version 2, because they differ only in the encoding of field names and
+    # numpy has no public function for them.
     shape, _, dtype = read.get(version, np.lib.format.read_array_header_2_0)(file)
     if dtype.hasobject:
         raise ValueError("it contains objects (pickled), which are not read")

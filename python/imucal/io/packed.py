@@ -1,4 +1,4 @@
-"""Compressed text files (gzip), and what is in a zip archive."""
+"""Decompression of gzip files, and access to the contents of zip archives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ GZIP: Final = b"\x1f\x8b"
 ZIP: Final = b"PK\x03\x04"
 # First bytes of a compound file, the format of .xls and .doc.
 OLD_SPREADSHEET: Final = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-# Limits of the size of decompressed data, against files made to fill the memory: ratio, and bytes.
+# Limits of the size of decompressed data, which protect against decompression bombs: the ratio to the
+# compressed size, and a size in bytes that is always allowed.
 LARGEST_RATIO, ALWAYS_ALLOWED = 40, 200_000_000
 TEXT_ENDINGS: Final = (".csv", ".txt", ".tsv", ".dat", ".log", ".asc")
 
@@ -67,7 +68,7 @@ class Archive:
         self._path = path
 
     def texts(self) -> list[str]:
-        """The names of the text files, without those that describe the archive."""
+        """The names of the text files, without files that describe the archive."""
         return [
             name
             for name in self.members
@@ -75,7 +76,7 @@ class Archive:
         ]
 
     def read(self, member: str, count: int = -1) -> bytes:
-        """The content of a file, or its start."""
+        """The content of a file in the archive, or its first `count` bytes."""
         try:
             with zipfile.ZipFile(self._path) as archive, archive.open(member) as file:
                 size = archive.getinfo(member)
@@ -98,7 +99,7 @@ class Archive:
 
 
 def kind_of_zip(path: str | os.PathLike[str]) -> str:
-    """What a zip archive is: "numpy", "spreadsheet", "texts" or "other"."""
+    """The kind of a zip archive: "numpy", "spreadsheet", "texts" or "other"."""
     members = Archive(path).members
     if members and all(name.endswith(".npy") for name in members):
         return "numpy"

@@ -2,7 +2,7 @@
 
 Each column chunk is a sequence of pages. A page starts with a header in the compact protocol of Thrift, whose
 fields 2 and 3 are the uncompressed and the compressed size of the page (parquet.thrift, PageHeader). Arrow
-allocates the sizes without a comparison with the size of the file.
+allocates memory of these sizes without comparing them with the size of the file.
 """
 
 from __future__ import annotations
@@ -12,19 +12,20 @@ from typing import Any, BinaryIO, Final
 
 __all__ = ["require_plausible_pages", "require_plausible_rows"]
 
-# Memory for the values of a file, bytes: a constant, and a multiple of the size of the file. Constant columns
-# are compressed by any factor, so the constant is large enough for hours of them.
+# Limit of the memory for the values of a file, bytes: a constant plus a multiple of the size of the file.
+# Constant columns can be compressed by any factor, so the constant is large enough for hours of such columns.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 1000
-# Largest page, bytes. Programs write pages of about 1 MB.
+# Largest accepted page, bytes. Programs write pages of about 1 MB.
 LARGEST_PAGE: Final = 64_000_000
-# Longest page header that is parsed, bytes; statistics in a header contain values of the column.
+# Longest page header that is parsed, bytes. Headers can be long, because their statistics contain values of
+# the column.
 LONGEST_HEADER: Final = 1 << 16
-# Deepest nesting of structures in a header.
+# Largest accepted nesting depth of structures in a header.
 DEEPEST: Final = 8
-# Bytes of a value in memory.
+# Size of a value in memory, bytes.
 VALUE_BYTES: Final = 8
-# Types of the compact protocol.
+# Type codes of the compact protocol.
 TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
 
 
@@ -38,13 +39,13 @@ def require_plausible_rows(metadata: Any, size: int) -> None:
 
 
 def require_plausible_pages(file: BinaryIO, metadata: Any, size: int, names: Collection[str]) -> None:
-    """Raises ValueError if a page of the named columns claims a size that cannot be right.
+    """Raises ValueError if a page of the named columns states an impossible size.
 
     file      the file, whose position changes
     metadata  pyarrow's metadata of the file
-    size      of the file, bytes
+    size      size of the file, bytes
     """
-    # Arrow finds a column by its place in the schema, whatever name the row groups give it.
+    # Columns are identified by their index in the schema, as in Arrow, which ignores names in the row groups.
     paths = [metadata.schema.column(index).path for index in range(metadata.num_columns)]
     # A nested column has several chunks, whose paths start with its name.
     used = [
@@ -62,12 +63,12 @@ def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
     if chunk.dictionary_page_offset is not None and 0 < chunk.dictionary_page_offset < first:
         first = chunk.dictionary_page_offset
     end = first + chunk.total_compressed_size
-    # A column without values has no data page, whose offset is then 0.
+    # A column without values has no data page, and the offset of the data page is then 0.
     lowest = 1 if chunk.num_values else 0
     if not lowest <= first <= end <= size:
         raise ValueError(f"the column {name} is at the bytes {first} to {end} of {size}")
     position = first
-    # Arrow ends at the last value, which can be before the end of the chunk.
+    # Arrow stops reading at the last value, which can be before the end of the chunk.
     values = 0
     while position < end and values < chunk.num_values:
         file.seek(position)
@@ -81,7 +82,7 @@ def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
 
 
 class _Header:
-    """Length of a page header, sizes of its page, bytes, and number of its values (0 for a dictionary)."""
+    """Length of a page header, sizes of the page, bytes, and number of its values (0 for a dictionary)."""
 
     def __init__(self, content: bytes) -> None:
         self._content, self.length = content, 0
@@ -95,7 +96,7 @@ class _Header:
                 else:
                     self.compressed = number
             elif field in (5, 8) and kind == STRUCT:
-                # The header of a data page, version 1 or 2; its field 1 is the number of values.
+                # The header of a data page (version 1 or 2), whose field 1 is the number of values.
                 for inner, inner_kind in self._fields():
                     if inner == 1 and inner_kind == I32:
                         self.values = max(self._signed(), 0)
@@ -141,7 +142,7 @@ class _Header:
             raise ValueError(f"a page header has a field of the unknown type {kind}")
 
     def _skip_item(self, kind: int, depth: int) -> None:
-        # A truth value takes a byte in a list, and none as a field.
+        # A boolean takes one byte in a list, but none as a field.
         self._skip(BYTE if kind in (TRUE, FALSE) else kind, depth + 1)
 
     def _signed(self) -> int:

@@ -1,4 +1,4 @@
-"""Recordings as a stream of bytes between two processes.
+"""Transfer of recordings between two processes as a stream of bytes.
 
 A frame is a line of JSON, followed by the bytes of the arrays that the line lists. The line is
 {"recording": fields, "arrays": [[field, key, type, shape], ...]} for a recording, {"error": class, "message":
@@ -24,9 +24,9 @@ from imucal.recording.recording import Recording
 
 __all__ = ["BrokenFrameError", "recordings_in", "write_end", "write_error", "write_recording"]
 
-# Longest line of JSON, bytes. A recording with thousands of named columns needs less.
+# Longest accepted line of JSON, bytes. A recording with thousands of named columns needs less.
 LONGEST_LINE: Final = 1 << 24
-# Types of the columns of a recording.
+# Accepted types of the columns of a recording.
 TYPES: Final = ("<f8", "<f4", "<i2")
 
 

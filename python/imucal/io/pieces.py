@@ -1,4 +1,4 @@
-"""Recordings in pieces, so that memory does not grow with the size of the file."""
+"""Reading of recordings in pieces, so that memory does not grow with the size of the file."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def csv_pieces(
 
 
 def _names(path: str | os.PathLike[str], layout: Layout, columns: str | Sequence[str] | None) -> list[str]:
-    """The names of the columns; NotInPartsError if only the whole text gives them, or the error in them."""
+    """The names of the columns; NotInPartsError if the whole text is needed to determine them."""
     name = Path(path).name
     if columns is None and not any(map(is_canonical, layout.names or [])):
         raise NotInPartsError(name)
@@ -59,10 +59,10 @@ def _piece(table: Table, source: Source, rate_hz: float | None, clock: Clock) ->
     try:
         piece = recording_from_table(table, [source], rate_hz, clock)
     except FormatError:
-        # Reading the whole file gives an error message with the line number.
+        # The whole file is read instead, because its error message contains the line number.
         raise NotInPartsError(table.file) from None
     if rate_hz is None and has_equal_stamps(piece.time_s):
-        # Copies of rows are found, and counted, in the whole recording only.
+        # Copies of rows can be detected and counted only in the whole recording.
         raise NotInPartsError(table.file)
     return piece
 
@@ -83,7 +83,7 @@ def parquet_pieces(
 
 
 class Whole:
-    """Passes pieces of a recording on, and collects the description of the whole recording."""
+    """Iterator over pieces of a recording that collects the description of the whole recording."""
 
     def __init__(self, pieces: Iterable[Recording]) -> None:
         self._pieces = pieces
@@ -101,7 +101,7 @@ class Whole:
 
     @property
     def first(self) -> Recording:
-        """The first piece that was passed on. Raises ValueError before that."""
+        """The first piece. Raises ValueError before the iteration has started."""
         if self._first is None:
             raise ValueError("no piece was passed on yet")
         return self._first

@@ -1,4 +1,4 @@
-"""Programs and apps whose files are recognised by their header, with the units that their manuals give."""
+"""Programs and apps that are recognised by the header of their files, with units from their manuals."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ __all__ = ["Program", "program_of"]
 
 @dataclass(frozen=True)
 class Program:
-    """A program, and the units that its manual gives.
+    """A program, and the units according to its manual.
 
-    name         as in messages
-    accel, gyro  endings of the canonical names; "" if the program has no such sensor or no fixed unit
-    times        units of the time columns whose names do not give it, by name in lower case
+    name         name of the program in messages
+    accel, gyro  suffixes of the canonical names; "" if the program has no such sensor or no fixed unit
+    times        units of time columns whose names do not state them, by name in lower case
     """
 
     name: str
@@ -24,14 +24,14 @@ class Program:
 
 
 def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
-    """The program whose export this is, if its header alone tells it."""
+    """The program that wrote the file, or None if the header does not identify it."""
     low = {name.strip().lower() for name in names}
     text = "\n".join(preamble).lower()
     if {"acc_x", "gyr_x"} <= low and ("sampletimefine" in low or "packetcounter" in low):
         # Movella DOT writes deg/s and microseconds, MT Manager rad/s and 100 us, under the same names.
         if "devicetag" in text or "outputrate" in text or "xsens dot" in text or "movella dot" in text:
             return Program("Movella DOT", "mps2", "dps", {"sampletimefine": "us"})
-        # MT Manager, and the programs for MTw, write comments above the header.
+        # MT Manager and the programs for MTw write comments above the header.
         if text.startswith("//"):
             return Program("Xsens MT Manager", "mps2", "radps", {"sampletimefine": "100us"})
         return None
@@ -40,7 +40,7 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
     if {"ax", "gx", "imu_degc"} <= low:
         return Program("OpenLog Artemis", "mg", "dps", {"micros": "us"})
     if any("[x8004]" in name for name in low) and any("[x8005]" in name for name in low):
-        # Scaled accelerometer and gyroscope of the MIP protocol.
+        # These are the descriptors of scaled accelerometer and gyroscope in the MIP protocol.
         return Program("MicroStrain SensorConnect", "g", "radps", {"gps tow": "s"})
     if {"gfx", "gfy", "gfz"} <= low and "time" in low:
         return Program("Physics Toolbox", "g", "radps", {"time": "s"})

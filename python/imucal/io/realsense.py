@@ -29,9 +29,11 @@ HARDWARE: Final = "HW Timestamp (ms)"
 HOST: Final = "Host Timestamp(ms)"
 VALUES: Final = ("3DOF_x", "3DOF_y", "3DOF_z")
 STREAMS: Final = {"Accel": "the accelerometer", "Gyro": "the gyroscope"}
-# Largest relative difference of two clocks that count as the same unit of time.
+# Largest relative difference of the elapsed times of two clocks at which they are considered to have the same
+# unit.
 SAME_UNIT: Final = 0.1
-# Largest share of lines with other than numbers that is left out, of those of one stream.
+# Largest share of the lines of a stream that may contain other text than numbers. Such lines are skipped; a
+# larger share is an error.
 MOST_GARBLED: Final = 0.01
 
 
@@ -43,9 +45,9 @@ def is_realsense(start: bytes) -> bool:
 def read_realsense(path: str | os.PathLike[str]) -> Recording:
     """Read the streams Accel (m/s^2) and Gyro (rad/s), by the clock of the camera.
 
-    The hardware clock is in ms or us, depending on the model and the version of the library: the unit is the
-    one in which it agrees with the clock of the host. Raises FormatError if it agrees in neither, or if a
-    stream is missing.
+    The hardware clock is in ms or us, depending on the model and the version of the library. The unit is
+    chosen so that the hardware clock agrees with the clock of the host. Raises FormatError if it agrees in
+    neither unit, or if a stream is missing.
     """
     file = open_file(path)
     names: list[str] = []
@@ -90,13 +92,13 @@ def _stream(file: str, kind: str, lines: list[bytes], names: list[str]) -> tuple
             "motion streams"
         )
     hardware, host, *values = columns
-    # The stamps have three decimals, which integers hold without loss.
+    # Time stamps have three decimals, so they are converted to integers without loss.
     time_ns = np.round(hardware * 1000).astype(np.int64) * (_unit_ns(file, hardware, host) // 1000)
     return Stream(f"{file}, {kind}", time_ns, np.column_stack(values)), count
 
 
 def _columns(lines: Sequence[bytes], names: list[str]) -> list[FloatArray] | None:
-    """Both clocks and the values, or None if a line has something else than these numbers."""
+    """The columns of both clocks and of the values; None if a line contains anything but these numbers."""
     wanted = (HARDWARE, HOST, *VALUES)
     table = _core.NumberColumns(ord(","), ord("."), [name in wanted for name in names])
     if not lines or not table.add(b"\n".join(lines)):

@@ -38,7 +38,7 @@ SPREADSHEET_WAY_OUT: Final = (
     "open it and save the sheet as CSV (File > Save As > CSV UTF-8), or choose CSV in the export"
 )
 
-# First bytes of a file, and the format that they identify.
+# First bytes of files, each with the format that they identify.
 STARTS: Final = (
     *((magic, "matlab") for magic in MATLAB_MAGIC),
     (PARQUET_MAGIC, "parquet"),
@@ -53,7 +53,7 @@ STARTS: Final = (
 )
 # First bytes of a log of Betaflight, Cleanflight or INAV.
 BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
-# Extensions used by one format only. They identify a file whose first bytes are damaged.
+# Extensions that only one format uses. They identify the format if the first bytes of the file are damaged.
 ENDINGS: Final = {
     ".parquet": "parquet",
     ".bag": "rosbag",

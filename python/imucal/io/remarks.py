@@ -16,7 +16,7 @@ def remark(file: str, code: str, message: str, way_out: str) -> Finding:
 
 
 def lines_left_out(file: str, parts: Sequence[str], count: int) -> Finding:
-    """The warning that counts the lines left out of a text; `parts` are numbers of lines by kind."""
+    """The warning that reports the number of skipped lines of a text; `parts` describe the kinds of lines."""
     return replace(
         remark(
             file,
@@ -31,7 +31,7 @@ def lines_left_out(file: str, parts: Sequence[str], count: int) -> Finding:
 def one_sensor(file: str, sensor: str, others: Sequence[str]) -> Finding:
     """The warning for a file with the columns of one sensor only.
 
-    others   names of the columns that were read as something else
+    others   names of the columns that do not belong to a sensor
     """
     missing = {"accelerometer": "gyroscope", "gyroscope": "accelerometer"}[sensor]
     kept = f" (other columns: {', '.join(others)})" if others else ""

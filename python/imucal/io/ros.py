@@ -38,12 +38,12 @@ FIELDS = {"accel": "linear_acceleration", "gyro": "angular_velocity"}
 
 @dataclass
 class Samples:
-    """The samples of one topic, in the order of its messages, three numbers for each triad."""
+    """The samples of one topic, in the order of the messages, with three numbers per triad."""
 
     stamp_ns: array[int] = field(default_factory=lambda: array("q"))
     accel: array[float] = field(default_factory=lambda: array("d"))
     gyro: array[float] = field(default_factory=lambda: array("d"))
-    # Sensors whose covariance marks them as not measured.
+    # Sensors that are marked as not measured by their covariance.
     absent: set[str] = field(default_factory=set)
 
 

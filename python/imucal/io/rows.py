@@ -1,6 +1,6 @@
-"""Rows of a text table that Arrow does not read: lines of text, incomplete lines, and rows without values.
+"""Handling of text tables that Arrow refuses because of text lines, incomplete lines, or rows without values.
 
-Such lines are left out with a warning that counts them, unless they are too many: then the text is refused.
+Such lines are skipped with a warning that reports their number. If there are too many, the text is refused.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from imucal.io.table import Table
 
 __all__ = ["LastLine", "cleaned_columns", "without_blank_rows"]
 
-# Largest share of rows with a part that is no number, for example garbled by a serial line, that is left out.
+# Largest share of rows with a field that is not a number, for example after an error on a serial line. Such
+# rows are skipped; a larger share is an error.
 MOST_GARBLED: Final = 0.01
-# Largest ratio of text lines to rows.
+# Largest ratio of text lines to rows; a larger ratio is an error.
 MOST_TEXT: Final = 1.0
-# Block size that makes Arrow infer column types from the whole file, bytes; Arrow's maximum.
+# Block size with which Arrow infers column types from the whole file, bytes: Arrow's maximum.
 LARGEST_BLOCK: Final = 2**31 - 1
-# Rows before the last one whose last field shows with how many digits it is written.
+# Number of rows before the last one from which the usual number of decimals of the last field is determined.
 COMPARED_ROWS: Final = 20
 # Regular expression of a number, for RE2; {point} is the decimal point.
 NUMBER: Final = r"^\s*[-+]?(\d+{point}?\d*|{point}\d+)([eE][-+]?\d+)?\s*$|^\s*[-+]?(?i:nan|inf|infinity)\s*$"
@@ -34,10 +35,10 @@ COMMENTS: Final = ("#", "%", "//")
 
 
 class LastLine:
-    """The last line of a text, which is left out if it is incomplete.
+    """The last line of a text, which is skipped if it is incomplete.
 
     A line without a line end is incomplete if it has too few fields, or if its last field has fewer decimals
-    than that of all rows before it.
+    than the last fields of all compared rows.
     """
 
     def __init__(self, content: bytes, layout: Layout) -> None:
@@ -54,7 +55,7 @@ class LastLine:
             self.end, self.cut = start, line.strip()
 
     def findings(self, file: str) -> tuple[Finding, ...]:
-        """A warning if the last line was left out."""
+        """A warning if the last line was skipped."""
         left = [f"an incomplete last line ({self.cut[:40]!r})"]
         return (lines_left_out(file, left, 1),) if self.cut else ()
 
@@ -80,7 +81,7 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout) -> bool:
 
 
 def without_blank_rows(table: Table) -> Table:
-    """The table without rows that have no value at all, such as `,,,,,,`, with a warning."""
+    """The table without rows that have no values, such as `,,,,,,`, with a warning if there are any."""
     import numpy as np
     import pyarrow as pa
 
@@ -96,7 +97,7 @@ def without_blank_rows(table: Table) -> Table:
 
 
 def _filled(rows: Any) -> Any:
-    """Whether a row has any value."""
+    """The mask of the rows that have any value."""
     from pyarrow import compute
 
     filled = rows.column(0).is_valid()
@@ -107,7 +108,7 @@ def _filled(rows: Any) -> Any:
 
 @dataclass
 class _LeftOut:
-    """Lines with a wrong number of fields: (row from 0 among all, text, whether it is text)."""
+    """Lines with a wrong number of fields: (index among all lines, content, whether it is a text line)."""
 
     lines: list[tuple[int, str, bool]]
     width: int
@@ -124,9 +125,9 @@ class _LeftOut:
 def cleaned_columns(
     file: str, buffer: Any, layout: Layout, names: list[str], place: Callable[[int], str], last: LastLine
 ) -> Table:
-    """The table of a text with lines that are no rows, which are left out with a warning.
+    """The table of a text in which lines that are not rows are skipped with a warning.
 
-    Raises FormatError with the place of the first such line if there are too many.
+    Raises FormatError with the position of the first such line if there are too many.
     """
     import numpy as np
     import pyarrow as pa
@@ -138,7 +139,7 @@ def cleaned_columns(
     try:
         rows = csv.read_csv(
             pa.BufferReader(buffer),
-            # With one thread, Arrow gives the number of a row.
+            # One thread, because only then does Arrow report the number of an invalid row.
             csv.ReadOptions(
                 column_names=[str(index) for index in range(len(names))],
                 block_size=min(max(buffer.size, 1), LARGEST_BLOCK),
@@ -159,7 +160,7 @@ def cleaned_columns(
     numbers = [row for row, _, _ in left.lines]
 
     def place_of(row: int) -> str:
-        """The place of a row of the table, among the rows that Arrow skipped."""
+        """The position in the file of a row of the table, which does not contain the skipped lines."""
         at = row
         for skipped in numbers:
             at += skipped <= at
@@ -205,7 +206,7 @@ def cleaned_columns(
 
 
 def _valid_text(buffer: Any) -> Any:
-    """The text with a mark in place of bytes that are no UTF-8, of which Arrow reports no invalid row."""
+    """The text with invalid UTF-8 replaced by a mark, because Arrow does not report the rows with it."""
     import pyarrow as pa
 
     content = buffer.to_pybytes()
@@ -217,7 +218,7 @@ def _valid_text(buffer: Any) -> Any:
 
 
 def _numbers(name: str, column: Any, decimal: str) -> tuple[Any, Any]:
-    """A column of text as numbers, or as it is if it holds dates; and which of its cells are neither."""
+    """A text column converted to numbers (dates are unchanged), and the mask of cells that are neither."""
     import numpy as np
     import pyarrow as pa
     from pyarrow import compute
@@ -262,7 +263,7 @@ def _refuse_too_many(
     place: Callable[[int], str],
     layout: Layout,
 ) -> None:
-    """Raises FormatError if more lines would be left out than a logger's messages or a bad line explain."""
+    """Raises FormatError if more lines would be skipped than log messages or a bad serial line explain."""
     good = int(kept.sum())
     short = [line for line in left.lines if not line[2]]
     text_lines = int(is_text.sum()) + len(left.lines) - len(short)

@@ -1,7 +1,8 @@
-"""How the first numbers of a file would read in each unit, for a header that gives none.
+"""Inference of units from the first numbers of a file whose header states no units.
 
-An accelerometer that includes gravity has a median magnitude of 1 g. A gyroscope's unit shows in the size of
-its counts (131 per deg/s, say) and in its noise, which is 0.01 to 0.3 deg/s per sample for MEMS sensors.
+An accelerometer that includes gravity has a median magnitude of 1 g. The unit of a gyroscope is inferred from
+the size of its counts, such as 131 per deg/s, and from its noise, which is 0.01 to 0.3 deg/s per sample for
+MEMS sensors.
 """
 
 from __future__ import annotations
@@ -17,27 +18,27 @@ from imucal.units import COLUMN_UNITS, DEGREE_RAD, STANDARD_GRAVITY_MPS2, TICKS_
 
 __all__ = ["Reading", "accel_reading", "epoch_unit", "gravity_g", "gyro_reading", "time_reading"]
 
-# Range of the median magnitude of an accelerometer, g, that counts as gravity, although it moves at times.
+# Range of the median magnitude of an accelerometer, g, that is accepted as gravity. It allows for motion.
 GRAVITY_G: Final = (0.7, 1.4)
-# Largest median magnitude, g, of acceleration without gravity.
+# Median magnitude, g, below which acceleration does not include gravity.
 NO_GRAVITY_G: Final = 0.3
-# Counts per deg/s in datasheets: MPU-60x0, ICM and BMI series (powers of two of 16.4), LSM6 and L3G (mdps per
-# count, inverted), BNO055 (16).
+# Counts per deg/s in datasheets: MPU-60x0, ICM and BMI series (16.4 times powers of two), LSM6 and L3G
+# (inverse of mdps per count), BNO055 (16).
 COUNTS_PER_DPS: Final = (
     *(16.4, 32.8, 65.6, 65.5, 131.0, 131.072, 262.4, 16.384, 32.768, 65.536, 262.144, 16.0, 14.375),
     *(1000 / 4.375, 1000 / 8.75, 1000 / 17.5, 1000 / 35.0, 1000 / 70.0),
 )
-# Noise per sample of a MEMS gyroscope, rad/s: the usual size, and the factor from which on a unit that gives
-# another noise is unlikely; rad/s and deg/s differ by 57.
+# Usual noise per sample of a MEMS gyroscope, rad/s. A unit in which the noise differs from it by more than
+# the factor is unlikely; rad/s and deg/s differ by a factor of 57.
 USUAL_NOISE_RADPS: Final = 0.05 * DEGREE_RAD
 UNLIKELY_FACTOR: Final = 12.0
 # Largest rate that MEMS gyroscopes measure, rad/s.
 LARGEST_RATE_RADPS: Final = 4100 * DEGREE_RAD
-# Sampling rates of inertial sensors, Hz.
+# Plausible range of sampling rates, Hz.
 RATES_HZ: Final = (5.0, 40_000.0)
-# Samples of a block whose differences show the noise.
+# Number of samples in a block from which the noise is estimated.
 BLOCK: Final = 20
-# Epoch stamps, s since 1970: 2001 to 2100.
+# Range of time stamps that are accepted as a date, s since 1970: years 2001 to 2100.
 EPOCH_S: Final = (1.0e9, 4.2e9)
 UNIT_TEXT: Final = {
     **{"mps2": "m/s^2", "g": "g", "mg": "mg", "lsb": "counts"},
@@ -47,10 +48,10 @@ UNIT_TEXT: Final = {
 
 @dataclass(frozen=True)
 class Reading:
-    """What the numbers of a sensor would be in each unit.
+    """An interpretation of numbers without a unit.
 
-    likely  ending of the canonical names of the likely unit, or None
-    text    the sentence that shows it
+    likely  suffix of the canonical names for the likely unit, or None
+    text    sentence with the values in each unit
     """
 
     likely: str | None
@@ -58,7 +59,7 @@ class Reading:
 
 
 def gravity_g(values: FloatArray, unit: str) -> float:
-    """The median magnitude of the accelerometer, g; NaN for counts."""
+    """The median magnitude of the accelerometer samples, g; NaN for counts."""
     if unit == "lsb" or not len(values):
         return math.nan
     return float(
@@ -67,7 +68,7 @@ def gravity_g(values: FloatArray, unit: str) -> float:
 
 
 def accel_reading(values: FloatArray) -> Reading:
-    """The reading of an accelerometer's first samples, (N, 3)."""
+    """The interpretation of an accelerometer's first samples, (N, 3)."""
     size = float(np.nanmedian(np.linalg.norm(values, axis=1))) if len(values) else math.nan
     shown = ", ".join(f"{gravity_g(values, unit):.3g} g as {UNIT_TEXT[unit]}" for unit in ("mps2", "g", "mg"))
     text = f"accelerometer: median magnitude {size:.4g}, which is {shown}"
@@ -84,7 +85,7 @@ def accel_reading(values: FloatArray) -> Reading:
 
 
 def gyro_reading(values: FloatArray) -> Reading:
-    """The reading of a gyroscope's first samples, (N, 3)."""
+    """The interpretation of a gyroscope's first samples, (N, 3)."""
     noise, largest = _noise(values), float(np.nanmax(np.abs(values), initial=0.0))
     text = (
         f"gyroscope: noise per sample {noise:.2g}, which is {noise:.2g} deg/s as deg/s, "
@@ -110,7 +111,7 @@ def gyro_reading(values: FloatArray) -> Reading:
 
 
 def time_reading(values: Any) -> Reading:
-    """The reading of a time column without a unit, from its step."""
+    """The interpretation of a time column without a unit, from its time step."""
     unit = epoch_unit(values)
     if unit is not None:
         return Reading(unit, f"time: stamps since 1970 in {unit}")
@@ -119,21 +120,22 @@ def time_reading(values: Any) -> Reading:
     rates = {unit: ticks / step for unit, ticks in TICKS_PER_S.items()}
     fitting = [unit for unit, rate in rates.items() if RATES_HZ[0] <= rate <= RATES_HZ[1]]
     shown = ", ".join(f"{rates[unit]:.4g} Hz as {unit}" for unit in rates if 0.01 < rates[unit] < 1e7)
-    # A step below one that reads as s is a fraction, which counters in ms or us do not have.
+    # Fractional values indicate s, because counters in ms or us are integers.
     is_whole = bool(len(steps)) and _is_whole(np.asarray(values, dtype=np.float64))
     fitting = [unit for unit in fitting if (unit == "s") != is_whole or len(fitting) == 1]
     return Reading(fitting[0] if fitting else None, f"time: steps of {step:.4g}, {shown}")
 
 
 def epoch_unit(values: Any) -> str | None:
-    """The unit of time stamps that can only count from 1970; None for others."""
+    """The unit of time stamps that can only be times since 1970; None for other time stamps."""
     finite = np.asarray(values, dtype=np.float64)
     finite = finite[np.isfinite(finite)]
     if not len(finite):
         return None
     for unit, ticks in TICKS_PER_S.items():
         if EPOCH_S[0] <= finite[0] / ticks <= EPOCH_S[1] and (unit != "s" or not _is_whole(finite)):
-            # 1e9 us is also a quarter of an hour of uptime, so whole stamps in s are not taken for an epoch.
+            # Integers are not accepted as s since 1970, because 1e9 can also be an uptime of a quarter of an
+            # hour in us.
             return unit if unit != "ns" or finite[0] > 1e18 else None
     return None
 
@@ -156,12 +158,13 @@ def _noise(values: FloatArray) -> float:
 
 
 def _counts_per_dps(values_dps: FloatArray) -> float | None:
-    """The counts per deg/s of a known sensor of which all values are whole multiples, or None."""
+    """The counts per deg/s of a known sensor for which all values are integer counts, or None."""
     finite = values_dps[np.isfinite(values_dps)]
     distinct = np.unique(np.abs(finite[finite != 0]))
     if len(distinct) < 4:
         return None
-    # Values that are short decimals anyway, such as 0.25, fit scales of 16 and 100 by their printing.
+    # Values with at most two decimals, such as 0.25, are not tested, because their rounding fits some scales
+    # by coincidence.
     if np.allclose(distinct * 100, np.round(distinct * 100), atol=1e-9):
         return None
     smallest = float(distinct[0])

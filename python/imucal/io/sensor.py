@@ -1,4 +1,4 @@
-"""One text file with the samples of one sensor: which sensor, in which unit, and by which time column."""
+"""A text file with the samples of one sensor: identification of the sensor, its unit, and its time column."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ __all__ = [
     "units_given",
 ]
 
-# Units as options give them, and the endings of canonical names.
+# Units in options, each with the suffix of canonical names.
 ACCEL_UNITS: Final = {"m/s^2": "mps2", "g": "g", "mg": "mg", "lsb": "lsb"}
 GYRO_UNITS: Final = {"rad/s": "radps", "deg/s": "dps", "mdeg/s": "mdps", "lsb": "lsb"}
-# File names of sensors whose columns are only called x, y, z.
+# Words in file names that identify the sensor if its columns are only called x, y, z.
 GYRO_FILE: Final = re.compile(r"gyr|angular|rotation.?rate|omega", re.IGNORECASE)
 ACCEL_FILE: Final = re.compile(r"acc|g-?force|specific", re.IGNORECASE)
 OTHER_FILE: Final = re.compile(r"linear|gravity(?!.*acc)|user|mag|orient|baro|without", re.IGNORECASE)
@@ -38,7 +38,7 @@ OTHER_FILE: Final = re.compile(r"linear|gravity(?!.*acc)|user|mag|orient|baro|wi
 
 @dataclass(frozen=True)
 class Sensor:
-    """A text file with the samples of one sensor: "accel", "gyro", or "" if it does not say which."""
+    """A text file with the samples of one sensor: "accel", "gyro", or "" if the sensor is not identified."""
 
     text: Text
     header: Header
@@ -53,7 +53,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Units:
-    """The units that the caller gives, as endings of canonical names, or None."""
+    """The units given by the caller, as suffixes of canonical names, or None."""
 
     time: str | None
     accel: str | None
@@ -61,7 +61,7 @@ class Units:
 
 
 def units_given(time_unit: str | None, accel_unit: str | None, gyro_unit: str | None) -> Units:
-    """The units of these options. Raises InputError for an unknown one."""
+    """The units in these options. Raises InputError for an unknown unit."""
     for what, unit, known in (
         ("time_unit", time_unit, list(TICKS_PER_S)),
         ("accel_unit", accel_unit, list(ACCEL_UNITS)),
@@ -73,7 +73,7 @@ def units_given(time_unit: str | None, accel_unit: str | None, gyro_unit: str | 
 
 
 def sensor_of(text: Text) -> Sensor:
-    """The sensor in a text file. Raises FormatError if it has no three columns of one."""
+    """The sensor in a text file. Raises FormatError if the file has no three columns of one sensor."""
     layout, header = text.layout, layout_header(text.layout)
     if layout.names is None:
         if len(layout.first) != 4:
@@ -101,7 +101,7 @@ def sensor_of(text: Text) -> Sensor:
 
 
 def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
-    """The unit of a sensor: of the header, of the caller, or for an accelerometer that of gravity's size."""
+    """The unit of a sensor, from the header, from the caller, or from the size of gravity."""
     given = units.accel if what == "accel" else units.gyro
     of_header = sensor.triad.unit
     program = sensor.header.program
@@ -133,7 +133,7 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
 
 
 def has_gravity(sensor: Sensor) -> bool:
-    """Whether the first samples of an accelerometer include gravity, in its unit or the likely one."""
+    """Whether the first samples of an accelerometer include gravity, in its unit or in the likely unit."""
     values = sensor.head.triad(sensor.triad)
     unit = sensor.triad.unit or accel_reading(values).likely
     return unit is not None and (unit == "lsb" or gravity_g(values, unit) > NO_GRAVITY_G)
@@ -166,7 +166,7 @@ def _without_gravity(sensor: Sensor, gravity: float) -> FormatError:
 
 
 def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], float | None]:
-    """(name, canonical name) of the time column, and its ticks per second if the name cannot say them."""
+    """(name, canonical name) of the time column, and its ticks per second if no canonical name has them."""
     if not sensor.header.times:
         raise FormatError(
             f"{sensor.text.name}: there is no time column: two files need their own time stamps"
@@ -196,7 +196,10 @@ def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], 
 
 
 def _plain_stamps(sensor: Sensor) -> list[str]:
-    """Time columns of numbers without a unit; that of the sensor node before that of the host."""
+    """Time columns of numbers without a unit.
+
+    The time of the sensor node takes precedence over that of the host.
+    """
     head = sensor.head
     plain = [name for name, unit in sensor.header.times if unit is None and not head.is_date(name)]
     return sorted(plain, key=lambda name: "node" not in name.lower())

@@ -1,6 +1,6 @@
 """Recordings in one text file per sensor, as phone apps and some loggers write: two files, folder, or zip.
 
-Each file has its own time stamps; both are resampled to one clock as described in `streams`.
+The files have separate time stamps, and both sensors are resampled to one clock as described in `streams`.
 """
 
 from __future__ import annotations
@@ -30,13 +30,16 @@ def read_pair(
     accel_unit: str | None = None,
     gyro_unit: str | None = None,
 ) -> Recording:
-    """Read two text files, one per sensor. Without a word on the sensor, the accelerometer is the first.
+    """Read two text files, one per sensor.
+
+    If they do not identify the sensors, the first file is the accelerometer.
 
     time_unit   s, ms, us or ns
     accel_unit  m/s^2, g, mg or lsb
     gyro_unit   rad/s, deg/s, mdeg/s or lsb
 
-    Units are needed only where the headers give none; a unit that a header contradicts is an InputError.
+    A unit is needed only if the header does not state it. If the header contradicts a given unit, InputError
+    is raised.
     """
     units = units_given(time_unit, accel_unit, gyro_unit)
     sensors = [sensor_of(open_path(path)) for path in (first_path, second_path)]
@@ -52,9 +55,9 @@ def read_folder(
     accel_unit: str | None = None,
     gyro_unit: str | None = None,
 ) -> Recording:
-    """Read the text files in a folder or a zip archive: one with both sensors, or one for each sensor.
+    """Read the text files in a folder or a zip archive: one file with both sensors, or one file per sensor.
 
-    Without a file of a gyroscope, the recording is that of the accelerometer alone.
+    Without a file of the gyroscope, the recording has the accelerometer alone.
 
     The other arguments are those of `read_csv` and `read_pair`.
     """
@@ -85,7 +88,7 @@ def read_folder(
 
 
 def are_pair(paths: Sequence[str | os.PathLike[str]]) -> bool:
-    """Whether two files are the accelerometer and the gyroscope of one recording, by their headers."""
+    """Whether the headers of two files identify them as accelerometer and gyroscope of one recording."""
     roles = []
     for path in paths:
         try:
@@ -139,7 +142,10 @@ def _sensor_name(what: str) -> str:
 
 
 def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) -> Sensor:
-    """The file of a sensor: of several accelerometers those with gravity, and not "uncalibrated" ones."""
+    """The file of a sensor.
+
+    Accelerometers with gravity and files that are not "uncalibrated" take precedence.
+    """
     if what == "accelerometer" and len(sensors) > 1:
         with_gravity = [sensor for sensor in sensors if has_gravity(sensor)]
         sensors = with_gravity or sensors

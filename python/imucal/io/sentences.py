@@ -1,4 +1,4 @@
-"""Lines that name their values: `ax:0.01 ay:0.02` of the Arduino plotter, and sentences of VectorNav."""
+"""Reader of lines with labelled values: `ax:0.01 ay:0.02` of the Arduino plotter, and VectorNav sentences."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ from imucal.recording.recording import Recording
 
 __all__ = ["are_labels", "are_sentences", "read_labels", "read_vectornav"]
 
-# A label, its number, and perhaps a unit: `ax:0.01`, `ax = 0.01 g`, `"ax": 0.01`.
+# Matches a label, its number, and an optional unit: `ax:0.01`, `ax = 0.01 g`, `"ax": 0.01`.
 PAIR: Final = re.compile(
     r"[\"']?([A-Za-z_][\w ]{0,40}?(?:\[\w+\])?)[\"']?\s*[:=]\s*"
     r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:.])"
     r"(?:\s?(m/s\^?2|m/s²|m/s/s|mg|g|rad/s|mdps|deg/s|dps|°/s|°C|degC|us|ms|s)(?=[\s,;|}]|$))?"
 )
-# Fields of the sentences, by the VN-100 user manual (registers 27, 54): yaw, pitch, roll, then vectors.
+# Fields of the sentences according to the VN-100 user manual (registers 27, 54): yaw, pitch, roll, then
+# vectors.
 _ACCEL: Final = [f"accel_{axis}_mps2" for axis in "xyz"]
 _GYRO: Final = [f"gyro_{axis}_radps" for axis in "xyz"]
 SENTENCES: Final = {
@@ -44,12 +45,12 @@ SENTENCES: Final = {
 SENTENCE: Final = re.compile(
     rb"^(.*?)\$([A-Z][A-Z0-9]{1,9}),([^*\r\n$]*)\*?([0-9A-Fa-fXx]*)[ \t\r]*$", re.MULTILINE
 )
-# Largest share of sentences with a wrong check sum.
+# Largest share of sentences with a wrong checksum; a larger share is an error.
 MOST_WRONG: Final = 0.1
 
 
 def are_labels(start: bytes) -> bool:
-    """Whether most lines of a text consist of labels with numbers, at least three."""
+    """Whether most lines of a text consist of three or more labels with numbers."""
     if are_blocks(start):
         return True
     lines = [line for line in start.decode(errors="replace").splitlines()[1:41] if line.strip()]
@@ -60,7 +61,7 @@ def are_labels(start: bytes) -> bool:
 
 
 def are_sentences(start: bytes) -> bool:
-    """Whether a text contains sentences of VectorNav with samples, or mostly sentences with check sums."""
+    """Whether a text contains VectorNav sentences with samples, or mostly sentences with checksums."""
     if re.search(rb"^\$VN(YMR|IMU|QMR|MAR),", start, re.MULTILINE) is not None:
         return True
     lines = [line for line in start.split(b"\n")[1:41] if line.strip()]
@@ -70,7 +71,7 @@ def are_sentences(start: bytes) -> bool:
 def read_labels(
     path: str | os.PathLike[str], *, columns: str | Sequence[str] | None = None, rate_hz: float | None = None
 ) -> Recording:
-    """Read lines of `label:value`, or with the axes of one sensor each; the labels are the column names.
+    """Read lines of `label:value` pairs, or lines with the axes of one sensor. Labels are column names.
 
     Other arguments as for `read_csv`.
     """
@@ -103,7 +104,7 @@ def read_labels(
 def _of_rows(
     file: File, rows: Sequence[str], left: int, columns: str | Sequence[str] | None, rate_hz: float | None
 ) -> Recording:
-    """The recording in a header line and rows, with a warning about the lines that were left out."""
+    """The recording in a header line and rows, with a warning about the skipped lines."""
     text = open_text(replace(file, content="\n".join([*rows, ""]).encode()))
     recording = recording_of_text(text, columns, rate_hz)
     warning = lines_left_out(file.name, [f"{left} lines without these labels"], left)
@@ -111,7 +112,7 @@ def _of_rows(
 
 
 def _labels(pairs: Sequence[tuple[str, str, str]]) -> tuple[str, ...]:
-    """The names of the columns, with the unit where there is one."""
+    """The names of the columns, each with its unit if it has one."""
     return tuple(f"{label.strip()} ({unit})" if unit else label.strip() for label, _, unit in pairs)
 
 
@@ -120,8 +121,8 @@ def read_vectornav(
 ) -> Recording:
     """Read the sentences $VNYMR, $VNIMU, $VNQMR and $VNMAR of VectorNav, which contain no time.
 
-    columns  a name for every field, the name of the sentence first, instead of those of the manual; with it
-             other sentences in the form of NMEA 0183 are read, too
+    columns  the name of the sentence, then a name for every field, to replace those of the manual; with this
+             option other sentences in the form of NMEA 0183 can also be read
     """
     file = open_file(path)
     content = content_of(file)
@@ -168,7 +169,7 @@ def read_vectornav(
 
 
 def _kind(file: str, found: Sequence[tuple[bytes, bytes, bytes, bytes]], names: list[str] | None) -> bytes:
-    """The most frequent sentence with as many fields as there are names, or known without names."""
+    """The most frequent sentence with as many fields as `names`, or the most frequent known one."""
     kinds = Counter(
         kind
         for _, kind, body, _ in found
@@ -192,7 +193,7 @@ def _given(file: str, columns: str | Sequence[str]) -> list[str]:
 
 
 def _is_valid(body: bytes, given: bytes) -> bool:
-    """Whether a sentence has its check sum: the 8-bit exclusive or, or CRC-16-CCITT."""
+    """Whether the checksum of a sentence is correct: 8-bit exclusive or, or CRC-16-CCITT."""
     if len(given) == 2 and given.upper() != b"XX":
         return _is_hex(given) and reduce(xor, body, 0) == int(given, 16)
     if len(given) == 4 and _is_hex(given):

@@ -1,12 +1,11 @@
 """Resampling of accelerometer and gyroscope to one clock if they have different time stamps.
 
 1. If the time stamps are equal, nothing is changed.
-2. Otherwise the slower sensor provides the clock. At equal rates the gyroscope does, because its samples are
-   integrated, and interpolation would distort the integral.
+2. Otherwise the slower sensor provides the clock. At equal rates the gyroscope provides the clock, because
+   its samples are integrated and interpolation would distort the integral.
 3. At equal rates the other sensor is interpolated linearly. A faster sensor is averaged over one interval of
-the
-   clock, centred at the time stamp, which preserves the integrated angle of a gyroscope.
-4. Nothing is extrapolated: clock samples before, after and inside gaps of the other sensor are dropped.
+   the clock, centred at the time stamp. Averaging preserves the integrated angle of a gyroscope.
+4. No sample is extrapolated, so clock samples before, after and inside gaps of the other sensor are dropped.
 
 The resampling is reported as a finding of the recording.
 """
@@ -28,12 +27,14 @@ from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["SAME_RATE", "Stream", "median_rate_hz", "onto_clock", "recording_from_streams"]
 
-# Largest ratio of two sampling rates that count as equal; oscillators of MEMS sensors differ by about 1 %.
+# Largest ratio of two sampling rates that count as equal. The oscillators of MEMS sensors differ by about 1
+# %.
 SAME_RATE = 1.02
-# Largest ratio of the sampling rates. With a clock more than 10 times slower, too few samples cover a
-# rotation.
+# Largest accepted ratio of the sampling rates. At a larger ratio, too few samples of the slower sensor cover
+# a rotation.
 LARGEST_RATIO = 10.0
-# Shortest gap, in median time steps. One lost sample (2 time steps) is interpolated, a longer gap is not.
+# Time step that counts as a gap, in median time steps. One lost sample (2 time steps) is interpolated; longer
+# gaps are not.
 GAP_STEPS = 2.5
 
 
@@ -69,11 +70,11 @@ def recording_from_streams(
     accel_unit: AccelUnit = "m/s^2",
     gyro_unit: GyroUnit = "rad/s",
 ) -> Recording:
-    """One recording of both sensors. Time is counted from its first sample.
+    """One recording of both sensors. Time is counted from the first sample of the recording.
 
     Raises FormatError if a sensor has no samples, if the sampling rates differ too much, or if the two
-    sensors never measured at the same time; also, if resampling is needed, for time stamps that decrease and
-    values that are not finite.
+    sensors never measured at the same time. If resampling is needed, also raises FormatError for decreasing
+    time stamps and values that are not finite.
     """
     for stream in (accel, gyro):
         if not len(stream.time_ns):
@@ -150,7 +151,8 @@ def _recording(
 def _resampleable(file: str, stream: Stream) -> Stream:
     """The stream without repeated samples. Raises FormatError if it cannot be resampled."""
     is_new = np.diff(stream.time_ns, prepend=stream.time_ns[0] - 1) != 0
-    # A repeated sample with the same values is redundant. One with other values is an error, found below.
+    # A repeated time stamp with the same values is redundant. A repeated time stamp with different values is
+    # an error, which is detected below.
     is_new[1:] |= (stream.values[1:] != stream.values[:-1]).any(axis=1)
     once = _part(stream, is_new)
     bad = np.flatnonzero(np.diff(once.time_ns) <= 0)
@@ -184,7 +186,7 @@ def _part(stream: Stream, which: Any) -> Stream:
 
 
 def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stream]:
-    """The clock samples within the time covered by the other sensor, and that sensor resampled to them."""
+    """The clock samples within the time of the other sensor, and the other sensor resampled to them."""
     start_ns = min(clock.time_ns[0], other.time_ns[0])
     at_s, other_s = (clock.time_ns - start_ns) / 1e9, (other.time_ns - start_ns) / 1e9
     half_s = 0.5 / median_rate_hz(clock.time_ns) if is_averaged else 0.0
@@ -211,7 +213,7 @@ def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream,
 
 def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArray) -> FloatArray:
     """The mean of the linear interpolation of `values` over the interval at_s +- half_s."""
-    # Subtracting the mean keeps the integral small, so its differences lose no digits.
+    # The mean is subtracted, so that the integral stays small and its differences lose no digits.
     level = float(values.mean())
     steps_s, values = np.diff(time_s), values - level
     integral = np.concatenate([[0.0], np.cumsum(steps_s * (values[1:] + values[:-1]) / 2)])

@@ -1,4 +1,4 @@
-"""What to do about a header without canonical names: how its numbers read, and the option --columns."""
+"""Advice for a header without canonical names: the likely units, and a value for the option --columns."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def suggestion(
     works: Callable[[str], bool],
     numbers: Callable[[str], Any],
 ) -> str:
-    """Sentences on the columns of a file that is not read by its header alone; empty if they are unknown.
+    """Sentences on the columns of a file whose header is ambiguous; empty if the columns are unknown.
 
     cells    the first cells of each column
-    works    whether the file is read with a value of --columns
+    works    function that tests whether the file can be read with a value of --columns
     numbers  the first numbers of a column
     """
     if not (header.accel and header.gyro):
@@ -66,7 +66,7 @@ def suggestion(
 def columns_suggested(
     names: Sequence[str], cells: Mapping[str, Sequence[str]], numbers: Callable[[str], Any]
 ) -> str:
-    """A sentence that proposes the option --columns for these columns; empty if they are unknown.
+    """A sentence that proposes a value of --columns for these columns; empty if the columns are unknown.
 
     cells    the first cells of each column
     numbers  the first numbers of a column
@@ -75,7 +75,7 @@ def columns_suggested(
 
 
 def _of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:
-    """A sentence on a column whose cells name an accelerometer and a gyroscope; empty without one."""
+    """A sentence on a column whose cells name both sensors; empty without such a column."""
     for name, column in cells.items():
         values = list(dict.fromkeys(column))[:10]
         if names_sensor([f"{value} x" for value in values], "gyro") and names_sensor(
@@ -109,12 +109,12 @@ def _unit(triad: Triad, reading: Reading) -> tuple[str | None, list[str]]:
 def _time(
     header: Header, cells: Mapping[str, Sequence[str]], numbers: Callable[[str], Any]
 ) -> tuple[str | None, list[str]]:
-    """canonical=name for the time column, or None."""
+    """The text canonical=name for the time column, or None."""
     import pyarrow as pa
 
     for name, unit in header.times:
         if unit == "100us":
-            # No canonical name has this unit, so the rate is asked for.
+            # No canonical name has this unit, so the advice is to give the sampling rate.
             return None, []
         if unit is not None:
             return f"time_{unit}={name}", []

@@ -12,13 +12,13 @@ from imucal.finding import Finding
 
 __all__ = ["ROWS_AT_ONCE", "Stored", "Table", "parts"]
 
-# Rows of a table processed at once; their columns fit into the processor's cache.
+# Number of rows of a table that are processed at once. Their columns fit into the processor's cache.
 ROWS_AT_ONCE: Final = 1 << 16
 
 
 @dataclass(frozen=True)
 class Stored:
-    """A column whose values are read on demand; `batches` reads the named columns of its file."""
+    """A column whose values are read on demand. `batches` reads the named columns of the file."""
 
     name: str
     type: Any
@@ -31,11 +31,11 @@ class Stored:
 
 @dataclass(frozen=True)
 class Table:
-    """Named columns of one file, of equal length: all Arrow arrays, NumPy arrays, or `Stored` columns.
+    """Named columns of equal length: all Arrow arrays, all NumPy arrays, or all `Stored` columns.
 
-    place        location of row i in the file, for messages: "line 12"
-    findings     what the reader repaired or left out
-    ticks_per_s  ticks of the time column in a second, if its canonical name cannot say so; or None
+    place        function that returns the position of row i in the file, for messages: "line 12"
+    findings     repairs and omissions of the reader
+    ticks_per_s  ticks per second of the time column if no canonical name has this unit; otherwise None
     """
 
     file: str

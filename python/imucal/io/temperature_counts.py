@@ -1,4 +1,4 @@
-"""Temperatures in raw counts, the column temp_lsb, and the slope and the offset that convert them to degC.
+"""Conversion of temperatures in raw counts (column temp_lsb) to degC with a slope and an offset.
 
 degC = slope * counts + offset        MPU-6050: 1/340, 36.53;  ICM-42688-P: 1/132.48, 25;  LSM6DSO: 1/256, 25
 """
@@ -17,7 +17,8 @@ from imucal.units import to_degc
 
 __all__ = ["TempScale", "scale_of", "with_temperature"]
 
-# Slope, degC per count, and offset, degC; as text "SLOPE,OFFSET", where the slope may be a fraction, 1/340.
+# Slope, degC per count, and offset, degC, as two numbers or as text "SLOPE,OFFSET", where the slope may be a
+# fraction such as 1/340.
 TempScale = str | Sequence[float]
 
 
@@ -36,10 +37,11 @@ def scale_of(given: TempScale) -> tuple[float, float]:
 
 
 def with_temperature(recording: Recording, scale: tuple[float, float] | None) -> Recording:
-    """The recording with the temperature from its column temp_lsb, an auxiliary input, if there is one.
+    """The recording with the temperature from its auxiliary input temp_lsb, if it has this input.
 
     Without a scale, the counts remain an auxiliary input, with a finding if there is no other temperature.
-    Raises InputError if a scale is given and there is no such column, or another column has the temperature.
+    Raises InputError if a scale is given although the recording has no column temp_lsb or has another
+    temperature column.
     """
     counts = recording.auxiliary.get(RAW_TEMPERATURE)
     if scale is None:

@@ -1,8 +1,8 @@
 """Tables of numbers as text, separated by comma, semicolon, tab or spaces, with or without a header.
 
 A text of plain numbers is parsed in blocks while it is read and hashed, so that a file is never in memory as
-a whole. Any other text is read by Arrow in one pass. Only if that fails is it read again as text, and lines
-that are no rows are left out (see `rows`).
+a whole. Any other text is read by Arrow in one pass. Only if Arrow fails is the file read again as text,
+where lines that are not rows are skipped (see `rows`).
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from imucal.io.table import Table
 
 __all__ = ["NotInPartsError", "Text", "head_of", "headed_parts", "open_path", "open_text", "read_rows"]
 
-# Size of one part of a file that is read in parts, bytes.
+# Size of the parts in which a file is read, bytes.
 PART: Final = 1 << 22
-# Size of a text above which multithreaded parsing is worth the time to start the threads, bytes.
+# Size of a text above which multithreaded parsing saves more time than starting the threads takes, bytes.
 WORTH_THREADS: Final = 1 << 24
 
 
-# Size of the blocks in which plain numbers are parsed, bytes: large enough for several threads.
+# Size of the blocks in which plain numbers are parsed, bytes. It is large enough for several threads.
 BLOCK: Final = 1 << 22
-# Size of the end of a file in which the last lines are compared, bytes.
+# Size of the end of a file that is searched for an incomplete last line, bytes.
 TAIL: Final = 1 << 16
 
 
@@ -51,7 +51,7 @@ class Text:
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """The file or the files that contain the text."""
+        """The files that contain the text."""
         return self._sources
 
     def first_rows(self, size: int) -> tuple[bytes, bool]:
@@ -60,7 +60,7 @@ class Text:
         return part, self.layout.start + len(part) == len(self.content)
 
     def numbers(self, used: list[bool]) -> list[Any] | None:
-        """The used columns as arrays, if all rows consist of plain numbers, otherwise None."""
+        """The used columns as arrays if all rows consist of plain numbers; otherwise None."""
         start = self.layout.start
         if LastLine(self.content, self.layout).cut:
             return None
@@ -143,7 +143,7 @@ def open_text(file: File, *, width: int | None = None, used: Sequence[int] = (),
 def open_path(
     path: str | os.PathLike[str], *, width: int | None = None, used: Sequence[int] = (), skip_rows: int = 0
 ) -> Text:
-    """The text of a file in the way of `open_text`, which is not loaded if it consists of plain numbers."""
+    """The text of a file as in `open_text`, but not loaded into memory if it consists of plain numbers."""
     head, name = first_bytes(path, HEAD), Path(path).name
     if not head.startswith(GZIP) and b"\n" in head and plain_text(name, head) is head:
         layout = _layout_of_head(name, head, width, tuple(used), skip_rows)
@@ -153,7 +153,7 @@ def open_path(
 
 
 def head_of(path: str | os.PathLike[str]) -> tuple[bytes, Layout]:
-    """The start of a text file in UTF-8, and the layout. Raises FormatError for a file that is no text."""
+    """The start of a text file in UTF-8, and its layout. Raises FormatError for a binary file."""
     name = Path(path).name
     start = unpacked_start(name, path, HEAD)
     head = plain_text(name, start)
@@ -164,12 +164,12 @@ def head_of(path: str | os.PathLike[str]) -> tuple[bytes, Layout]:
 def _layout_of_head(
     name: str, head: bytes, width: int | None, used: tuple[int, ...], skip_rows: int
 ) -> Layout:
-    # The format of a file is recognised by its layout, and then it is read: the layout is searched once.
+    # Cached, because the layout is needed both to recognise the format of a file and to read the file.
     return layout_of(name, head, width=width, used=used, skip_rows=skip_rows)
 
 
 def headed_parts(path: str | os.PathLike[str], names_of: Any) -> Iterator[Table]:
-    """The table of a text with a header, in parts; `names_of` gives the names for a layout.
+    """The table of a text with a header, in parts; `names_of` returns the column names for a layout.
 
     Raises NotInPartsError if the column types, or the cause of an error, can only be determined from the
     whole file.
@@ -182,7 +182,8 @@ def headed_parts(path: str | os.PathLike[str], names_of: Any) -> Iterator[Table]
     if start[:1] in (b"\x1f", b"\xff", b"\xfe") or b"\0" in start or (b"\r" in start and b"\n" not in start):
         raise NotInPartsError(name)
     layout = layout_of(name, start)
-    # Repeated spaces are only merged in a whole text, and a text shorter than HEAD needs no parts.
+    # Repeated spaces can only be merged in a whole text, and a text shorter than HEAD need not be read in
+    # parts.
     if layout.separator == " " or layout.decimal != "." or layout.names is None or len(start) < HEAD:
         raise NotInPartsError(name)
     names = names_of(layout)
@@ -207,9 +208,9 @@ def headed_parts(path: str | os.PathLike[str], names_of: Any) -> Iterator[Table]
 
 
 def read_rows(text: Text, names: Sequence[str]) -> Table:
-    """The table of a text under these names, one per column; columns called `-` are left out.
+    """The table of a text with these names, one per column. Columns named `-` are omitted.
 
-    Columns with canonical names must hold numbers, a time column numbers or dates.
+    Columns with canonical names must contain numbers; a time column may also contain dates.
     """
     layout = text.layout
     used = [index for index, name in enumerate(names) if name not in SKIP]
@@ -237,7 +238,7 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
     parse = csv.ParseOptions(delimiter=layout.separator)
     convert = csv.ConvertOptions(include_columns=[str(index) for index in used], decimal_point=layout.decimal)
     try:
-        # Fast path: column types are inferred from the first block.
+        # The fast attempt, in which Arrow infers column types from the first block.
         columns = csv.read_csv(pa.BufferReader(buffer), options, parse, convert).columns
     except pa.ArrowException:
         columns = None
@@ -250,7 +251,7 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
 
 
 def _is_read(name: str, column: Any) -> bool:
-    """Whether Arrow made of a column with a canonical name what it needs to be."""
+    """Whether Arrow converted a column with a canonical name to a suitable type."""
     import pyarrow as pa
 
     kind = column.type
@@ -265,7 +266,7 @@ def _is_read(name: str, column: Any) -> bool:
 
 
 def _is_doubtful(table: Table) -> bool:
-    """Whether rows of a part may have to be left out, which needs the whole text."""
+    """Whether rows of a part may have to be skipped, for which the whole text is needed."""
     if any(not _is_read(name, column) for name, column in zip(table.names, table.columns, strict=True)):
         return True
     return bool(table.columns) and all(column.null_count for column in table.columns)
@@ -279,7 +280,7 @@ def _read_options(width: int, **more: Any) -> Any:
 
 def _with_single_spaces(text: bytes) -> bytes:
     """The text with fields separated by one space, without spaces at the ends of lines."""
-    # A regular expression takes 20 times as long.
+    # A regular expression would take 20 times as long.
     text = text.replace(b"\r", b"").replace(b"\t", b" ")
     while b"  " in text:
         text = text.replace(b"  ", b" ")
@@ -287,6 +288,6 @@ def _with_single_spaces(text: bytes) -> bytes:
 
 
 def _line_of_row(content: bytes, start: int, row: int) -> int:
-    """The number, from 1 at `start`, of the row-th line (from 0) that is not blank."""
+    """The line number, from 1 at `start`, of the nonblank line with index `row`."""
     filled = (number for number, line in enumerate(content[start:].split(b"\n"), start=1) if line.strip())
     return next((number for index, number in enumerate(filled) if index == row), row + 1)

@@ -1,9 +1,9 @@
 """PX4 ULog: sensor_accel with sensor_gyro, or sensor_combined.
 
-Units and frames are those of PX4's message definitions (docs.px4.io, msg_docs): m/s^2 and rad/s in the
-board's frame (front, right, down), degC, and microseconds since boot. sensor_accel and sensor_gyro contain
+Units and frames follow PX4's message definitions (docs.px4.io, msg_docs): m/s^2 and rad/s in the board's
+frame (front, right, down), degC, and microseconds since boot. sensor_accel and sensor_gyro contain
 uncorrected samples. sensor_combined is "scaled and offset-compensated": PX4 has applied its CAL_* parameters
-to it.
+to these samples.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ __all__ = ["ULOG_MAGIC", "read_ulog"]
 
 ULOG_MAGIC = b"ULog\x01\x12\x35"
 NEEDED = "sensor_accel with sensor_gyro, or sensor_combined"
-# Value of accelerometer_timestamp_relative in sensor_combined without an accelerometer sample.
+# Value of accelerometer_timestamp_relative in a sensor_combined message without an accelerometer sample.
 INVALID_RELATIVE_TIME = 0x7FFFFFFF
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A possible source of both sensors in a log; `datasets` are pyulog's."""
+    """A possible source of both sensors in a log; `datasets` are objects of pyulog."""
 
     topic: str
     instance: int
@@ -59,7 +59,7 @@ def read_ulog(
     """
     source, name = open_large(path), Path(path).name
     pyulog = library("pyulog", "px4", "PX4 logs")
-    # pyulog prints messages about damage; the finding `file_damaged` reports it instead.
+    # The messages of pyulog about damage are suppressed, because the finding `file_damaged` reports it.
     with (
         parsing(name, "ULog", "download it from the flight controller again"),
         contextlib.redirect_stdout(io.StringIO()),
@@ -89,7 +89,7 @@ def _choose(name: str, datasets: list[Any], topic: str | None, instance: int | N
             f"{name} contains neither {NEEDED}; found of these: {found or 'none'}: log them (SDLOG_PROFILE, "
             "or a file logger_topics.txt on the card)"
         )
-    # sensor_gyro as topic selects the pair as well.
+    # The topic sensor_gyro also selects the pair.
     wanted = "sensor_accel" if topic == "sensor_gyro" else topic
     fitting = [c for c in choices if wanted in (None, c.topic) and instance in (None, c.instance)]
     listed = "; ".join(map(str, choices))

@@ -1,4 +1,4 @@
-"""The units that headers of text files write, and the endings of canonical names that they correspond to."""
+"""Spellings of units in headers of text files, and the corresponding suffixes of canonical names."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Final
 
 __all__ = ["split_unit", "unit_of"]
 
-# Ending of a canonical name: spellings, after `_plain`. "lsb" fits both sensors.
+# Spellings of each unit in the form of `_plain`, by quantity and suffix of canonical names. "lsb" is valid
+# for both sensors.
 _SPELLINGS: Final[dict[tuple[str, str], str]] = {
     ("time", "s"): "s sec secs second seconds",
     ("time", "ms"): "ms msec msecs millis millisecond milliseconds",
@@ -35,9 +36,9 @@ _SPELLINGS: Final[dict[tuple[str, str], str]] = {
     "nounits unitless noname",
 }
 _UNIT: Final = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
-# A unit in brackets anywhere in a name.
+# Matches a unit in brackets anywhere in a name.
 _BRACKETS: Final = re.compile(r"[\[({]([^\[\](){}]*(?:\([^()]*\)[^\[\](){}]*)*)[\])}]")
-# A unit written as the last words of a name, such as time_us, gyro_x_rad_per_s, "Gyr X deg/s".
+# Matches a unit in the last words of a name, such as time_us, gyro_x_rad_per_s, "Gyr X deg/s".
 _ENDING: Final = re.compile(
     r"[_ .]?(rad[_ ]?per[_ ]?s|rad/s(?:ec)?|radps|rad_s|mdps|mdeg/s|dps|deg/s(?:ec)?|deg[_ ]per[_ ]s|deg_s|"
     r"°/s|m/s[²2^]+|m/s/s|mps2|mps|mss|m_s2|(?<=[_ .])(?:mg|g|lsb|raw|counts?|ms|us|µs|ns|s|sec|secs|"
@@ -54,12 +55,12 @@ _ENDING_UNIT: Final = {
 
 
 def unit_of(text: str) -> tuple[str, str] | None:
-    """What a unit is of, and the ending of canonical names: ("accel", "mg") for "[mg]"; None if unknown."""
+    """The quantity and the suffix of canonical names of a unit: ("accel", "mg") for "[mg]"; or None."""
     return _UNIT.get(_plain(text))
 
 
 def split_unit(name: str) -> tuple[str, tuple[str, str] | None]:
-    """A column name without its unit, and the unit as `unit_of` gives it."""
+    """A column name without its unit, and the result of `unit_of` for the unit."""
     for match in reversed(list(_BRACKETS.finditer(name))):
         if (unit := unit_of(match[1])) is not None:
             return f"{name[: match.start()]} {name[match.end() :]}".strip(), unit

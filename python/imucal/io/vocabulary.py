@@ -3,9 +3,9 @@
     time_s | _ms | _us | _ns            accel_{x,y,z}_{mps2,g,mg,lsb}     gyro_{x,y,z}_{radps,dps,mdps,lsb}
     temp_{degc,k,degf}                  stand_{1,2,3}_{rad,deg}           other numeric columns: auxiliary
 
-Readers only assign canonical names to columns; units are converted and contents checked here. Physical units
-become SI (1 g = 9.80665 m/s^2 exactly). Time in s is unchanged. Time in ms, us or ns, usually a large integer
-since some epoch, is counted from the first sample in integer arithmetic, so that no digit is lost.
+Readers only assign canonical names to columns. This module converts units and checks the contents. Physical
+units become SI (1 g = 9.80665 m/s^2 exactly). Time in s is unchanged. Time in ms, us or ns, usually a large
+integer since some epoch, is counted from the first sample in integer arithmetic, so that no digit is lost.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def recording_from_table(
     rate_hz  sampling rate, Hz, if there is no time column; the first sample is then at 0 s
     clock    shared by all pieces of a recording; None if the table is the whole recording
 
-    A table without any column of one sensor is a recording of the other sensor alone, with a warning.
-    Raises FormatError if a column is missing, given twice, has an unknown unit, or contains text.
+    If the table has no column of one sensor, the result is a recording of the other sensor alone, with a
+    warning. Raises FormatError if a column is missing, given twice, has an unknown unit, or contains text.
     """
     _refuse_duplicates(table)
     used: set[str] = set()
@@ -127,10 +127,10 @@ def recording_from_table(
 
 
 def _alone(table: Table) -> Sensor | None:
-    """The sensor that the table has without the other one; None if it has columns of both, or of none.
+    """The only sensor of the table; None if it has columns of both sensors or of neither.
 
-    A column whose name is that of a gyroscope or of an accelerometer in other words is not overlooked: the
-    message about the missing columns then proposes it.
+    The result is also None if the name of another column suggests the second sensor. The message about
+    missing columns then proposes this column.
     """
     triads = {part[0] for name in table.names if (part := triad_part(name)) is not None}
     others = [name for name in table.names if name not in SKIP and name and not is_canonical(name)]
@@ -147,9 +147,9 @@ def _refuse_duplicates(table: Table) -> None:
 
 
 class _Wanted:
-    """The columns of a table that a recording needs. One pass over the table fills all of them.
+    """The columns of a table that a recording needs. One pass over the table fills all columns.
 
-    The source columns are read in parts, so that they are never in memory as a whole beside the result.
+    The source columns are read in parts, so that source and result are never both completely in memory.
     """
 
     def __init__(self, table: Table, clock: Clock) -> None:
@@ -160,9 +160,9 @@ class _Wanted:
         self._takers: list[Callable[[slice, Any], None]] = []
 
     def numbers(self, name: str, into: NDArray[Any] | None = None, factor: float = 1.0) -> NDArray[Any]:
-        """A column times `factor` as float64, or as the type of `into`; empty cells become NaN.
+        """A column multiplied by `factor`, as float64 or as the type of `into`; empty cells become NaN.
 
-        The array is filled by `read`.
+        `read` fills the array later.
         """
         out = np.empty(self.rows) if into is None else into
 
@@ -174,7 +174,7 @@ class _Wanted:
         return out
 
     def since_first(self, name: str, ticks_per_s: float) -> NDArray[np.float64]:
-        """A time column, counted from the first time stamp of the recording, s; filled by `read`."""
+        """A time column relative to the first time stamp of the recording, s; filled later by `read`."""
         out, clock = np.empty(self.rows), self.clock
 
         def take(where: slice, part: Any) -> None:
@@ -185,7 +185,7 @@ class _Wanted:
             is_whole = _is_whole(part)
             present = np.ones(len(part), dtype=bool)
             if is_whole:
-                # Subtract as integers: 1.4e18 ns has more digits than a float64 can represent.
+                # Integers are subtracted, because 1.4e18 ns has more digits than a float64 can represent.
                 present = present_of(part)
                 values: NDArray[Any] = ticks_of(part).astype(np.int64)
             else:
@@ -212,7 +212,7 @@ class _Wanted:
         self.clock.rows += self.rows
 
     def _read_arrays(self) -> None:
-        """Take the columns one after the other, each of which is then no longer in memory."""
+        """Convert the columns one after the other, and release the memory of each converted column."""
         self.table.columns.clear()
         self._columns.reverse()
         for take in self._takers:
@@ -232,7 +232,8 @@ class _Wanted:
 
 def float64(part: Any) -> NDArray[np.float64]:
     """A numeric column, or a part of one, as float64, with empty cells as NaN."""
-    # Converted by NumPy: loading Arrow's function library takes longer than reading a short file.
+    # NumPy converts the column, because loading Arrow's function library takes longer than reading a short
+    # file.
     return np.asarray(numpy_of(part), dtype=np.float64)
 
 
@@ -273,7 +274,7 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], s
 
 
 def _fits_float32(column: Any) -> bool:
-    """Whether float32 can represent every number of this column's type, and NaN for empty cells."""
+    """Whether float32 can represent every number of this column's type. Empty cells become NaN."""
     if isinstance(column, np.ndarray):
         return column.itemsize <= (2 if column.dtype.kind == "i" else 4)
     import pyarrow as pa
@@ -315,7 +316,7 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
 
 
 def _temperature(wanted: _Wanted, used: set[str]) -> tuple[NDArray[Any] | None, tuple[float, float]]:
-    """The column of temperature, or None, and the slope and the offset that convert it to degC."""
+    """The temperature column, or None, and the slope and offset that convert it to degC."""
     table = wanted.table
     names = [name for name in table.names if temperature_unit(name) is not None]
     if len(names) > 1:

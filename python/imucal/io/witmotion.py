@@ -1,6 +1,7 @@
-"""Binary packets of WitMotion sensors, as a serial terminal records them.
+"""Reader of binary packets of WitMotion sensors, as recorded by a serial terminal.
 
-A packet has 11 bytes: 0x55, its kind, four int16 (little-endian), and the low byte of the sum of the others.
+A packet has 11 bytes: 0x55, its kind, four int16 (little-endian), and the low byte of the sum of the other
+ten bytes.
 
     0x50  time: year - 2000, month, day, hour, minute, second, ms (uint16)
     0x51  acceleration, counts of 16 g / 32768; temperature, counts of 0.01 degC
@@ -30,7 +31,7 @@ SIZE: Final = 11
 START: Final = 0x55
 KINDS: Final = (0x50, 0x5F)
 TIME, ACCEL, GYRO = 0x50, 0x51, 0x52
-# SI units in one count, by the communication protocol of the WT901 series.
+# Size of one count in SI units, from the communication protocol of the WT901 series.
 FORCE_MPS2: Final = 16 * STANDARD_GRAVITY_MPS2 / 32768
 RATE_RADPS: Final = 2000 * DEGREE_RAD / 32768
 
@@ -41,16 +42,16 @@ def are_packets(start: bytes) -> bool:
 
 
 def read_witmotion(path: str | os.PathLike[str], *, rate_hz: float | None = None) -> Recording:
-    """Read packets of acceleration and angular rate; those with a wrong check sum are left out.
+    """Read packets of acceleration and angular rate. Packets with a wrong checksum are skipped.
 
-    rate_hz  sampling rate, Hz, if there are no packets of time; the first sample is then at 0 s
+    rate_hz  sampling rate, Hz, if there are no time packets; the first sample is then at 0 s
 
-    Raises FormatError without both kinds of packets, and for accelerations far from the size of gravity.
+    Raises FormatError if one kind of packet is missing, and for accelerations far from the size of gravity.
     """
     file = open_file(path)
     packets = _packets(file.content)
     kinds = packets[:, 1]
-    # A sample is an acceleration and the rate that follows it.
+    # A sample is an acceleration packet followed directly by a rate packet.
     first = np.flatnonzero((kinds[:-1] == ACCEL) & (kinds[1:] == GYRO))
     if not len(first):
         raise FormatError(
@@ -81,7 +82,7 @@ def read_witmotion(path: str | os.PathLike[str], *, rate_hz: float | None = None
 
 
 def _offsets(content: bytes) -> NDArray[np.int64]:
-    """The offsets of the packets with a valid check sum."""
+    """The offsets of the packets with a valid checksum."""
     data = np.frombuffer(content, np.uint8)
     if len(data) < SIZE:
         return np.empty(0, np.int64)
@@ -94,7 +95,7 @@ def _offsets(content: bytes) -> NDArray[np.int64]:
 
 
 def _packets(content: bytes) -> NDArray[np.uint8]:
-    """The packets, (N, 11); one that begins inside of another is no packet."""
+    """The packets, (N, 11). A match that begins inside another packet is not a packet."""
     at = _offsets(content)
     if len(at) > 1 and (np.diff(at) < SIZE).any():
         kept = [int(at[0])]

@@ -168,7 +168,7 @@ class Judgement:
 
     @property
     def by_use(self) -> tuple[Check, ...]:
-        """The checks, the worst first: failed checks before passed ones, then by the used share of the limit."""
+        """The checks, the worst first: failed checks before passed ones, then by used share of the limit."""
         return tuple(sorted(self.checks, key=lambda check: (check.passed, -check.used)))
 
     @property
