@@ -1,4 +1,4 @@
-"""Candidates of a search from the further columns of the recordings, such as a supply voltage.
+"""Candidate effects of further columns of the recordings, such as a supply voltage.
 
 A bias that follows a recorded column looks like a random walk to a search that does not know the column. The
 biases of both sensors are therefore always tested against each column, as `gyro: k * (supply_v - 3.3)`.
@@ -18,19 +18,21 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["column_effects", "usable_columns"]
 
-# A column is no candidate if time, temperature, force and rate explain at least this share of its variance:
-# counters and clocks, copies of the sensor's own columns, and further temperatures, which effects of the
-# catalogue describe. Noise of a supply voltage alone leaves more.
+# Threshold of the share of a column's variance that time, temperature, force and rate explain. At or above it
+# the column is not a candidate. This excludes counters and clocks, copies of the sensor's columns, and
+# further temperatures, which effects of the catalogue describe. The noise of a supply voltage alone keeps its
+# share below the threshold.
 EXPLAINED: Final = 0.95
-# Largest number of columns that become candidates. Each one makes a false alarm more likely, and the evidence
-# that an effect needs grows with the number of candidates. Columns that vary most independently come first.
+# Maximum number of columns that become candidates. Each additional candidate makes a false alarm more likely,
+# so the evidence required of an effect grows with the number of candidates. The columns with the smallest
+# explained share are selected.
 MOST_COLUMNS: Final = 6
-# Samples that the share is computed from.
+# Number of samples from which the explained share is computed.
 SAMPLES: Final = 4000
 
 
 def column_effects(recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
-    """Linear effects of the further columns on both biases; none of a column that known inputs explain."""
+    """Linear effects of further columns on both biases, without columns that known inputs explain."""
     texts = []
     for name in usable_columns(recordings):
         middle = np.mean([np.mean(recording.auxiliary[name]) for recording in recordings])
@@ -54,8 +56,8 @@ def usable_columns(recordings: Sequence[Recording]) -> list[str]:
 def _explained_share(name: str, recordings: Sequence[Recording]) -> float:
     """Share of the variance of a column that a linear function of the known inputs explains.
 
-    It is 1 for a constant column and for one with values that are not finite. The constant of each recording
-    is free, so that a counter that starts again is still a counter.
+    The share is 1 for a constant column and for a column with values that are not finite. Each recording has
+    a separate constant term, so that a counter which restarts is still recognised.
     """
     residual, total = 0.0, 0.0
     for recording in recordings:
@@ -72,7 +74,7 @@ def _explained_share(name: str, recordings: Sequence[Recording]) -> float:
 
 
 def _inputs(recording: Recording, rows: np.ndarray) -> FloatArray:
-    """What effects of the catalogue depend on, centred and scaled, one column each."""
+    """The inputs of effects of the catalogue, centred and scaled, one per column."""
     force, rate = samples_of_both(recording)
     given = [recording.time_s[rows, None], force[rows], rate[rows]]
     if recording.temperature_degc is not None:

@@ -55,7 +55,7 @@ def find_gap(
     hold: Hold = (),
     stage: Callable[[str], None] = lambda _: None,
 ) -> Gap:
-    """Find where recordings disagree with the model, identify the missing effect, and add it to the model.
+    """Find where recordings disagree with the model, identify missing effects, and add them to the model.
 
     recordings          recordings of one unit, for the fits
     control             recordings of the same unit that are used only for validation; without them, rests and
@@ -68,7 +68,7 @@ def find_gap(
                         user-defined effects, and formulas such as "gyro: k * (supply_v - 3.3)", are also
                         allowed; a list with only these excludes the catalogue
     user_effects        user-defined effects, which are always candidates
-    gravity_mps2        local gravity, m/s^2; default: that of `calibration`, else standard gravity
+    gravity_mps2        local gravity, m/s^2; default: gravity of `calibration`, else standard gravity
     min_rest_s          minimum duration of a rest, s
     exclude_saturated   whether to exclude saturated samples
     model, hold         parameters that have a prior in all fits, as in `calibrate`
@@ -106,7 +106,7 @@ def find_gap(
     if calibration is not None and gravity_mps2 is None:
         references = calibration.references
         if references.gravity_from == "unknown":
-            # The file of another program does not state it, so standard gravity is assumed.
+            # The file of another program does not state local gravity, so standard gravity is assumed.
             references = References("standard")
     options = Options(
         gravity_mps2=gravity,
@@ -119,7 +119,7 @@ def find_gap(
     )
     question = Question(unit_data, judges, options, wanted, named, calibration, references, stage)
     found = gap_of(question, question.answer())
-    # A search for given candidates is for these alone.
+    # Laws are searched only if no candidates are given.
     return with_laws(question, found) if candidates is None else found
 
 
@@ -141,7 +141,7 @@ def _require_list(candidates: Sequence[str] | None) -> None:
 def _without_formulas(
     candidates: Sequence[str] | None, recordings: Sequence[Recording]
 ) -> tuple[Sequence[str] | None, tuple[FormulaEffect, ...]]:
-    """The candidates with the name of its effect in the place of each formula, and these effects."""
+    """The candidates with each formula replaced by the name of its effect, and the formulas' effects."""
     if candidates is None:
         return None, ()
     effects = formula_effects([name for name in candidates if is_formula(name)], recordings)

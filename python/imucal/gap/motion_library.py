@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Suggestion", "suggestions"]
 
-# Seed of the random rotations. It differs from the default seed 1 of the present recordings, so that the
-# motions differ.
+# Seed of the random rotations. It differs from the default seed 1, with which the present recordings were
+# probably made, so that the motions differ.
 SEED: Final = 2
 # Number of moves of the random program.
 MOVES: Final = 45
@@ -30,7 +30,7 @@ FASTER_DPS: Final = (30.0, 120.0, 240.0)
 MOVES_AT_A_RATE: Final = 14
 # Step between rests on a circle, deg.
 CIRCLE_DEG: Final = 15.0
-# Half of the temperature range of a thermal cycle, K; the cycle is centred at the mean temperature of the
+# Half of the temperature range of a thermal cycle, K. The cycle is centred at the mean temperature of the
 # recordings.
 HALF_RANGE_K: Final = 15.0
 
@@ -43,8 +43,8 @@ class Suggestion:
     program           program for the stand
     temperature       temperature profile for `imucal simulate --temperature`; None to keep that of the
                       recordings
-    answers           phrase of the catalogue's advice on distinguishing effects that this motion implements
-    on_its_own        whether effects must be searched in this recording alone
+    answers           phrase in the catalogue's advice on distinguishing effects that this motion implements
+    on_its_own        whether effects must be searched in the new recording alone
     encoders          whether the motor angles of the stand must be recorded
     """
 

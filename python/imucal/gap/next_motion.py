@@ -34,15 +34,15 @@ if TYPE_CHECKING:
 
 __all__ = ["next_motion"]
 
-# Minimum chi2 to distinguish between two effects. The log likelihood ratio of the true effect to its rival
-# has mean chi2 / 2 and standard deviation sqrt(chi2): 15 +- 5.5 nats for chi2 = 30.
+# Minimum expected chi2 for a motion to distinguish between two effects. The log likelihood ratio of the true
+# effect to its rival has mean chi2 / 2 and standard deviation sqrt(chi2): 15 +- 5.5 nats for chi2 = 30.
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated recordings.
 SEED: Final = 3
-# Lower bound of the noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): a density of
-# zero is estimated from recordings that were simulated without noise.
+# Lower bounds of the noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). They are
+# needed because the estimate is zero for recordings that were simulated without noise.
 LEAST_DENSITY: Final = (1e-5, 1e-6)
-# Trial time constants of the search, as shares of the duration of the longest recording.
+# Trial time constants of effects, as shares of the duration of the longest recording.
 SHAPE_SHARES: Final = (0.03, 0.1, 0.3, 1.0)
 
 Design = tuple["FloatArray", Mapping[str, Sequence["FloatArray"]]]
@@ -53,7 +53,7 @@ class _Pair:
     """An effect with its estimated parameters, and a rival.
 
     values   estimated parameters of the effect, SI units
-    shape    estimated time constant of the effect, s; None if it has none
+    shape    estimated time constant of the effect, s; None for an effect without one
     beside   names of the other effects in the model
     """
 
@@ -65,7 +65,7 @@ class _Pair:
 
 
 def next_motion(question: Question, analysis: _core.GapAnalysis, after: CalibrationResult) -> dict[str, Any]:
-    """The next motion to record: description, stand program, and chi2 between rivals without and with it.
+    """The next motion to record: description, stand program, and chi2 between rivals before and after.
 
     after   calibration with the accepted effects
     """
@@ -130,7 +130,7 @@ def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: Calibratio
         beside = tuple(other for other in path if other != name)
         own = next(values for values in after.calibration.effects if values.name == name)
         yield _Pair(name, rival, own.values, own.shape, beside)
-        # A rival that cannot be fitted has no estimate; the pair in the other order is sufficient.
+        # A rival that cannot be fitted has no estimate. The pair in the other order is then sufficient.
         if estimate is not None:
             yield _Pair(rival, name, estimate.values, estimate.shape, beside)
 
@@ -157,7 +157,8 @@ def _separation(
 def _design(question: Question, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
     found = _core.gap_design(recordings, question.options, [(name, False) for name in names])
     base, candidates = found.base, found.effects
-    # Only inner products of columns are needed, so the small factor R of a QR decomposition replaces them.
+    # Only inner products of the columns are needed, so they are replaced by the factor R of their QR
+    # decomposition.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}
     at = base.shape[1]
@@ -181,8 +182,8 @@ def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
     beside = [columns[name][0] for name in pair.beside if name in columns]
     rivals = columns[pair.rival]
     if len(rivals) > 1:
-        # The time constant is estimated: columns at two adjacent trial values together approximate those at
-        # values in between.
+        # The time constant of the rival would be estimated. Columns at two adjacent trial values together
+        # approximate the columns at values between them.
         rivals = [np.hstack(both) for both in itertools.pairwise(rivals)]
     return min(_residual_norm2(trace, np.hstack([base, *beside, rival])) for rival in rivals)
 
@@ -210,7 +211,7 @@ def _simulated(question: Question, suggestion: Suggestion, after: CalibrationRes
         Sensor(
             triad.sensitivity,
             triad.bias,
-            # The simulation adds noise to raw samples, so the density is converted to raw units.
+            # The density is converted to raw units, because the simulation adds noise to raw samples.
             noise_density=float(np.mean(density) * np.cbrt(abs(np.linalg.det(triad.sensitivity)))),
         )
         for triad, density in zip(calibration.both(), (accel, gyro), strict=True)

@@ -25,18 +25,21 @@ __all__ = [
     "session_of",
 ]
 
-# Ratio of chi2 per degree of freedom of a given calibration to that of a fit without effects above which the
-# given calibration is reported as outdated: the parameters of the unit have changed since.
+# Threshold of the ratio of chi2 per degree of freedom with a given calibration to that of a fit without
+# effects. Above it, the given calibration is reported as outdated, because the parameters of the unit have
+# changed.
 FAR_WORSE: Final = 2.0
 
-# Change of the mean temperature between sessions, K, below which temperature explains no change of a bias.
+# Minimum change of the mean temperature between sessions, K, for temperature to be considered as the cause of
+# a bias change.
 LEAST_CHANGE_K: Final = 1.0
-# chi2 per degree of freedom above which noise does not explain residuals: twice the noise.
+# chi2 per degree of freedom above which noise does not explain residuals. It corresponds to residuals of
+# twice the noise.
 ABOVE_NOISE: Final = 4.0
-# Ratio of a temperature coefficient to its typical size above which it is implausible.
+# Ratio to its typical size above which a temperature coefficient is implausible.
 MOST_TIMES_TYPICAL: Final = 5.0
 
-# Description of the variation of a bias or a scale, by kernel of the generic hypothesis.
+# Phrases for the variation of a bias or a scale, by kernel of the generic hypothesis.
 PATTERNS: Final = {
     "random_walk": "as a random walk in time",
     "gravity_direction": "with the direction of gravity",
@@ -122,7 +125,8 @@ def _refused(analysis: _core.GapAnalysis) -> Iterator[str]:
 def _refit_alone(chi2: Sequence[float], question: Question) -> Iterator[str]:
     """Note on a given calibration that fits much worse than a new fit without effects.
 
-    chi2  per degree of freedom: of the given calibration, the fit without effects, and the fit with effects
+    chi2  chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with
+          effects
     """
     given, refitted, after = chi2
     if given > FAR_WORSE * max(refitted, 1.0):
@@ -194,7 +198,7 @@ def _three(values: Sequence[float], unit: str) -> str:
 
 
 def _per_kelvin(step: SessionStep, change_k: float) -> str:
-    """Temperature coefficients that would explain the step, beside typical ones."""
+    """Text with the temperature coefficients that would explain the step, compared with typical ones."""
     rows = (
         ("gyro_bias_temperature", step.gyroscope_radps, "rad/s"),
         ("accel_bias_temperature", step.accelerometer_mps2, "m/s^2"),
@@ -248,7 +252,7 @@ def not_confirmed_of(scores: Sequence[_core.EffectScore]) -> dict[str, Any] | No
 
 
 def above_noise_of(found: _core.Remainder, result: CalibrationResult) -> dict[str, Any]:
-    """Description of residuals that exceed their noise in no known pattern."""
+    """Description of residuals that exceed their noise without a known pattern."""
     control = () if result.control is None else result.control.residuals
     groups = control or result.residuals
     own = next((own for own in groups if own.kind == found.block), None)
@@ -262,5 +266,5 @@ def above_noise_of(found: _core.Remainder, result: CalibrationResult) -> dict[st
 
 
 def contradiction_of(reasons: Sequence[str]) -> dict[str, Any]:
-    """Description of recordings that the model does not fit, from the reasons."""
+    """Description of recordings that the model does not fit; `reasons` are those of the poor fit."""
     return {"block": "recordings", "kernel": "contradiction", "description": "; ".join(reasons)}

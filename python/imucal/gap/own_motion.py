@@ -1,12 +1,12 @@
-"""Residuals of a search for a missing effect, computed from the motion of the recordings themselves.
+"""Residuals for the report of a search, computed from the motion that the recordings contain.
 
     motion = imucal.own_motion(gap, run, control=control)
     motion.signals.predicted_before, motion.rests.rate_before
 
 The recordings are corrected with the calibration without effects ("before") and with that of the result
 ("after"). At a rest, a corrected gyroscope reads zero and a corrected accelerometer has the norm of gravity.
-During a move, the corrected rates propagate the gravity vector of the rest before it, which the accelerometer
-measures as well.
+During a move, the corrected rates propagate the gravity vector of the rest before the move. This prediction
+is compared with the accelerometer.
 """
 
 from __future__ import annotations
@@ -29,28 +29,30 @@ from imucal.recording.recording import Recording, as_recordings, samples_of_both
 
 __all__ = ["MoveResiduals", "MoveSignals", "OwnMotion", "RestResiduals", "own_motion"]
 
-# Time of the rests before and after the move that `MoveSignals` includes, s.
+# Duration of the parts of the rests before and after a move that `MoveSignals` includes, s.
 MARGIN_S: Final = 1.0
-# The rate of a move is its median over the samples above this share of its maximum, which leaves the ramps
-# of a move of constant rate out.
+# The rate of a move is the median of the samples above this share of the maximum rate. This excludes the
+# ramps of a move at constant rate.
 PLATEAU: Final = 0.7
-# Least share of the rotation that is about one axis of the body: 0.85 is an axis 32 deg from it.
+# Minimum cosine of the angle between the rotation axis and a body axis for a move to count as a rotation
+# about this body axis: 0.85 is 32 deg.
 ALONG: Final = 0.85
-# Least angle of the whole move over the sum of the angles of its samples: less is an axis that changes.
+# Minimum ratio of the rotation angle of the whole move to the sum of the angles between samples. At a smaller
+# ratio the rotation axis changes during the move.
 FIXED: Final = 0.98
-# Largest cosine of the angle between the axis and the vertical: 60 deg.
+# Maximum cosine of the angle between the rotation axis and the vertical: 0.5 is 60 deg.
 VERTICAL: Final = 0.5
 STAND: Final = ("stand_1_rad", "stand_2_rad", "stand_3_rad")
 
 
 @dataclass(frozen=True, eq=False)
 class MoveSignals:
-    """Signals of one move: measured, and predicted from the motion that the gyroscope measured.
+    """Signals of one move: measured specific force, and specific force predicted from the gyroscope.
 
     recording, move  name of the recording, and number of the move in it
     is_control       whether the fits have not used the recording
-    time_s           (N,) s, with a part of the rests before and after the move
-    start_s, end_s   the move
+    time_s           (N,) time, s, including parts of the rests before and after the move
+    start_s, end_s   start and end of the move, s
     measured_before, measured_after    (N, 3) specific force, corrected without and with the effects, m/s^2
     predicted_before, predicted_after  (N, 3) gravity of the rest before the move, propagated by the
                                        corrected rates, m/s^2
@@ -85,7 +87,7 @@ class RestResiduals:
     """Residuals at the rests that the fit uses, one row each.
 
     is_control  (K,) whether the fits have not used the recording
-    time_s      (K,) time of the middle, s
+    time_s      (K,) time of the middle of the rest, s
     up          (K, 3) up direction in the body frame, unit vectors
     rate_before, rate_after  (K, 3) mean corrected rate, rad/s, which is zero at rest
     norm_before, norm_after  (K,) norm of the mean corrected force minus gravity, m/s^2
@@ -107,8 +109,8 @@ class RestResiduals:
 class MoveResiduals:
     """Errors of the corrected rate in moves about one axis of the body, one row for each move.
 
-    Gravity does not show a rotation about the vertical, so only moves whose axis is at least 60 deg from the
-    vertical are part of it.
+    A rotation about the vertical does not change gravity in the body frame. Therefore only moves whose axis
+    is at least 60 deg from the vertical are included.
 
     is_control  (K,) whether the fits have not used the recording
     axis        (K,) axis of the rotation: 0, 1 or 2
@@ -125,9 +127,9 @@ class MoveResiduals:
 
 @dataclass(frozen=True, eq=False)
 class OwnMotion:
-    """Signals of the move that disagrees most, and residuals at all rests and of moves about one axis.
+    """Signals of the move with the largest residual, and residuals at all rests and of moves about one axis.
 
-    signals  None without any move
+    signals  signals of this move; None if there is no move
     """
 
     signals: MoveSignals | None
@@ -153,7 +155,7 @@ def own_motion(
     *,
     control: Recording | Sequence[Recording] | None = None,
 ) -> OwnMotion:
-    """Residuals of a search, from the motion of the recordings that it was made from.
+    """Residuals of a search, computed from the motion in the recordings of the search.
 
     Raises InputError for a result without fits, and for other recordings than those of the search.
     """
@@ -241,9 +243,10 @@ def _rest_at(of: _Corrected, sample: int) -> int:
 
 
 def _propagated(time_s: FloatArray, rate: FloatArray, origin: FloatArray, at: int) -> FloatArray:
-    """A vector that is constant in the world, in the body frame at each sample, (N, 3).
+    """A vector that is constant in the world frame, expressed in the body frame at each sample, (N, 3).
 
-    It is `origin` until sample `at`. d v / dt = v x w, with the mean of the rates of two samples.
+    The vector is `origin` until sample `at`. From there dv/dt = v x w is integrated, with the mean rate of
+    adjacent samples.
     """
     out = np.empty_like(rate)
     out[: at + 1] = origin
@@ -314,7 +317,7 @@ def _move_residuals(corrected: Sequence[_Corrected]) -> MoveResiduals:
 def _move_row(
     of: _Corrected, move: Move, rest_from: Rest, rest_to: Rest
 ) -> tuple[bool, int, float, float, float] | None:
-    """A row of `MoveResiduals`; None if the move is about no axis of the body, or about the vertical."""
+    """A row of `MoveResiduals`; None if the axis is far from every body axis or too close to the vertical."""
     time = of.raw.time_s[move.first : move.last + 1]
     rates = np.asarray(of.after.angular_rate, dtype=float)[move.first : move.last + 1]
     turned = 0.5 * (np.diff(time)[:, None] * (rates[1:] + rates[:-1])).sum(axis=0)
@@ -330,7 +333,7 @@ def _move_row(
         return None
     rate = float(np.median(rates[speed >= PLATEAU * speed.max(), axis]))
     about = about * np.sign(about[axis])
-    # The time that the rotation would take at this rate.
+    # Duration of the rotation at this constant rate, s.
     seconds = float(turned[axis]) / rate
     errors = []
     for own in (of.before, of.after):
@@ -339,13 +342,13 @@ def _move_row(
         own_rates = np.asarray(own.angular_rate, dtype=float)[move.first : move.last + 1]
         rotation = _core.integrate(time, np.ascontiguousarray(own_rates))
         predicted = _into_end(rotation, start / np.linalg.norm(start))
-        # A rate that is wrong by e for the time dt changes predicted gravity p by p x e dt.
+        # A rate error e during the time dt changes the predicted gravity p by p x e dt.
         errors.append(float(np.cross(predicted, end / np.linalg.norm(end)) @ about) / seconds)
     return of.is_control, axis, rate, errors[0], errors[1]
 
 
 def _into_end(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
-    """A vector of the body frame at the first sample in that at the last one; v_start = q v_end."""
+    """A vector in the body frame at the last sample, from that at the first sample; v_start = q v_end."""
     w, imaginary = float(quaternion[0]), -np.asarray(quaternion[1:], dtype=float)
     twice = 2.0 * np.cross(imaginary, vector)
     rotated: FloatArray = vector + w * twice + np.cross(imaginary, twice)

@@ -26,7 +26,7 @@ class Question:
     candidates    names of candidate effects from the catalogue; None for all effects
     definitions   user-defined effects by name
     calibration   calibration to compare with; None to compare with the fit without effects
-    references    how local gravity and the clock are known
+    references    sources and standard deviations of local gravity and the clock
     stage         callback with a description of each step before it starts
     """
 
@@ -51,7 +51,8 @@ class Question:
     def given(self) -> tuple[Calibration, float, list[Recording] | None] | None:
         """The given calibration, its gravity, m/s^2, and the evaluation recordings corrected by it.
 
-        The recordings are None without user-defined effects, because the compiled library corrects them then.
+        The recordings are None if the given calibration has no user-defined effects, because the compiled
+        library then corrects them.
         """
         if self.calibration is None:
             return None

@@ -1,4 +1,4 @@
-"""What the accepted effects leave unexplained, and biases that moved between sessions."""
+"""The remainder (residuals that the accepted effects do not explain), and bias changes between sessions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class SessionStep:
     temperature_change_k    mean temperature of the control recordings minus that of the calibration
                             recordings, K; None without temperatures
     chi2_per_dof            chi2 per degree of freedom of the control recordings without effects
-    chi2_per_dof_own        the same with the biases of the control recordings
+    chi2_per_dof_own        chi2 per degree of freedom of the control recordings with biases fitted to them
     """
 
     accelerometer_mps2: tuple[float, float, float] | None
@@ -31,16 +31,16 @@ class SessionStep:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the accepted effects leave unexplained, or the model without effects if none was accepted.
+    """Residuals that the accepted effects, or the model without effects if none was accepted, do not explain.
 
     kind           "nothing", "unknown" or "stochastic"
     block          the part of the model or of the data that varies, for example gyro_bias; None if nothing
                    remains
-    pattern        how it varies, for example attitude, random_walk, white or between_sessions; None if
-                   nothing remains
+    pattern        the pattern of its variation, for example attitude, random_walk, white or between_sessions;
+                   None if nothing remains
     description    a sentence with sizes and places; None if nothing remains
-    p_value        of the pattern under noise alone; if there is no pattern, of the residuals on control or
-                   held-out data under noise and the uncertainty of the calibration
+    p_value        p-value of the pattern under noise alone; without a pattern, p-value of the residuals on
+                   control or held-out data under noise and the uncertainty of the calibration
     matters        whether the remainder limits the use of the calibration; `imucal gap` then exits with 2
     session        change of the biases between sessions; None if it is not significant
     """

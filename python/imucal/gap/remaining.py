@@ -1,4 +1,4 @@
-"""The remainder of a search, with its description."""
+"""Description of the remainder of a search."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from imucal.gap.remainder import Remainder
 
 __all__ = ["described"]
 
-# chi2 per degree of freedom above which a calibration is a poor fit, as in the library.
+# chi2 per degree of freedom above which a calibration is a poor fit. The value is that of the compiled
+# library.
 POOR_CHI2_PER_DOF: Final = 100.0
 
 Described = tuple[Remainder, Mapping[str, Any] | None, list[str]]
 
 
 def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Described:
-    """The remainder, the variation that it describes, and reasons that belong into the notes."""
+    """The remainder, its variation, and the reasons of a poor fit that belong into the notes."""
     found, search = analysis.remainder, analysis.search
     session, reasons = notes.session_of(analysis.session), notes.misfits(after)
     generic = notes.generic_of(search.generic)
@@ -27,7 +28,7 @@ def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Describe
         generic = notes.scatter_of(search.scattering_rests)
     if generic is None and found.pattern == "between_sessions" and session is not None:
         words = notes.session_in_words(session)
-        # With biases of their own, the control recordings are hardly a poor fit any longer.
+        # The reasons are dropped if the control recordings are a good fit with biases fitted to them.
         left = reasons if session.chi2_per_dof_own > POOR_CHI2_PER_DOF else []
         generic = {
             "block": found.block,

@@ -20,23 +20,24 @@ class Gap(GapFields):
     """The result of a search for the missing effect.
 
     verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault. Effects may be
-                       named beside something unknown or random, which is `remainder`
+                       named although an unknown or random variation is left, which `remainder` describes
     effects            accepted effects, or faults of the data: name, sensor, parameters (name, value, std,
                        unit), log_bayes_factor (nats), statistic, dof, p_value, and closed, the share of the
                        gap that the effect closes on control or held-out data, by kind of residual
-    ambiguous_with     names of effects that explain the residuals as well as the accepted effects
+    ambiguous_with     names of effects that explain the residuals equally well as the accepted effects
     resembles          for the verdict unknown: up to three effects with the largest log Bayes factors
-    generic            block, kernel and description of a variation that no effect describes, or None
-    remainder          what the effects leave unexplained; None if faults of the data prevented a fit
-    laws               formulas that describe what no effect of the catalogue does; they are part of
-                       `calibration`, and `remainder` is what they leave
-    not_observable     name of each effect that is not observable, and the data that it needs
+    generic            block, kernel and description of a variation that no effect of the catalogue describes,
+                       or None
+    remainder          residuals that the effects do not explain; None if faults of the data prevented a fit
+    laws               formulas for residuals that no effect of the catalogue describes. Laws are part of
+                       `calibration`, and `remainder` describes the residuals that they leave
+    not_observable     name of each effect that is not observable, and the data in which it would be
     smallest_visible   detection limit by effect: rms size per parameter, its unit, and the chance that an
                        effect of this size is named
     next_motion        motion that distinguishes between rivals, or None: description, program, `simulate`
-                       (options for `imucal simulate`), `on_its_own` (whether effects must be searched in its
-                       recording alone), and expected chi2 between the rivals without and with it
-    gap                figure of merit on unseen data: metric, before, after, floor (its value from noise
+                       (options for `imucal simulate`), `on_its_own` (whether effects must be searched in the
+                       new recording alone), and expected chi2 between the rivals without and with it
+    gap                figure of merit on unseen data: metric, before, after, floor (the value from noise
                        alone) and closed, (before - after) / (before - floor). If a given calibration was
                        evaluated on control recordings, `before` is its figure and `refitted` the figure of
                        the fit without effects, otherwise `refitted` is None
@@ -46,8 +47,8 @@ class Gap(GapFields):
                        angular_rate_rms_radps and specific_force_rms_mps2, each with before, after, factor
                        (before / after), and factor_low and factor_high (95 % interval); None if no effect
                        was accepted
-    traces             by effect, residuals at its typical size: `times_noise` by kind of residual, and
-                       `taken_up`, the share of its chi2 that the 21 base parameters absorb
+    traces             by effect, its residuals at its typical size: `times_noise` by kind of residual, and
+                       `taken_up`, the share of their chi2 that the 21 base parameters absorb
     calibration_set    figures of the calibration recordings, before and after
     control_set        figures of the control recordings, before and after; None without control recordings
     held_out           figures of held-out rests and moves, before and after; None with control recordings

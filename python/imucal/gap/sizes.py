@@ -1,4 +1,4 @@
-"""Sizes in the units of datasheets."""
+"""Conversion of sizes of effects to the units of datasheets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DELAY_S: Final = 0.1
 
 
 def for_people(value: float, unit: str) -> tuple[float, str]:
-    """A value converted from SI to the unit of datasheets, and the name of that unit."""
+    """A value converted from SI to the unit of datasheets, and the name of the unit."""
     if unit == "s":
         return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
     factor, name = SHOWN.get(unit, (1.0, unit))

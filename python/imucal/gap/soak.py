@@ -3,10 +3,10 @@
     found = imucal.soak(sweep)
     found.gyroscope.terms, found.gyroscope.left
 
-A soak or a sweep in one pose determines no scale and no misalignment, but it determines how the mean reading
-depends on the temperature and on its history. The recording is averaged over epochs. Polynomials in the
-temperature, its rate, a lag and hysteresis are compared by cross-validation: each model is
-fitted by least squares to nine tenths of the epochs and predicts the others.
+A soak or a sweep in one pose determines no scale and no misalignment. It does determine how the mean reading
+depends on the temperature and on the temperature history. The recording is averaged over epochs. Models with
+polynomials in the temperature, its rate, a lag and hysteresis are compared by cross-validation, in which each
+model is fitted by least squares to nine tenths of the epochs and predicts the other epochs.
 """
 
 from __future__ import annotations
@@ -29,28 +29,30 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["Soak", "SoakTerm", "SoakedSensor", "soak"]
 
-# Number of epochs that a recording is averaged over, and least number of samples of one.
+# Number of epochs into which a recording is divided for averaging, and minimum number of samples of an epoch.
 EPOCHS: Final = 240
 LEAST_SAMPLES: Final = 10
-# Least number of epochs, and least range of their temperatures, K, from which anything is estimated.
+# Minimum number of epochs, and minimum range of their temperatures, K. Recordings with less are refused.
 LEAST_EPOCHS: Final = 40
 LEAST_RANGE_K: Final = 2.0
-# Folds of the cross-validation, and number of consecutive epochs that are held out together, so that what
-# varies slowly is not predicted from its neighbours.
+# Number of folds of the cross-validation, and number of consecutive epochs that are held out together, so
+# that slow variations are not predicted from adjacent epochs.
 FOLDS: Final = 10
 BLOCK: Final = 3
-# Multiple of the standard error, over the folds, by which a model must predict better than a simpler one.
-# With 1, one of eight sensors with a constant reading was given a term; with 2, none of 40.
+# Minimum improvement of the prediction over that of a simpler model, in standard errors over the folds. In
+# tests on sensors with a constant reading, the threshold 1 gave one of eight sensors a term, and the
+# threshold 2 none of 40.
 STANDARD_ERRORS: Final = 2.5
-# Largest scatter of a direction within the soak, rad: more is a unit that was moved.
+# Maximum scatter of the gravity direction within a soak, rad. A larger scatter means that the unit was moved.
 MOST_TURN_RAD: Final = 0.35
-# Number of time constants of a lag that are compared in a round, and number of rounds, each between the
-# neighbours of the best one of the round before; the last steps are 1 %.
+# Number of time constants of a lag that are compared in a round, and number of rounds. Each round searches
+# between the neighbours of the best value of the previous round; the last steps are 1 %.
 TAUS: Final = 11
 ROUNDS: Final = 3
 AXES: Final = "xyz"
 REFERENCE_DEGC: Final = _core.REFERENCE_TEMPERATURE_DEGC
-# Formula of each kind of term, by its degree, and the units of its parameters after that of the reading.
+# Formulas of each kind of term by degree, and the suffixes that the units of their parameters add to the unit
+# of the reading.
 FORMULAS: Final = {
     "polynomial": (
         "k (T - T0)",
@@ -80,11 +82,11 @@ SENSORS: Final = {"gyroscope": "gyro", "accelerometer": "accel"}
 class SoakTerm:
     """A term of the dependence on temperature.
 
-    name        such as "gyro_bias_temperature_lag"
-    formula     with T0 the reference temperature, s the direction of the temperature
-    parameters  by name, such as x, y_square, and tau for a time constant
-    std         standard deviation of each, from the scatter about the model
-    units       unit of each
+    name        name of the effect, such as "gyro_bias_temperature_lag"
+    formula     formula, where T0 is the reference temperature and s the direction of the temperature change
+    parameters  values by name, such as x, y_square, and tau for a time constant
+    std         standard deviation of each parameter, from the scatter about the model
+    units       unit of each parameter
     """
 
     name: str
@@ -115,9 +117,9 @@ class SoakedSensor:
     constant       (3,), the reading at the reference temperature
     mean           (N, 3), the mean reading in each epoch
     fitted         (N, 3), the model at each epoch
-    cubic          (N, 3), one cubic in the temperature, fitted alike
-    held_out       (3,), rms residual of epochs that were not fitted
-    held_out_cubic (3,), the same for one cubic
+    cubic          (N, 3), a cubic polynomial in the temperature at each epoch, fitted for comparison
+    held_out       (3,), rms residual of held-out epochs
+    held_out_cubic (3,), rms residual of held-out epochs for the cubic
     """
 
     sensor: str
@@ -132,7 +134,7 @@ class SoakedSensor:
 
     @property
     def left(self) -> FloatArray:
-        """Residual on held-out epochs as a share of that of one cubic, (3,)."""
+        """Residual on held-out epochs relative to that of the cubic, (3,)."""
         left: FloatArray = self.held_out / self.held_out_cubic
         return left
 
@@ -153,7 +155,7 @@ class SoakedSensor:
 class Soak:
     """The result of `imucal.soak`.
 
-    time_s, temperature_degc  (N,), of the epochs
+    time_s, temperature_degc  (N,), mean time and temperature of the epochs
     """
 
     name: str
@@ -183,7 +185,7 @@ class Soak:
 
 @dataclass(frozen=True)
 class Form:
-    """A model: effects with their numbers of parameters; the lag comes last, with its time constant, s."""
+    """A model: effects with their numbers of parameters. A lag, with time constant `tau_s`, comes last."""
 
     effects: tuple[tuple[str, int], ...] = ()
     tau_s: float | None = None
@@ -197,9 +199,10 @@ class Form:
 def soak(recording: Recording, *, calibration: Calibration | None = None) -> Soak:
     """Find how the biases depend on the temperature, from a recording at rest in one pose.
 
-    recording    a soak or a sweep with temperatures, the longer and the wider the better
-    calibration  calibration of the unit without effects of the temperature, with which the readings are
-                 corrected; without it, they must be in SI units
+    recording    a soak or a sweep with temperatures; a longer recording over a wider range gives better
+                 results
+    calibration  calibration of the unit with which the readings are corrected, except for temperature
+                 effects; without a calibration, the readings must be in SI units
 
     Raises InputError for a recording without temperatures or with too few, and for a unit that was moved.
     """
@@ -284,7 +287,7 @@ class _Search:
         self.folds = (np.arange(len(mean)) // BLOCK) % FOLDS
         self.known: dict[tuple[str, float | None], FloatArray] = {}
         self.cubic = Form(((self.prefix, 9),))
-        # Axes count by their share of what one cubic leaves.
+        # The residuals of each axis are divided by those of the cubic, so that all axes have similar weight.
         self.scale = np.sqrt((self._held_out(self.cubic) ** 2).mean(axis=0))
         self.scale = np.maximum(self.scale, np.finfo(np.float64).tiny)
 
@@ -301,7 +304,7 @@ class _Search:
         return np.hstack(columns)
 
     def _cause(self, name: str, tau_s: float | None) -> FloatArray:
-        """The input of the lowest degree of a term at each sample."""
+        """The variable of a term at each sample."""
         if tau_s is not None:
             return self.history.lag_k(tau_s)
         if name.endswith("_rate"):
@@ -325,7 +328,7 @@ class _Search:
         return residual
 
     def _errors(self, form: Form) -> FloatArray:
-        """Mean square of the held-out residuals in each fold, relative to one cubic, (folds,)."""
+        """Mean square of the held-out residuals in each fold, relative to that of the cubic, (folds,)."""
         squares = ((self._held_out(form) / self.scale) ** 2).mean(axis=1)
         return np.array([squares[self.folds == fold].mean() for fold in range(FOLDS)])
 
@@ -354,7 +357,7 @@ class _Search:
         return Form(effects, best)
 
     def best(self) -> Form:
-        """The simplest model that predicts about as well as the best one."""
+        """The simplest model whose prediction is not significantly worse than that of the best model."""
         plain = list(self._forms())
         turn = f"{self.prefix}_hysteresis"
         linear = {((self.prefix, 3),), ((self.prefix, 6),), ((self.prefix, 9),)}

@@ -1,6 +1,6 @@
-"""How the temperature of a recording changed before each sample: rate, direction, and lag.
+"""Variables of the temperature history at each sample: rate, direction, and lag.
 
-rate        slope of a line through the means over 1 s, within 10 s on either side
+rate        slope of a regression line through the 1 s means within 10 s on either side
 direction   1 heating, -1 cooling; it reverses linearly while the temperature turns by 2 K
 lag         T_tau - T,  tau dT_tau/dt = T - T_tau,  T_tau = T at the start
 """
@@ -15,18 +15,18 @@ from imucal.arrays import FloatArray
 
 __all__ = ["TemperatureHistory"]
 
-# Time over which temperatures are averaged, s. It suppresses the noise of a thermometer.
+# Time over which temperatures are averaged, s. Averaging suppresses the noise of a thermometer.
 NODE_S: Final = 1.0
-# Largest number of means; longer recordings have means over longer times.
+# Maximum number of means. In longer recordings the means are taken over longer times.
 MOST_NODES: Final = 20_000
-# Half of the time over which the rate is computed, s.
+# Half of the interval over which the rate is computed, s.
 RATE_S: Final = 10.0
-# Half of the change of the temperature after which a reversal is complete, K. Smaller changes are noise.
+# Half of the temperature change that completes a reversal of the direction, K. Smaller changes are noise.
 REVERSAL_K: Final = 1.0
 
 
 class TemperatureHistory:
-    """Means of the temperature `degc` (N,) at `time_s` (N,), and what depends on its past."""
+    """Means of the temperature `degc` (N,) at `time_s` (N,), and the variables of its history."""
 
     def __init__(self, time_s: FloatArray, degc: FloatArray) -> None:
         since = time_s - time_s[0]
@@ -53,7 +53,7 @@ class TemperatureHistory:
             total: FloatArray = sums[end] - sums[first]
             return total
 
-        # Centred, so that differences of the cumulative sums keep their digits.
+        # Time and temperature are centred, so that differences of the cumulative sums do not lose digits.
         t, values = t - t.mean(), values - values.mean()
         mean_t, mean = window(t) / count, window(values) / count
         square = window(t * t) - count * mean_t**2
@@ -62,7 +62,7 @@ class TemperatureHistory:
         return self._at_samples(slope)
 
     def direction(self) -> FloatArray:
-        """Direction of the last change at each sample, -1 to 1; 0 before any change."""
+        """Direction of the last change at each sample, -1 to 1; 0 before the first change."""
         found, now = np.zeros_like(self.degc), 0.0
         for k, change in enumerate(np.diff(self.degc), start=1):
             now = min(max(now + change / REVERSAL_K, -1.0), 1.0)

@@ -1,4 +1,4 @@
-"""The result of a search for missing effects as text."""
+"""Text of the result of a search for missing effects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from imucal.gap.sizes import for_people
 
 __all__ = ["explanation", "sentences"]
 
-# Finding that is printed before the effects.
+# Code of the finding that is printed before the effects.
 BEFORE_EFFECTS: Final = "noise_below_lsb"
 # Names of the kinds of residuals for users.
 KINDS: Final = {
@@ -25,18 +25,19 @@ KINDS: Final = {
     "stand_rest": "attitude at rest relative to the stand",
     "stand_move": "attitude in moves relative to the stand",
 }
-# Names of kinds of residuals for sums over all axes, if they differ from those above.
+# Names of kinds of residuals without an axis, if they differ from those in `KINDS`.
 WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": "force during moves"}
-# Minimum ratio to noise of predicted residuals that are printed.
+# Ratio to noise above which predicted residuals are printed.
 LEAST_TIMES_NOISE: Final = 0.05
-# Names of regressors for users, if they differ from those in documents.
+# Names of regressors in texts, if they differ from those in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 # Maximum number of kinds of residuals that are printed.
 MOST_CHANNELS: Final = 4
-# Minimum lower end of the 95 % interval of an improvement factor that is printed.
+# An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
-# Minimum improvement of the control figure for it to be printed in the summary, as a share of the improvement
-# of the residuals that improve most, both in multiples of noise. Otherwise these residuals are printed.
+# Threshold that selects the figure in the summary. The control figure is printed if its improvement is at
+# least this share of the improvement of the residuals that improve most, both in multiples of noise.
+# Otherwise these residuals are printed.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
@@ -108,7 +109,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
 
 
 def _laws(gap: GapFields) -> Iterator[str]:
-    """A sentence on each law: its formula with numbers, the share of the gap it closes, similar names."""
+    """A sentence on each law: formula with numbers, closed share of the gap, and nearest effects."""
     for law in gap.laws:
         values = ", ".join(
             f"{p['name']} = {p['value']:.3g} ± {p['std'] or 0.0:.1g} {p['unit']}" for p in law.parameters
@@ -120,7 +121,7 @@ def _laws(gap: GapFields) -> Iterator[str]:
 
 
 def _remainder(gap: GapFields) -> Iterator[str]:
-    """What the effects leave unexplained."""
+    """Sentences on the residuals that the effects do not explain."""
     remainder = gap.remainder
     if remainder is None:
         return

@@ -23,8 +23,9 @@ from imucal.gap.result import Gap
 
 __all__ = ["gap_of"]
 
-# Chance that an effect of the size of its detection limit is named first: 194 of 280 cases of the benchmark
-# (docs/results/gap.md). It is below the 90 % of the chi2 test, because a name must also win over its rivals.
+# Probability that an effect with the size of its detection limit is named first: 194 of 280 cases of the
+# benchmark (docs/results/gap.md). It is below the 90 % of the chi2 test, because the effect must also have
+# more evidence than its rivals.
 NAMED_AT_LIMIT: Final = 0.7
 # Kinds of residuals on control or held-out data, in the order of the library.
 UNSEEN_KINDS: Final = ("rest_norm", "move_direction", "rest_rate")
@@ -128,7 +129,7 @@ def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
 def _closed(question: Question, analysis: _core.GapAnalysis) -> dict[str, Any]:
     """Figure of merit on unseen data, and the closed share of its excess over noise.
 
-    With a given calibration and control recordings, the figure of the given calibration is `before`.
+    With a given calibration and control recordings, `before` is the figure of the given calibration.
     """
     metric, before, after, floor = analysis.unseen
     refitted: float | None = None

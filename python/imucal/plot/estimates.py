@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 __all__ = ["limits", "parameters", "sigmas"]
 
-# Short, for the titles of panels on a phone.
+# Short names of the sensors in titles of panels, which must fit on the screen of a phone.
 SENSORS: Final = {"accel": "accel", "gyro": "gyro"}
 # Heights, pixels: row of a parameter, row of a check, title and labels of a panel, and margin of the figure.
 ROW_PX: Final = 24
 CHECK_PX: Final = 29
 PANEL_PX: Final = 62
 MARGIN_PX: Final = 40
-# Values are clipped to this multiple of the limit.
+# Values of checks are clipped to this multiple of the limit.
 EDGE: Final = 1.5
 
 
@@ -79,8 +79,8 @@ def sigmas(result: CalibrationResult | Calibration) -> Figure:
 def limits(judgement: Judgement) -> Figure:
     """Every check relative to its limits, with error bars of +-1 sigma; the allowed range is -1 to 1.
 
-    A one-sided maximum is at 1; a value that satisfies a one-sided minimum is drawn at 0. Values beyond 1.5,
-    and missing values, are drawn at the edge. Raises ImucalError without plotly.
+    A one-sided maximum is at 1, and a value that satisfies a one-sided minimum is drawn at 0. Values beyond
+    1.5 and missing values are drawn at the edge. Raises ImucalError without plotly.
     """
     go, _ = plotly()
     checks = judgement.checks

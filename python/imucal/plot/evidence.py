@@ -58,7 +58,7 @@ SETS: Final = {"control_set": "control", "held_out": "held out", "calibration_se
 def disagreement(gap: Gap) -> Figure:
     """Residuals of each channel of `gap.where` relative to their noise, without and with the found effects.
 
-    A value of 1 means that noise explains the residuals.
+    Residuals from noise alone have the value 1.
 
     Raises InputError if there are no residuals, ImucalError without plotly.
     """
@@ -138,7 +138,7 @@ def ranking(gap: Gap) -> Figure:
 def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None = None) -> Figure:
     """The curve of a law over its variable by axis, with the 95 % band of its parameters.
 
-    points  by axis, values of the variable and errors of the sensor, such as those of `law_points`
+    points  values of the variable and errors of the sensor by axis, such as those of `law_points`
 
     Raises InputError for a law of several variables, ImucalError without plotly.
     """
@@ -200,14 +200,14 @@ def shown(name: str, figures: Mapping[str, Any]) -> float | None:
 
 
 def figure_sets(gap: Gap) -> dict[str, Mapping[str, Any]]:
-    """Figures before and after by the name of the set; sets that the fit has not used come first."""
+    """Figures before and after, by name of the set. Sets that the fit has not used come first."""
     return {word: getattr(gap, of) for of, word in SETS.items() if getattr(gap, of) is not None}
 
 
 def before_and_after(gap: Gap) -> Figure:
     """Figures of the control, held-out and calibration sets, before and after the effects were added.
 
-    Raises InputError if there are none, ImucalError without plotly.
+    Raises InputError if there are no figures, ImucalError without plotly.
     """
     sets = figure_sets(gap)
     if not sets:

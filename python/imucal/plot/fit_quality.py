@@ -1,4 +1,4 @@
-"""Plots of a fit: gravity before and after it, residuals beside the normal curve, correlations."""
+"""Plots of a fit: gravity before and after calibration, histogram of residuals, and correlations."""
 
 from __future__ import annotations
 
@@ -27,9 +27,11 @@ __all__ = [
     "sphere_before_and_after",
 ]
 
-# Largest distance of a point from the sphere as drawn, in radii; all errors are magnified by one factor.
+# Largest drawn distance of a point from the sphere, in radii. It determines the factor by which all errors
+# are magnified.
 DRAWN_ERROR: Final = 0.4
-# Edges of the bins of a histogram, in standard deviations. The outermost bins hold all that is beyond them.
+# Edges of the bins of a histogram, in standard deviations. The outermost bins also contain all values beyond
+# them.
 EDGES: Final = np.arange(-4.0, 4.01, 0.5)
 LENGTH_EDGES: Final = np.arange(0.0, 5.01, 0.5)
 
@@ -37,7 +39,8 @@ LENGTH_EDGES: Final = np.arange(0.0, 5.01, 0.5)
 def norms_before_and_after(result: CalibrationResult) -> tuple[FloatArray, FloatArray]:
     """Norm of the force at each used rest over gravity, before and after the calibration, (K,) each.
 
-    Raw counts become forces by one scale and one zero for all axes, the means of those of the calibration.
+    Before calibration, raw counts are converted to forces with one scale and one zero for all axes, which are
+    means of the calibration over the axes.
     """
     used = [rest for rest in result.rests if rest.excluded is None]
     raw = np.array([rest.mean_specific_force for rest in used], dtype=float).reshape(-1, 3)
@@ -59,7 +62,7 @@ def sphere_before_and_after(result: CalibrationResult) -> tuple[Figure, float]:
     """
     go, _ = plotly()
     used = np.array([rest.excluded is None for rest in result.rests], dtype=bool)
-    # Rounded to what a screen shows, because the points of long recordings make a page large.
+    # Rounded to the resolution of a screen, because the points of long recordings would make a page large.
     up = up_at_rests(result)[used].round(4)
     before, after = norms_before_and_after(result)
     largest = float(np.max(np.abs(before - 1.0), initial=0.0))
@@ -72,7 +75,7 @@ def sphere_before_and_after(result: CalibrationResult) -> tuple[Figure, float]:
     ):
         points = ((1.0 + factor * (norms - 1.0))[kept, None] * up[kept]).round(4)
         if name == "before":
-            # A stick from the sphere to each point shows the sign of the error.
+            # A line from the sphere to each point shows the sign of the error.
             sticks = np.stack([up[kept], points, np.full_like(points, np.nan)], axis=1).reshape(-1, 3)
             figure.add_scatter3d(
                 x=sticks[:, 0], y=sticks[:, 1], z=sticks[:, 2], mode="lines",
@@ -147,7 +150,7 @@ def correlations(calibration: Calibration) -> Figure:
     Raises InputError for a calibration without covariance, ImucalError without plotly.
     """
     names, matrix = _correlation(calibration)
-    # Short enough for the screen of a phone; T is the sensitivity.
+    # Labels are short, for the screen of a phone; T stands for the sensitivity.
     labels = [name.replace("_sensitivity_", " T ").replace("_", " ") for name in names]
     go, _ = plotly()
     figure = go.Figure(
@@ -162,7 +165,7 @@ def correlations(calibration: Calibration) -> Figure:
             hovertemplate="%{y}<br>%{x}<br>%{z:.2f}<extra></extra>",
         )
     )
-    # Every name is shown, in small print, on a phone as well.
+    # All names are shown, even on a phone, so their text is small.
     ticks = {"tickmode": "array", "tickfont": {"size": 7}}
     figure.update_xaxes(**ticks, tickvals=labels, tickangle=-90)
     figure.update_yaxes(**ticks, tickvals=labels)

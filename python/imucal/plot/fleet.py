@@ -1,4 +1,4 @@
-"""Plots of a fleet: yield over time, and the units of a parameter over time in bands."""
+"""Plots of a fleet: yield over time, and the distribution of a parameter over time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_BINS", "over_time", "yield_over_time"]
 
-# Largest number of bins of time. A figure has the same size for ten units and for a hundred thousand.
+# Maximum number of time bins. It makes the size of a figure independent of the number of units.
 MOST_BINS: Final = 60
 SERIES: Final = (("good", GREEN, "circle"), ("incomplete", BLUE, "square"), ("poor", VERMILION, "diamond"))
 STATIONS: Final = ((BLUE, "circle"), (VERMILION, "square"), (GREEN, "diamond"), (GREY, "x"))
@@ -26,7 +26,7 @@ def yield_over_time(days: Sequence[str], counts: Mapping[str, Sequence[int]]) ->
     """Number of units by verdict and day, or by bins of several days.
 
     days     first day of each bin
-    counts   by verdict, one number for each bin; no_result is the last
+    counts   numbers of units by verdict, one per bin; the last verdict is no_result
     """
     go, _ = plotly()
     figure = go.Figure()
@@ -48,9 +48,9 @@ def over_time(
     """Median of a parameter for each station, with the range of the middle 90 % of its units.
 
     times       middle of each bin
-    quantiles   by station, (bins, 3): 5 %, 50 % and 95 %; NaN where there is no unit
+    quantiles   5 %, 50 % and 95 % quantiles by station, (bins, 3); NaN in bins without a unit
     centre      mean over all units
-    limits      minimum and maximum; None for a side without one
+    limits      minimum and maximum; None for a side without a limit
     """
     go, _ = plotly()
     figure = go.Figure()
@@ -82,5 +82,5 @@ def over_time(
 
 
 def _rounded(values: FloatArray) -> list[float]:
-    """Values with five digits, which is finer than a screen shows."""
+    """Values rounded to five digits, which exceeds the resolution of a screen."""
     return [float(f"{value:.5g}") for value in values.tolist()]

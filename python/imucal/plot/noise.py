@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 __all__ = ["allan", "marks", "slopes"]
 
 LOOKS = (("x", VERMILION, "circle"), ("y", GREEN, "square"), ("z", BLUE, "diamond"))
-# Allan deviation of flicker noise with the coefficient B, over B: sqrt(2 ln 2 / pi).
+# Ratio of the Allan deviation of flicker noise to its coefficient B: sqrt(2 ln 2 / pi).
 FLAT: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # Averaging times at which the asymptotes of N and K have the values N and K, s.
 TAU_N_S: Final = 1.0
 TAU_K_S: Final = 3.0
-# Figure, letter, slope of its asymptote, and words of the legend.
+# Noise figure, its letter, the slope of its asymptote, and the text of the legend.
 KINDS: Final = (
     ("noise_density", "N", -0.5, "slope −1/2: white noise N"),
     ("bias_instability", "B", 0.0, "slope 0: bias instability B"),
@@ -34,9 +34,10 @@ DASHES: Final = ("dot", "dash", "dashdot")
 
 
 def marks(axis: AxisNoise) -> dict[str, tuple[float, float]]:
-    """Averaging time, s, and Allan deviation at which N, B and K are read, if they have values.
+    """Averaging time, s, and Allan deviation at which each of N, B and K that has a value is read.
 
-    N at 1 s and K at 3 s, where their asymptotes have these values; 0.664 B where the model is lowest.
+    N is read at 1 s and K at 3 s, where their asymptotes have the values N and K. 0.664 B is read at the
+    minimum of the model.
     """
     found = {}
     density, instability, walk = axis.noise_density.value, axis.bias_instability.value, axis.random_walk.value
@@ -68,9 +69,9 @@ def slopes(axes: tuple[AxisNoise, ...]) -> dict[str, tuple[FloatArray, FloatArra
 def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
     """Allan deviation over averaging time for the three axes of a sensor, in deg/h or µg.
 
-    Points with 95 % confidence intervals are measured, lines are the identified noise model. Straight lines
-    are the asymptotes of white noise, bias instability and random walk, for the mean of the axes; stars mark
-    where N, B and K of each axis are read.
+    Points with 95 % confidence intervals are measured; lines are the identified noise model. Straight lines
+    are the asymptotes of white noise, bias instability and random walk for the mean of the axes. Stars mark
+    the points at which N, B and K of each axis are read.
 
     Raises ImucalError without plotly, and InputError for a sensor that the recording does not have.
     """
@@ -109,12 +110,13 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
         for letter, (tau, value) in marks(of_axis).items():
             figure.add_scatter(
                 x=[tau], y=[factor * value], name=f"{letter} of {axis}", mode="markers+text",
-                # One letter for the three axes, which often lie on one another.
+                # Only the x axis has a letter, because the stars of the three axes often overlap.
                 text=[letter if axis == "x" else ""], textposition="top right", textfont={"size": 14},
                 marker={"color": colour, "symbol": "star", "size": 13, "line": {"color": INK, "width": 1}},
                 showlegend=False, hovertemplate=f"{letter} of {axis}<extra></extra>",
             )  # fmt: skip
-    # The range of the axis is set by the points, because the intervals at the longest times are very wide.
+    # The range of the axis is that of the points without intervals, because the intervals at the longest
+    # times are very wide.
     everything = factor * np.concatenate([axis.deviations for axis in axes])
     positive = everything[everything > 0]
     axis_style: dict[str, Any] = {"type": "log", "dtick": 1}
@@ -125,7 +127,7 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
         figure.update_yaxes(range=[low - 0.5, high + 0.5])
         figure.update_xaxes(range=[math.log10(axes[0].taus_s[0]) - 0.2, math.log10(axes[0].taus_s[-1]) + 0.2])
     figure = styled(figure, 480)
-    # Decades as numbers, such as 0.01 and 1000.
+    # Tick labels are decimal numbers, such as 0.01 and 1000.
     return figure.update_layout(
         xaxis={"exponentformat": "none"}, yaxis={"exponentformat": "none"}, margin={"t": 78}
     )

@@ -1,4 +1,4 @@
-"""Plots of the residuals of a search, from the motion of the recordings themselves."""
+"""Plots of the residuals of a search that are computed from the motion in its recordings."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ __all__ = ["Dependence", "dependences", "law_points", "move_signals", "residual_
 
 # Number of samples of a signal that are drawn.
 SAMPLES: Final = 800
-# Minimum share of the variance that a cubic in the variable explains for a residual to be drawn against it.
+# A residual is drawn against a variable if a cubic in the variable explains at least this share of its
+# variance.
 LEAST_SHARE: Final = 0.3
-# Minimum number of rests or moves of a dependence: a cubic fits fewer ones by chance.
+# Minimum number of rests or moves for a dependence, because a cubic fits fewer points by chance.
 LEAST_POINTS: Final = 8
-# Cosine of the largest angle between an axis and the vertical at which the norm of gravity shows the error
-# of this axis: 0.9 is 26 deg.
+# Minimum cosine of the angle between an axis and the vertical for the norm of gravity to be taken as the
+# error of this axis: 0.9 is 26 deg.
 VERTICAL: Final = 0.9
 MG: Final = 1e3 / STANDARD_GRAVITY_MPS2
 DPS: Final = 1.0 / DEGREE_RAD
@@ -37,11 +38,11 @@ DPS: Final = 1.0 / DEGREE_RAD
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """A residual and the variable that it depends on most, one value for each rest or move.
+    """A residual and the variable on which it depends most, with one value per rest or move.
 
     residual, variable  names with units
     is_control          (K,) whether the fits have not used the recording
-    at                  (K,) the variable
+    at                  (K,) values of the variable
     before, after       (K,) the residual without and with the effects
     share               share of the variance of `before` that a cubic in the variable explains
     """
@@ -56,11 +57,11 @@ class Dependence:
 
 
 def move_signals(signals: MoveSignals, *, has_effects: bool = True, is_hand_moved: bool = False) -> Figure:
-    """The accelerometer's signal in one move, and the one that the gyroscope predicts.
+    """The signal of the accelerometer in one move, and the signal predicted from the gyroscope.
 
     The axis is the one whose residual after the move is the largest. Lower panel: measured minus predicted.
-    With `is_hand_moved`, its range is that of the residuals at the rests, because the accelerometer also
-    measures the hand.
+    With `is_hand_moved`, the range of the lower panel is that of the residuals at the rests, because during
+    the move the accelerometer also measures the acceleration of the hand.
 
     Raises ImucalError without plotly.
     """
@@ -103,7 +104,7 @@ def dependences(motion: OwnMotion) -> list[Dependence]:
     """Each residual with the variable that explains most of its variance, the best explained first.
 
     Residuals are the rate at rest about each axis, the norm of gravity at rest, and the rate in moves about
-    each axis. Those that no variable explains by 30 % are left out.
+    each axis. Residuals of which no variable explains at least 30 % of the variance are omitted.
     """
     rests, moves = motion.rests, motion.moves
     variables = {
@@ -135,7 +136,7 @@ def residual_against(shown: Sequence[Dependence], *, has_effects: bool = True) -
 
     Filled markers are recordings of the fit, open ones control recordings.
 
-    Raises InputError without any, ImucalError without plotly.
+    Raises InputError without any residual to show, ImucalError without plotly.
     """
     if not shown:
         raise InputError("no residual depends on a variable")
@@ -167,10 +168,10 @@ def residual_against(shown: Sequence[Dependence], *, has_effects: bool = True) -
 
 
 def law_points(motion: OwnMotion, law: Law) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Points for the curve of a law by axis: the variable, and the law plus the residual with it, SI units.
+    """Points for the curve of a law by axis: the variable, and law plus remaining residual, SI units.
 
-    At rests and moves where the residual shows the error of one axis; empty for a law of several variables
-    or of a variable that is not known for the rests or moves.
+    Points are rests and moves whose residual is the error of one axis. There are none for a law of several
+    variables or of a variable that is not known for rests or moves.
     """
     curve = law.curve
     if curve is None:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["envelope", "recording_signals", "saturated_samples"]
 
-# Number of intervals of time that a signal is reduced to, each to its smallest and largest sample. It is
-# about the number of pixels of a figure.
+# Number of time intervals in which a signal is drawn, each by its smallest and largest sample. It is about
+# the number of pixels of a figure.
 INTERVALS: Final = 700
 # Maximum number of rests that are shaded.
 RESTS: Final = 400
@@ -87,7 +87,7 @@ def recording_signals(recording: Recording, inspection: Inspection) -> Figure:
 def envelope(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The smallest and the largest of the samples in each interval of time, in order of time.
 
-    All samples if there are few. Missing samples are left out.
+    A short signal is returned with all samples. Missing samples are omitted.
     """
     known = np.isfinite(values)
     time_s, values = time_s[known], values[known]
@@ -105,9 +105,9 @@ def envelope(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
 def saturated_samples(
     recording: Recording, inspection: Inspection, prefix: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Times and values of the samples at the end of a sensor's range; at most two for each interval.
+    """Times and values of the samples at the end of a sensor's range; at most two per interval.
 
-    They are consecutive samples with the extreme value of a column that a finding reports as saturated.
+    These are consecutive samples with the extreme value of a column that a finding reports as saturated.
     """
     columns = {
         column
@@ -139,11 +139,11 @@ def _scale(unit: str) -> tuple[float, str]:
 
 
 def _shade(figure: Any, inspection: Inspection) -> None:
-    """Rests as bands over all panels; the legend names the two tones."""
+    """Draw the rests as bands over all panels, with entries for both colours in the legend."""
     for name, colour, is_excluded in (("rest", BAND, False), ("excluded rest", EXCLUDED, True)):
         own = [rest for rest in inspection.rests if (rest.excluded is not None) == is_excluded][:RESTS]
         for rest in own:
-            # "x" and the whole height: one shape instead of one for each panel.
+            # The shape spans the whole height, so that one shape is sufficient for all panels.
             figure.add_shape(
                 type="rect", xref="x", yref="paper", x0=rest.start_s, x1=rest.end_s, y0=0, y1=1,
                 fillcolor=colour, line={"width": 0}, layer="below",

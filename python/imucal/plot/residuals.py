@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["move_residuals", "rest_residuals"]
 
 MG: Final = SHOWN["m/s^2"][0]
-# Bounds that contain 95 % of the residuals caused by noise, in sigma: for a normal variable, and for the norm
-# of two such variables (Rayleigh).
+# Bounds that contain 95 % of the residuals from noise alone, in sigma: for a normal variable, and for the
+# norm of a vector of two normal variables (Rayleigh).
 NORMAL_95: Final = 1.960
 LENGTH_95: Final = math.sqrt(-2.0 * math.log(0.05))
 
@@ -115,7 +115,7 @@ def _hover(words: str, item: Rest | Move, sigma: float, unit: str) -> str:
 
 
 def _range(errors: FloatArray, sigmas: FloatArray, band: tuple[float, float]) -> list[float] | None:
-    """Range of the used residuals; excluded ones can be far outside, and a double click shows them."""
+    """Range of the used residuals. Excluded residuals can be far outside; a double click shows them."""
     seen = np.concatenate([errors, band[0] * sigmas, band[1] * sigmas])
     seen = seen[np.isfinite(seen)]
     if seen.size == 0:

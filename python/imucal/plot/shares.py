@@ -1,4 +1,4 @@
-"""Plots of what a search has found: the share of the gap of each effect, its size, and its rivals."""
+"""Plots of the effects that a search has found: closed share of the gap, size, and rivals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ KINDS: Final = {
 }
 ROW_PX: Final = 34
 PANEL_PX: Final = 66
-# Least probability of a candidate that is drawn, and largest number of them.
+# Minimum probability of a drawn candidate, and maximum number of drawn candidates.
 LEAST: Final = 1e-3
 MOST: Final = 6
 # Half width of a 95 % interval, in standard deviations.
@@ -31,7 +31,7 @@ INTERVAL_95: Final = 1.96
 
 
 def waterfall_steps(gap: Gap) -> dict[str, list[tuple[str, float]]]:
-    """Share of the gap that each effect and law closes, by kind of residual, and the share that is left.
+    """Share of the gap that each effect and law closes, and the remaining share, by kind of residual.
 
     Shares are those of control or held-out residuals. Kinds without a gap are left out.
     """
@@ -64,7 +64,8 @@ def waterfall(gap: Gap) -> Figure:
     )
     for row, own in enumerate(steps.values(), start=1):
         names = ["gap", *(name for name, _ in own)]
-        # The residuals of unseen data vary, so that the share left may be slightly negative.
+        # The remaining share is clipped, because it may be slightly negative due to the scatter of unseen
+        # data.
         left = max(own[-1][1], 0.0)
         text = ["100 %", *(f"−{100 * share:.0f} %" for _, share in own[:-1]), f"{100 * left:.0f} %"]
         figure.add_trace(
@@ -94,10 +95,10 @@ def waterfall(gap: Gap) -> Figure:
 
 
 def effect_sizes(gap: Gap) -> Figure:
-    """Every parameter of the found effects with its 68 % and 95 % interval; zero is no effect.
+    """Every parameter of the found effects with its 68 % and 95 % interval. Zero means no effect.
 
-    The intervals are those of a quadratic log-likelihood, from the covariance of the fit. Raises InputError
-    without effects, ImucalError without plotly.
+    The intervals are computed from the covariance of the fit, for a quadratic log-likelihood. Raises
+    InputError without effects, ImucalError without plotly.
     """
     groups: dict[str, list[tuple[str, float, float]]] = {}
     for effect in gap.effects:
@@ -145,7 +146,7 @@ def effect_sizes(gap: Gap) -> Figure:
 
 
 def candidate_probabilities(gap: Gap) -> dict[str, float]:
-    """Probability of each candidate to be the first effect, all and none being equally likely beforehand."""
+    """Probability of each candidate, and of no effect, under equal prior probabilities."""
     nats = {"no effect": 0.0, **{str(s["name"]): float(s["log_bayes_factor"]) for s in gap.ranking}}
     largest = max(nats.values())
     weights = {name: math.exp(value - largest) for name, value in nats.items()}
@@ -154,7 +155,7 @@ def candidate_probabilities(gap: Gap) -> dict[str, float]:
 
 
 def probabilities(gap: Gap) -> Figure:
-    """Probabilities of the candidates, all being equally likely beforehand; those below 0.1 % are left out.
+    """Probabilities of the candidates under equal prior probabilities. Candidates below 0.1 % are omitted.
 
     Raises InputError without a ranking, ImucalError without plotly.
     """

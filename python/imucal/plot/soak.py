@@ -18,8 +18,8 @@ __all__ = ["soak"]
 def soak(found: Soak, sensor: SoakedSensor, over: Literal["temperature", "time"] = "temperature") -> Figure:
     """Mean reading of each epoch over temperature with the model, or residuals over time, by axis.
 
-    A loop over temperature is a lag or hysteresis. Over time, the residuals of one cubic in the temperature
-    are beside those of the model.
+    A loop over temperature indicates a lag or hysteresis. Over time, the residuals of a cubic in the
+    temperature are drawn for comparison.
 
     Raises ImucalError without plotly.
     """

@@ -22,7 +22,8 @@ __all__ = ["body_axes", "circles", "coverage", "scene", "up_at_rests"]
 def coverage(result: CalibrationResult | Evaluation) -> Figure:
     """A sphere that can be rotated, with a point for the up direction of each rest in the body frame.
 
-    Poses far from all points are not covered: effects that are only visible there are not estimated.
+    Poses far from all points are not covered. Effects that are observable only in such poses are not
+    estimated.
 
     Raises ImucalError without plotly.
     """

@@ -24,7 +24,7 @@ VERMILION: Final = "#d55e00"
 GREEN: Final = "#008560"
 # Background of the range that noise explains, and of allowed ranges.
 BAND: Final = "rgba(111,119,128,0.18)"
-# Background of what the fit leaves out.
+# Background of rests that the fit excludes.
 EXCLUDED: Final = "rgba(213,94,0,0.22)"
 
 DARK: Final = {

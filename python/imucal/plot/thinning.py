@@ -11,7 +11,7 @@ from imucal.arrays import FloatArray
 
 __all__ = ["MOST", "evenly", "numbers", "thinned"]
 
-# Maximum number of points of a figure. It keeps a page below 6 MB, 5 MB of which are plotly.
+# Maximum number of points of a figure. It keeps the size of a page below 6 MB, of which plotly takes 5 MB.
 MOST: Final = 360
 
 

@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
-# Number of control recordings with figures (three each); `imucal.plot.propagated_gravity` draws the others.
+# Maximum number of control recordings with figures on a page (three each). `imucal.plot.propagated_gravity`
+# draws figures of any recording.
 MOST_RECORDINGS = 3
 
 
 def propagated_tab(judged: Evaluation) -> Tab:
-    """Figures 2 to 4 of the paper, for each recording."""
+    """Tab with figures 2 to 4 of the paper for each recording."""
     content: list[Shown | str] = [
         paragraph(
             "The gyroscope propagates gravity from the first rest of the run to every later rest, so its "
@@ -63,7 +64,7 @@ def residuals(result: CalibrationResult | Evaluation, name: str) -> Iterator[Sho
 
 
 def coverage_tab(result: CalibrationResult | Evaluation) -> Tab:
-    """The sphere of poses, and a table of them for readers without the interactive figure."""
+    """Tab with the sphere of poses, and a table of the poses for readers without the interactive figure."""
     up = up_at_rests(result)
     nearest = abs(up).argmax(axis=1)
     rows = []
@@ -87,7 +88,7 @@ def coverage_tab(result: CalibrationResult | Evaluation) -> Tab:
 
 
 def limits_tabs(judgement: Judgement | None) -> tuple[Tab, ...]:
-    """The tab with the checks against limits, as a plot and a table; none without limits."""
+    """Tab with the checks against limits as a plot and a table; empty without limits."""
     if judgement is None:
         return ()
     content = (

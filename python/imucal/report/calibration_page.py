@@ -36,7 +36,7 @@ def write_calibration_page(
 
     path    the HTML file
     title   heading of the page; by default the serial number, or the name of the first recording
-    truth   true parameter values by name, known for simulated recordings
+    truth   true parameter values by name, which are known for simulated recordings
 
     Raises ImucalError without plotly, and InputError if the file cannot be written.
     """
@@ -47,7 +47,7 @@ def write_calibration_page(
         *limits_tabs(result.judgement),
         _sphere_tab(result),
     ]
-    # An accelerometer alone propagates nothing.
+    # An accelerometer alone does not propagate gravity, so it has no such tab.
     if result.control is not None and result.control.carried:
         tabs.append(propagated_tab(result.control))
     left: list[Shown | str] = [
@@ -65,7 +65,7 @@ def write_calibration_page(
 def write_evaluation_page(
     path: str | Path, judged: Evaluation, *, title: str = "Calibration evaluated on further recordings"
 ) -> None:
-    """Write the report of an evaluation on recordings that the calibration was not made from.
+    """Write the report of an evaluation on recordings that were not used for the calibration.
 
     Raises ImucalError without plotly, and InputError if the file cannot be written.
     """
@@ -112,7 +112,7 @@ def _parameters(result: CalibrationResult, truth: Mapping[str, float] | None) ->
 
 
 def _sphere_tab(result: CalibrationResult) -> Tab:
-    """Coverage by poses, and the norm of gravity before and after."""
+    """Tab with the coverage by poses, and the norm of gravity before and after calibration."""
     covered = coverage_tab(result)
     if not any(rest.excluded is None and rest.norm_error_mps2 is not None for rest in result.rests):
         return covered
@@ -135,7 +135,7 @@ def _histogram(result: CalibrationResult) -> list[Shown]:
     try:
         figure = plot.histogram(result)
     except InputError:
-        # A table of means has no noise to compare with.
+        # Without the noise of its means, a table of means has no histogram.
         return []
     caption = (
         "Residuals in standard deviations of their noise. If noise alone explains them, the bars follow the "
@@ -163,7 +163,7 @@ def _reasons(verdict: str, reasons: Sequence[str]) -> list[str]:
 
 
 def _beside_noise(residuals: Sequence[ResidualFit]) -> list[str]:
-    """The table of residuals beside their noise."""
+    """The table of residuals with their noise."""
     rows = [
         [RESIDUALS[own.kind], f"{own.rms:.3g} {own.unit}", f"{own.noise:.3g} {own.unit}", f"{own.ratio:.2g}"]
         for own in residuals

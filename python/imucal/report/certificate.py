@@ -1,7 +1,7 @@
 """The certificate of one unit: a page of one sheet, to be printed or saved as PDF by the browser.
 
-Values and standard deviations are in the units of datasheets. A hash of the calibration identifies the
-numbers, and the hashes of the recordings identify the data behind them.
+Values and standard deviations are in the units of datasheets. A hash of the calibration identifies its
+numbers, and the hashes of the recordings identify the data from which they were estimated.
 """
 
 from __future__ import annotations

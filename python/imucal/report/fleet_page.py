@@ -1,4 +1,4 @@
-"""The report of a fleet: yield, parameters over time, odd and drifting units; each of these has a section."""
+"""The report of a fleet: yield, parameters over time, and sections on outlying, drifting and poor units."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["write_fleet_page"]
 
-# Units with a section of their own: the odd, the drifting and the poor ones, up to this number of each kind.
+# Maximum number of units of each kind (outlying, drifting, poor) that have a section.
 MOST_UNITS: Final = 20
 FAILURES: Final = (
     "SELECT code, count(*) FROM measurements WHERE code IS NOT NULL GROUP BY code ORDER BY count(*) DESC"
@@ -44,12 +44,12 @@ def write_fleet_page(
     reload_s: float | None = None,
     **selection: str | None,
 ) -> None:
-    """Write the report of a store. Its size hardly depends on the number of units.
+    """Write the report of a store. The size of the report hardly depends on the number of units.
 
     path       the HTML file
-    limits     limits to which the capability refers
+    limits     limits for the capability indices
     reload_s   time, s, after which the browser loads the page again, or None
-    selection  of units, as in `Fleet.measurements`
+    selection  selection of units, as in `Fleet.measurements`
 
     Raises ImucalError without plotly, and InputError for a store without a calibration.
     """
@@ -170,7 +170,7 @@ def _parameters(
         )
     )
     edges, bins = _bins(measured)
-    # The first limit of each parameter, which may have several.
+    # Only the first limit of each parameter is drawn, although a parameter may have several limits.
     drawn: dict[str, Any] = {}
     for row in capability.rows:
         drawn.setdefault(row.name, row)
@@ -275,7 +275,7 @@ def _linked(html: str, shown: Sequence[str]) -> str:
 
 
 def _bins(measured: Measurements) -> tuple[list[str], np.ndarray]:
-    """First day of each bin of time, and the bin of each measurement, -1 without a date."""
+    """First day of each time bin, and the bin of each measurement; -1 for a measurement without a date."""
     days = days_of(measured)
     known = days != ""
     bins = np.full(len(days), -1)
@@ -291,7 +291,7 @@ def _bins(measured: Measurements) -> tuple[list[str], np.ndarray]:
 def _quantiles(
     measured: Measurements, values: np.ndarray, bins: np.ndarray, count: int
 ) -> dict[str, np.ndarray]:
-    """5 %, 50 % and 95 % of the values of each station in each bin, of the four largest stations."""
+    """5 %, 50 % and 95 % quantiles of the values in each bin, for each of the four largest stations."""
     stations, sizes = np.unique(measured.stations, return_counts=True)
     found = {}
     for station in sorted(stations[np.argsort(-sizes)][:4].tolist()):

@@ -37,10 +37,10 @@ def write_gap_page(
 ) -> None:
     """Write the report of a search.
 
-    recordings, control  those of the search; without them, the page does not show their signals
+    recordings, control  recordings of the search; without them, the page shows no signals
 
-    Raises ImucalError without plotly, and InputError if the file cannot be written, or for recordings that
-    are not those of the search.
+    Raises ImucalError without plotly, and InputError if the file cannot be written or the recordings are not
+    those of the search.
     """
     motion = own_motion(gap, recordings, control=control) if gap.fits and recordings else None
     tabs = [Tab("Summary", tuple(_summary(gap, motion)))]
@@ -103,7 +103,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
 
 
 def _left(gap: Gap) -> Iterator[str]:
-    """What the effects and laws leave: the remainder, its channels, and biases that moved."""
+    """Section on the residuals that effects and laws leave: the remainder, its channels, and bias changes."""
     if gap.remainder is None:
         return
     yield heading("What is left")

@@ -1,4 +1,4 @@
-"""Tables of a search for a missing effect, for its page and for notebooks."""
+"""HTML tables for the result of a search for a missing effect, used on its page and in notebooks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tabs of the report of a search: where the residuals are, laws, evidence, and figures before and after."""
+"""Contents of the tabs of a search report: residuals, laws, evidence, and figures before and after."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SIGNALS = {
     "angular_rate_rms_radps": ("angular rate, rms", "rad/s"),
     "specific_force_rms_mps2": ("specific force, rms", "m/s^2"),
 }
-# Names and SI units of the residuals of single rests and moves.
+# Name, field and SI unit of the residuals of single rests and moves.
 RESIDUALS = {
     "rests": ("|f| − g", "norm_error_mps2", "m/s^2"),
     "moves": ("direction error", "direction_error_deg", "deg"),
@@ -37,7 +37,7 @@ MOST_PANELS = 4
 
 
 def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
-    """Residuals of each channel, against the variables that explain them, and the worst rests and moves."""
+    """Residuals of each channel, residuals against explaining variables, and the worst rests and moves."""
     found = gap.where or {}
     yield Shown(
         "where",
@@ -74,7 +74,7 @@ def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
 
 
 def laws(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
-    """Each law: its formula, parameters, and curve with the residuals on it."""
+    """For each law: formula, parameters, and curve with the residuals."""
     yield paragraph(
         "Formulas that describe what no effect of the catalogue does. They are part of the improved "
         "calibration like any other effect."
@@ -133,7 +133,7 @@ def evidence(gap: Gap) -> Iterator[Shown | str]:
     rows = [
         [
             score["name"],
-            # Without the sign of a zero.
+            # Adding 0.0 removes the sign of a negative zero.
             f"{round(score['log_bayes_factor'], 1) + 0.0:.1f}",
             f"{score['statistic']:.1f}",
             str(score["dof"]),
@@ -171,7 +171,7 @@ def change(gap: Gap) -> Iterator[Shown | str]:
 
 
 def visible(gap: Gap) -> Iterator[str]:
-    """The detection limit of each effect, and the effects that the recordings cannot show."""
+    """The detection limit of each effect, and the effects that are not observable in the recordings."""
     if gap.smallest_visible:
         yield paragraph(
             "The smallest size of each effect, rms over its parameters, that is detectable in these "
@@ -205,7 +205,7 @@ def _channels(channels: Any) -> str:
                 f"{noise:.3g}",
                 shown_unit(unit),
                 f"{row['times_noise']:.3g}",
-                # Effects on the stand's angles are not part of the corrected signals.
+                # None for effects on the angles of the stand, which do not change the corrected signals.
                 "-" if row["times_noise_after"] is None else f"{row['times_noise_after']:.3g}",
                 "significant" if row["stands_out"] else "",
             ]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["facts_table", "predicted_table", "rests_table", "write_inspection_page"]
 
-# Maximum number of rests in the table of a page; the JSON has all of them.
+# Maximum number of rests in the table of a page. The JSON document contains all rests.
 MOST_RESTS = 60
 
 
@@ -61,7 +61,7 @@ def facts_table(inspection: Inspection) -> str:
 
 
 def rests_table(inspection: Inspection) -> str:
-    """Times of the rests, and why one is excluded; at most 60 rests."""
+    """Times of the rests, and reasons for exclusions; at most 60 rests."""
     with_reasons = any(rest.excluded for rest in inspection.rests)
     rows = [
         [

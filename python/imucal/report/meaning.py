@@ -1,4 +1,4 @@
-"""What the found effects are, in words."""
+"""Descriptions of the found effects for reports."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["meanings"]
 
 
 def meanings(names: Sequence[str]) -> Iterator[str]:
-    """A section for each effect of the catalogue: what it is, its usual cause, and what to do."""
+    """A section for each effect of the catalogue: the error, its usual cause, and the remedy."""
     for name in dict.fromkeys(names):
         meaning = meaning_of(name)
         if meaning is None:

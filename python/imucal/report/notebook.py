@@ -27,7 +27,7 @@ from imucal.report.tables import checks_table, figures_table, item_list, paragra
 
 @singledispatch
 def html_of(result: Any) -> str:
-    """The HTML that a notebook shows of a result."""
+    """The HTML that a notebook shows for a result."""
     raise TypeError(f"a {type(result).__name__} has no page")
 
 

@@ -1,4 +1,4 @@
-"""One self-contained HTML file.
+"""Writing of a self-contained HTML page.
 
 The page contains everything it needs, including plotly.js. Its content security policy forbids the browser to
 load anything else, so it looks the same for every recipient and does not reveal that it was opened. Without
@@ -45,8 +45,8 @@ class Verdict:
 class Shown:
     """A figure with its caption in plain text, and an identifier that is unique in the page.
 
-    printed  whether it is part of the page on paper. Figures that repeat a table are not, nor are views in
-             space, whose canvas is empty there
+    printed  whether the figure is printed on paper. Figures that repeat a table are not printed, and neither
+             are three-dimensional views, whose canvas is empty on paper
     """
 
     name: str
@@ -84,7 +84,7 @@ def write_page(
 
     path        the HTML file
     title       heading of the page and title of the browser window
-    footer      text at the foot of every printed page, beside its number; default: the title
+    footer      text at the foot of every printed page, beside the page number; default: the title
     compressed  whether plotly.js is compressed, to 2 MB instead of 5 MB; needs a browser of 2023 or newer
     reload_s    time, s, after which the browser loads the page again, or None
     """
@@ -148,17 +148,17 @@ def _json(text: str | None) -> str:
 
 
 def _plotly_script(compressed: bool) -> str:
-    # The caller has a figure, so plotly is installed.
+    # This import cannot fail, because the page has a figure and so plotly is installed.
     from plotly.offline import get_plotlyjs
 
     if not compressed:
         return f"<script>{get_plotlyjs()}</script>"
-    # Without the time of compression, so that the same page has the same bytes.
+    # mtime is 0 instead of the time of compression, so that the same page has the same bytes.
     content = base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode("ascii")
     return f'<script type="text/plain" id="plotly">{content}</script>\n<script>{_DECOMPRESS}</script>'
 
 
-# Runs plotly.js from its compressed text, and tells the page, which then draws.
+# Decompresses and runs plotly.js, and then notifies the page, which draws its figures.
 _DECOMPRESS = """
 (async () => {
   const text = atob(document.getElementById("plotly").textContent);

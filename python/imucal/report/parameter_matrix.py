@@ -1,4 +1,4 @@
-"""The parameters of a calibration at a glance: one row for each kind, one column for each axis."""
+"""Overview of the parameters of a calibration, with one row per kind and one column per axis."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def parameter_matrix(calibration: Calibration) -> str:
     matrices = table(["parameter ± 1 σ", "x", "y", "z"], on_axes)
     if between:
         matrices += table(["", "xy", "xz", "yz", "yx", "zx", "zy"], between)
-    # On paper it is as wide as the page.
+    # The class `span` makes the tables as wide as the page on paper.
     return f'<div class="span">{matrices}</div>'
 
 

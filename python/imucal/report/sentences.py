@@ -21,7 +21,7 @@ METRICS = {
     "held_out_gravity_direction_rms_deg": "the rms error of the gravity direction, deg,",
     "held_out_gravity_norm_rms_mps2": "the rms error of |f| at rest, m/s²,",
 }
-# Mood and sentence for verdicts that name no effect.
+# Mood and sentence for each verdict without named effects.
 NO_NAME = {
     "nothing_missing": ("good", "No missing effect is detectable in these recordings."),
     "stochastic": ("poor", "A bias fluctuates randomly by more than the unit's noise explains."),
@@ -45,7 +45,7 @@ def of_calibration(result: CalibrationResult) -> Verdict:
 
 
 def of_evaluation(judged: Evaluation) -> Verdict:
-    """Whether the calibration holds on the evaluated recordings."""
+    """Whether the calibration is good on the evaluated recordings."""
     beside = _better(judged)
     if judged.judgement is not None:
         beside += f" {judged.judgement.count}."
@@ -126,7 +126,7 @@ def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, bes
 
 
 def _better(judged: Evaluation) -> str:
-    """The most informative figure in a sentence; empty if it is unknown."""
+    """A sentence on the improvement of the most informative figure; empty if it is not known."""
     uncalibrated = judged.before.gravity_direction_rms_deg
     calibrated = judged.figures.gravity_direction_rms_deg
     if uncalibrated is None or calibrated is None:
@@ -138,7 +138,7 @@ def _better(judged: Evaluation) -> str:
 
 
 def _better_norm(judged: Evaluation) -> str:
-    """The figure of an accelerometer alone in a sentence; empty if it is unknown."""
+    """A sentence on the improvement of an accelerometer alone; empty if it is not known."""
     before, after = judged.before.gravity_norm_rms_mps2, judged.figures.gravity_norm_rms_mps2
     if before is None or after is None or judged.moves:
         return ""

@@ -22,9 +22,9 @@ FIGURES = {
     "rests": "rests evaluated",
     "moves": "moves evaluated",
 }
-# Maximum number of items of a list on a page; the JSON contains all.
+# Maximum number of items of a list on a page. The JSON document contains all items.
 MOST_ITEMS = 40
-# Largest number of columns of a table that fits into a column of a printed page with text of normal size.
+# Maximum number of columns for a table with text of normal size in one column of a printed page.
 WIDE = 5
 
 
@@ -71,7 +71,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[
 def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] | None = None) -> str:
     """Value and standard deviation of every parameter in the units of datasheets.
 
-    With `truth`, true values in SI units by name, it has the true value and the error as well.
+    With `truth`, which has true values in SI units by name, the table also has the true value and the error.
     """
     header = ["parameter", "value", "1 σ", "unit", *(["truth", "error / σ"] if truth else [])]
     rows = []

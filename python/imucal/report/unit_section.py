@@ -1,4 +1,4 @@
-"""One unit of a fleet: its measurements, and each parameter beside the fleet."""
+"""Section on one unit of a fleet: its measurements, and its parameters compared with the fleet."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["unit_section"]
 
 
 def unit_section(measured: Measurements, serial: str, distance: UnitDistance | None) -> str:
-    """A section that opens on a click, with the anchor unit-SERIAL."""
+    """A collapsed section with the anchor unit-SERIAL."""
     own = measured.where(measured.serials == serial)
     dates = [
         [

@@ -1,1 +1,1 @@
-"""Laws: formulas for what the catalogue does not describe."""
+"""Laws: formulas for residuals that no effect of the catalogue describes."""

@@ -14,9 +14,9 @@ class Curve:
     """A law of one variable over the range that the recordings cover, relative to its mean over this range.
 
     variable  the variable, in the names of formulas
-    at        its values
-    value     by axis, the error of the sensor, rad/s or m/s^2
-    std       by axis, standard deviations from those of the parameters
+    at        values of the variable
+    value     the error of the sensor by axis, rad/s or m/s^2
+    std       standard deviations of the error by axis, propagated from the parameters
     """
 
     variable: str
@@ -29,16 +29,16 @@ class Curve:
 class Law:
     """A law.
 
-    name              of the effect in the calibration
-    formula           as `--effect` takes it
+    name              name of the effect in the calibration
+    formula           formula in the form of the option `--effect`
     sensor            "gyroscope" or "accelerometer"
-    variables         that the formula depends on
-    parameters        name, value, std and unit of each
-    log_bayes_factor  nats, beyond the penalty for the number of candidates
+    variables         variables on which the formula depends
+    parameters        name, value, std and unit of each parameter
+    log_bayes_factor  log Bayes factor, nats, minus the penalty for the number of candidates
     stability         share of random halves of the rests and moves that select the same variables
     closed            share of the gap on control or held-out data that the law closes, by kind of residual
-    nearest           effects of the catalogue that resemble it
-    curve             None if the law depends on several variables
+    nearest           effects of the catalogue with the largest log Bayes factors
+    curve             curve of the law; None if the law depends on several variables
     """
 
     name: str

@@ -1,8 +1,8 @@
-"""The forms that a law may have: one-line formulas of one driver, in groups by sensor and driver.
+"""The candidate forms of laws: one-line formulas of one driver, in groups by sensor and driver.
 
-A driver is what a recording observes: the rate or force along an axis, temperature, time, time since the last
-motion, angles of a stand, and further columns. The forms of a driver are powers, a limiter (which is a dead
-zone or a saturation beside the linear scale), steps, harmonics and decays, each with trial values of its
+A driver is an observed variable: the rate or force along an axis, temperature, time, time since the last
+motion, angles of a stand, and further columns. The forms of a driver are powers, a limiter (a dead zone or a
+saturation in combination with the linear scale), steps, harmonics and decays, each with trial values of its
 constant.
 """
 
@@ -20,26 +20,29 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["Form", "further_forms", "library", "refined"]
 
-# Shares of the samples in motion (or of all samples, for other drivers) at whose values trial constants lie.
+# Quantiles at which trial constants are placed: quantiles of the samples in motion for rates, of all samples
+# for other drivers.
 SHARES: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
-# Shares of the range of a column at which a step is tried.
+# Positions of trial steps, as shares of the range of a column.
 STEPS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-# Trial periods of harmonics as multiples of the range that the driver has.
+# Trial periods of harmonics, as multiples of the range of the driver.
 PERIODS: Final = (1.0, 0.8, 0.65, 0.5, 0.4, 0.33, 0.26)
 # Trial time constants of settling after a motion, s.
 SETTLING_S: Final = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0)
-# Trial time constants since power-on, as shares of the duration.
+# Trial time constants of a decay since power-on, as shares of the duration.
 WARM_UPS: Final = (0.03, 0.06, 0.12, 0.25, 0.5)
-# Rate above which samples count as motion, rad/s.
+# Angular rate above which samples count as motion, rad/s.
 MOVING_RADPS: Final = 0.1
-# Least change of temperature, K, for laws of temperature.
+# Minimum range of the temperature, K, for laws of temperature to be tried.
 LEAST_CHANGE_K: Final = 2.0
-# Range of an angle, rad, from which on its harmonics are distinct from powers.
+# Minimum range of an angle, rad, for harmonics to be tried. With a smaller range they cannot be distinguished
+# from powers.
 LEAST_ANGLE_RAD: Final = np.pi
-# Factors of a constant in its refinement: between neighbours of the trial values.
+# Factors by which a constant is varied in the refinement. They cover the interval between adjacent trial
+# values.
 REFINEMENT: Final = (0.7, 0.76, 0.82, 0.88, 0.94, 1.0, 1.06, 1.13, 1.21, 1.3, 1.4)
 _Make = Callable[..., "Form"]
-# Samples that quantiles are computed from.
+# Number of samples from which quantiles are computed.
 SAMPLES: Final = 20000
 
 
@@ -48,11 +51,11 @@ class Form:
     """A candidate law.
 
     sensor     "gyro" or "accel"
-    driver     the variable that it depends on, in the names of formulas
-    pattern    the expression, with {c} in the place of its constant
+    driver     the variable on which the law depends, in the names of formulas
+    pattern    the expression, with {c} for the constant
     constant   value of the constant; None if the expression has none
     variables  all variables of the expression
-    cost       complexity; the simpler of two equally good forms is chosen
+    cost       complexity; of two equally good forms, that with the smaller cost is chosen
     """
 
     sensor: str
@@ -69,11 +72,11 @@ class Form:
 
     @property
     def group(self) -> tuple[str, tuple[str, ...]]:
-        """Sensor and variables: forms of one group are alternatives."""
+        """Sensor and variables. Forms with the same sensor and variables are alternatives."""
         return self.sensor, self.variables
 
     def text(self, name: str) -> str:
-        """The formula of an effect of this name."""
+        """The formula of an effect with this name."""
         return f"{name} = {self.sensor}: {self.expression}"
 
 
@@ -86,7 +89,7 @@ def library(recordings: Sequence[Recording]) -> list[Form]:
 
 
 def refined(form: Form) -> list[Form]:
-    """The form with constants near its own; empty without a constant."""
+    """Variants of the form with constants near its constant; empty for a form without a constant."""
     if form.constant is None:
         return []
     return [
@@ -125,7 +128,7 @@ def _of_sensor(sensor: str, recordings: Sequence[Recording]) -> Iterator[Form]:
 
 
 def further_forms(recordings: Sequence[Recording]) -> list[Form]:
-    """The forms of angles of a stand and of further columns only."""
+    """The forms whose drivers are angles of a stand or further columns."""
     return [form for sensor in ("gyro", "accel") for form in _of_further(sensor, recordings)]
 
 
@@ -145,7 +148,7 @@ def _of_further(sensor: str, recordings: Sequence[Recording]) -> Iterator[Form]:
 
 
 def _smooth(form: _Make, driver: str, sizes: FloatArray, *, is_own: bool) -> Iterator[Form]:
-    """Functions of the component along the axis itself."""
+    """Smooth functions of a component of the rate or force."""
     yield form(driver, f"k*abs({driver})")
     yield form(driver, f"k*{driver}**2", None, 1)
     yield form(driver, f"k*{driver}*abs({driver})", None, 2)

@@ -1,8 +1,8 @@
-"""The search for laws: a second pass, if effects of the catalogue leave a systematic remainder.
+"""The search for laws, a second pass for residuals that effects of the catalogue leave unexplained.
 
 The recordings are corrected by the calibration with the named effects. Their residuals are linearised once
-with the columns of all forms of `library`. What `select` chooses is fitted together with the named effects,
-and kept if control or held-out data confirm it.
+with the columns of all forms of `library`. The laws that `select` chooses are fitted together with the named
+effects. They are kept if control or held-out data confirm them.
 """
 
 from __future__ import annotations
@@ -30,24 +30,25 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["columns_of", "with_laws"]
 
-# p-value of the residuals on unseen data below which the named effects do not explain the gap.
+# Threshold of the p-value of the residuals on unseen data, below which the named effects do not explain the
+# gap.
 CONTRADICTED: Final = 1e-3
-# Maximum excess of the figure on unseen data, relative to that with the named effects, for a law to replace
-# these: effects that are named remain unless a law is far better.
+# Threshold for a law to replace the named effects: the excess over noise on unseen data with the law,
+# relative to that with the named effects. The named effects remain unless the law is far better.
 LEAST_BETTER: Final = 0.5
 # Minimum share of the gap that a law must close in one kind of control or held-out residuals.
 LEAST_CLOSED: Final = 0.3
-# Remainders that a law may describe: variations of one part of the model. Sessions, a stand that contradicts
-# the sensors, and recordings that do not fit at all have other causes.
+# Patterns of remainders for which no law is searched. Changes between sessions, a stand that contradicts the
+# sensors, and recordings that do not fit at all have other causes than variations of one part of the model.
 NO_LAW: Final = ("between_sessions", "contradiction")
-# Largest number of values of fields in one linearisation; 5e7 are 400 MB.
+# Maximum number of field values in one linearisation, which limits memory; 5e7 values are 400 MB.
 MOST_VALUES: Final = 5e7
-# Number of points of a curve.
+# Number of points at which the curve of a law is computed.
 POINTS: Final = 41
 
 
 def with_laws(question: Question, first: Gap) -> Gap:
-    """The result with the laws that describe its remainder; the result itself if there are none."""
+    """The result with the laws that describe its remainder, or the result unchanged if there are none."""
     remainder = first.remainder
     if (
         remainder is None
@@ -59,7 +60,7 @@ def with_laws(question: Question, first: Gap) -> Gap:
         return first
     names = [str(effect["name"]) for effect in first.effects if effect["parameters"]]
     is_contradicted = remainder.p_value < CONTRADICTED
-    # Effects that fit a law roughly may be accepted in its place. The law alone is then tried, too.
+    # Named effects may only approximate a law. The law is therefore also tried without these effects.
     trials = [names, []] if names and is_contradicted else [names]
     if remainder.kind == "nothing" and not (names and is_contradicted):
         return first
@@ -69,7 +70,7 @@ def with_laws(question: Question, first: Gap) -> Gap:
         try:
             found = _found(question, first, kept)
         except ImucalError:
-            # Recordings that cannot be linearised, or fitted with a law, keep their first result.
+            # If the linearisation or the fit with a law fails, the first result is kept.
             continue
         if found is not None and (kept or not names or _excess(found) < LEAST_BETTER * _excess(best)):
             best = found
@@ -77,10 +78,11 @@ def with_laws(question: Question, first: Gap) -> Gap:
 
 
 def _found(question: Question, first: Gap, names: Sequence[str]) -> Gap | None:
-    """The result with laws beside these effects; None if no law is confirmed."""
+    """The result with laws in addition to the named effects; None if no law is confirmed."""
     calibration = first.fits["after"].calibration if names else first.fits["before"].calibration
     recordings = [calibration.apply_recording(recording) for recording in question.recordings]
-    # A random walk resembles smooth functions of all that changes slowly, so only columns and angles count.
+    # A random walk resembles smooth functions of any slow variable, so only columns and angles are tried as
+    # drivers.
     is_random = first.remainder is not None and first.remainder.kind == "stochastic"
     forms = further_forms(recordings) if is_random else library(recordings)
     selected = _selected(question, recordings, names, forms, first)
@@ -162,7 +164,7 @@ def _state(recording: Recording) -> State:
 
 
 def _field(form: Form, name: str, columns: Collection[str], states: Sequence[State]) -> UserField | None:
-    """The field of a form; None if it does not vary in the recordings, or is not finite."""
+    """The field of a form; None if the field does not vary in the recordings or is not finite."""
     try:
         effect = FormulaEffect.of(form.text(name), columns=columns)
         fields = tuple(effect.columns(state) for state in states)
@@ -217,7 +219,7 @@ def _merged(
     laws: Mapping[str, FormulaEffect],
     recordings: Sequence[Recording],
 ) -> Gap:
-    """The first result with the fit of the second one and its laws."""
+    """The first result with the fit and the laws of the second one."""
     nearest = tuple(str(score["name"]) for score in first.ranking[:3] if score["log_bayes_factor"] > 0)
     found = [
         Law(
@@ -256,7 +258,7 @@ def _merged(
 def _curve(
     form: Form, law: FormulaEffect, parameters: Sequence[Mapping[str, float]], recordings: Sequence[Recording]
 ) -> Curve | None:
-    """The law over the values of its variable in the recordings; None if it has several variables."""
+    """The curve of a law over the range of its variable in the recordings; None for several variables."""
     variable = form.driver
     if len(form.variables) > 1:
         return None
@@ -277,7 +279,7 @@ def _curve(
 
 
 def _values_of(variable: str, state: State) -> FloatArray:
-    """The values of a variable in a recording, of all axes."""
+    """The values of a variable in a recording, for all axes."""
     of_axis = FormulaEffect.of(f"gyro: k*{variable}", columns=state.auxiliary.keys())
     columns = of_axis.columns(state)
     values: FloatArray = np.concatenate([columns[:, axis, axis] for axis in range(3)])

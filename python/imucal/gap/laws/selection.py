@@ -1,9 +1,10 @@
 """Selection of laws on whitened residuals.
 
 The columns of the base parameters and of the named effects are projected out of the residuals and of all
-candidates. The candidate with the largest log evidence joins if its evidence, reduced by the logarithm of the
-number of candidates, is decisive, if no other driver explains the residuals as well, and if halves of the
-rests and moves select the same driver (stability selection, Meinshausen and Buhlmann 2010).
+candidates. The candidate with the largest log evidence is selected under three conditions: its evidence,
+reduced by the logarithm of the number of candidates, is decisive; no other driver explains the residuals
+equally well; and random halves of the rests and moves select the same driver (stability selection,
+Meinshausen and Buhlmann 2010).
 """
 
 from __future__ import annotations
@@ -19,20 +20,21 @@ from imucal.gap.laws.library import Form
 
 __all__ = ["Columns", "Selected", "select", "settled"]
 
-# Log evidence, nats, that a law needs beyond the logarithm of the number of candidates; 8 nats are odds of
-# 3000 to 1, as for effects of the catalogue.
+# Minimum log evidence of a law, nats, after subtraction of the logarithm of the number of candidates. 8 nats
+# are odds of 3000 to 1, the same as for effects of the catalogue.
 LEAST_NATS: Final = 8.0
-# Difference of log evidence, nats, within which another driver is a rival, and within which a simpler form is
-# chosen; 3 nats are odds of 20 to 1.
+# Difference of log evidence, nats, up to which another driver is a rival and a simpler form is preferred. 3
+# nats are odds of 20 to 1.
 RIVAL_NATS: Final = 3.0
-# Number of random halves, and share of them that must select the driver.
+# Number of random halves of the rests and moves, and minimum share of the halves that select the same driver.
 HALVES: Final = 50
 LEAST_STABLE: Final = 0.8
-# Number of the best candidates that the halves choose from.
+# Number of the best candidates that are compared in the random halves.
 FINALISTS: Final = 16
-# Largest number of laws.
+# Maximum number of laws that are selected.
 MOST_LAWS: Final = 3
-# Share of a column that must be left after projection: the rest of it is rounding.
+# Minimum norm of a column after projection, relative to its norm before. Smaller remainders are rounding
+# errors.
 LEAST_LEFT: Final = 1e-3
 SEED: Final = 20240
 
@@ -43,7 +45,7 @@ class Columns:
 
     residual      (m,)
     model         (m, n), base parameters and named effects
-    groups, items (m,), kind of each residual, and its rest or move
+    groups, items (m,), kind of each residual, and the rest or move to which it belongs
     candidates    forms with their columns, (m, p)
     """
 
@@ -93,7 +95,7 @@ def select(given: Columns) -> list[Selected]:
 
 
 def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
-    """For each law the place of its variant with the largest evidence beside the best ones of the others."""
+    """For each law, the index of its best variant, given the best variants of the other laws."""
     picks = [own[len(own) // 2] for own in variants]
     for place, own in enumerate(variants):
         others = [given.candidates[pick][1] for k, pick in enumerate(picks) if k != place]
@@ -104,7 +106,7 @@ def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
 
 
 def _weights(given: Columns, model: FloatArray) -> FloatArray:
-    """Weight of each row: residuals of a kind that scatter more than noise have less."""
+    """Weight of each row. A kind of residual that scatters more than its noise gets a smaller weight."""
     weights = np.ones(len(given.residual))
     for _ in range(3):
         left = (
@@ -136,7 +138,7 @@ def _evidence(
 
 
 def _nats(gain: float, rank: int) -> float:
-    """Log Bayes factor of `rank` parameters that reduce chi2 by `gain`, maximised over the prior's width."""
+    """Log Bayes factor of `rank` parameters that reduce chi2 by `gain`, maximised over the prior width."""
     if rank == 0 or gain <= rank:
         return 0.0
     return 0.5 * (gain - rank) - 0.5 * rank * float(np.log(gain / rank))
@@ -154,7 +156,7 @@ def _stability(
     nats: FloatArray,
     group: tuple[str, tuple[str, ...]],
 ) -> float:
-    """Share of random halves of the rests and moves in which a form of the group is the best one."""
+    """Share of random halves of the rests and moves in which the best form belongs to the group."""
     finalists = _finalists(given, nats)
     blocks = [_scaled(given.candidates[place][1] * weights[:, None]) for place in finalists]
     whole = np.hstack([_scaled(model * weights[:, None]), *blocks, (given.residual * weights)[:, None]])
@@ -180,7 +182,7 @@ def _stability(
 
 
 def _finalists(given: Columns, nats: FloatArray) -> list[int]:
-    """The best candidates, at most three of each group so that all drivers take part."""
+    """The best candidates, with at most three per group, so that all drivers are represented."""
     chosen: list[int] = []
     for place in np.argsort(-nats):
         group = given.candidates[place][0].group
