@@ -1,1 +1,1 @@
-"""Many units: their store, calibrations on many machines, and statistics over units."""
+"""Fleets of units: the store, calibrations on many machines, and statistics over units."""

@@ -1,4 +1,4 @@
-"""A pool of a Dask cluster, with the interface of the pool of this computer."""
+"""Pool of workers of a Dask cluster, with the same interface as the local pool."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from imucal.fleet.worker import Work, do
 __all__ = ["DaskPool"]
 
 EXTRA: Final = "needs Dask: pip install 'imucal-rs[fleet]'"
-# Tasks in the cluster per thread of a worker; the scheduler needs a few to have none of them wait.
+# Number of submitted tasks per worker thread. A few are needed so that no thread waits for the scheduler.
 PER_THREAD: Final = 3
-# Time, s, in which a scheduler answers, also on a busy network.
+# Timeout of the connection to a scheduler, s. It is sufficient even for a busy network.
 CONNECT_S: Final = 30
-# Longest time, s, in which a worker restarts.
+# Timeout of the restart of a worker, s.
 RESTART_S: Final = 30
-# The state of the connection is looked at after this time, s, without a task that ends.
+# Interval, s, at which the connection is checked while no task ends.
 POLL_S: Final = 1.0
 
 
 class DaskPool:
     """The workers of a Dask scheduler.
 
-    scheduler   its address, such as tcp://HOST:PORT, or a `distributed.Client`
-    connect_s   a scheduler that does not answer for this time, s, is not there
+    scheduler   address of the scheduler, such as tcp://HOST:PORT, or a `distributed.Client`
+    connect_s   timeout of the connection, s
     """
 
     def __init__(self, scheduler: Any, *, connect_s: float = CONNECT_S) -> None:
@@ -54,34 +54,36 @@ class DaskPool:
         self._futures: dict[Any, Work] = {}
 
     def submit(self, work: Work) -> None:
-        """Do this work. Its class is imported by the worker, so imucal must be installed there."""
-        # A task whose worker ends is lost at once. The scheduler would give it to further workers, and end
-        # them.
+        """Submit work. The worker imports the class of the work, so imucal must be installed there."""
+        # No retries: if a task ends its worker, the scheduler would give the task to further workers and end
+        # them, too.
         future = self._client.submit(do, work, pure=False, retries=0)
         self._futures[future] = work
 
     def next(self) -> Done:
-        """Wait for any work. Raises ImucalError if the scheduler is lost."""
+        """Wait until any work ends. Raises ImucalError if the scheduler is lost."""
         import distributed
         from distributed.scheduler import KilledWorker
 
-        # Dask's functions have no types.
+        # Typed as Any, because Dask's functions have no type annotations.
         wait: Any = distributed.wait
 
         while True:
             self._require_scheduler()
             try:
-                # The client is not Dask's default one, which is the user's.
+                # The client is not the default client of Dask, because the user may have a default client.
                 with self._client.as_current():
                     done = wait(list(self._futures), timeout=POLL_S, return_when="FIRST_COMPLETED").done
             except (TimeoutError, asyncio.TimeoutError):
                 continue
             except Exception as error:
-                # The class of the error of a closed connection depends on Dask's version.
+                # Any exception is caught, because the class of the error for a closed connection depends on
+                # Dask's version.
                 raise self._lost() from error
             for future in done:
                 if future.status == "lost":
-                    # Its worker ended before the result was taken; the scheduler computes the task again.
+                    # The worker ended before its result was fetched, so the scheduler computes the task
+                    # again.
                     continue
                 work = self._futures.pop(future)
                 if future.status == "finished":
@@ -103,13 +105,16 @@ class DaskPool:
                 )
 
     def _replace_worker_of(self, future: Any) -> None:
-        """Restart the process that has computed a future; what else it computes is given to others."""
-        # A worker without a nanny cannot be restarted, and keeps its thread.
+        """Restart the process that has computed a future.
+
+        The scheduler gives its other tasks to other workers.
+        """
+        # A worker without a nanny process cannot be restarted, so its thread stays occupied.
         with suppress(Exception):
             self._client.restart_workers(list(self._client.who_has([future])[future.key]), timeout=RESTART_S)
 
     def close(self) -> None:
-        """Cancel what is in the cluster and disconnect."""
+        """Cancel all submitted tasks and disconnect."""
         with suppress(Exception):
             self._client.cancel(list(self._futures), force=True)
         self._futures.clear()

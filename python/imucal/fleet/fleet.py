@@ -1,4 +1,4 @@
-"""Many units in one store.
+"""A fleet: many units in one store.
 
 fleet = imucal.Fleet("units.sqlite")
 fleet.run("manifest.csv")
@@ -41,14 +41,15 @@ __all__ = ["Fleet"]
 
 @dataclass(frozen=True)
 class Fleet(Judging):
-    """The store of many units: one SQLite file, which `run` makes.
+    """The store of many units, which is one SQLite file. `run` creates it.
 
-    The object holds nothing but the path, so it can be sent to other processes. Every method opens the file,
-    and those that read see all that is stored until then, also while a run goes on.
+    The object contains only the path, so it can be sent to other processes. Every method opens the file.
+    Reading methods return all rows that are stored at that time, even during a run.
 
-    The selection of rows is the same everywhere: `serial`, `station`, `operator`, `batch`, `role` and
-    `verdict` equal the given text; `since` is the first date, and `until` the first one after. Of several
-    calibrations of a recording, with other options or versions, the last one counts.
+    All methods select rows in the same way: `serial`, `station`, `operator`, `batch`, `role` and `verdict`
+    must equal the given text; `since` is the first selected date, and `until` the first date after the
+    selection. If a recording was calibrated several times, with different options or versions, the last
+    calibration is used.
     """
 
     path: str | os.PathLike[str]
@@ -73,20 +74,20 @@ class Fleet(Judging):
         """Calibrate the units whose recordings are not in the store.
 
         what       path of a manifest (.csv, see docs/fleet.md), files, folders or glob patterns, or jobs
-        names      pattern of paths that gives the serial numbers, such as "{date}/{serial}.csv"
-        limits     limits, or their file
-        gap        also search for a missing effect of each unit
+        names      pattern of paths from which serial numbers are taken, such as "{date}/{serial}.csv"
+        limits     limits, or the path of a limits file
+        gap        whether to search for a missing effect of each unit, too
         read, calibrate   arguments of `imucal.read` and `imucal.calibrate`
         workers    processes on this computer; None for one per processor
         scheduler  address of a Dask scheduler, or a `distributed.Client`, instead of `workers`
-        retry      compute units again that have no result
+        retry      whether to compute units without a result again
         time_limit_s   longest time of one unit, s; a unit that takes longer has no result
         total      number of jobs, if it is known
-        tell       is called for each unit with its job, verdict, and code and message of a failure
+        tell       callback for each unit with its job, its verdict, and code and message of a failure
         tally      counts of earlier runs, to which those of this run are added
 
         Raises InputError for wrong arguments and if the store cannot be written, and ImucalError if the
-        scheduler is lost. The outcomes that were told are then in the store, and another run goes on.
+        scheduler is lost. All outcomes reported to `tell` are then in the store, and another run continues.
         """
         if workers is not None and workers < 1:
             raise InputError(f"workers is {workers}: give 1 or more, or leave it out")
@@ -102,7 +103,7 @@ class Fleet(Judging):
             return run_jobs(store, jobs, options, make_pool, total=known, retry=retry, tell=tell, tally=tally)
 
     def merge(self, *stores: str | os.PathLike[str]) -> int:
-        """Take the rows of other stores; returns the number of those that were not in this one."""
+        """Copy the rows of other stores. Returns the number of rows that were not in this store."""
         for path in stores:
             if Path(path).exists() and Path(self.path).exists() and Path(path).samefile(self.path):
                 raise InputError(f"{os.fspath(path)} cannot be merged with itself: give other stores")
@@ -110,7 +111,7 @@ class Fleet(Judging):
             return sum(store.take_from(path) for path in stores)
 
     def query(self, sql: str, arguments: Sequence[Any] = ()) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Names of columns, and rows, of an SQL statement that only reads.
+        """Column names and rows of an SQL statement that only reads.
 
         docs/fleet.md describes the tables. Raises InputError for a statement that is wrong or would write.
         """
@@ -120,7 +121,7 @@ class Fleet(Judging):
     def rows(
         self, columns: Sequence[str], **selection: str | None
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Names and values of some columns of the view measurements, in order of dates."""
+        """Names and values of some columns of the view `measurements`, in order of dates."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
             sql = f"SELECT {', '.join(columns)} FROM measurements WHERE {where} ORDER BY date, serial, id"
@@ -134,7 +135,7 @@ class Fleet(Judging):
             return dict(query(connection, sql, arguments)[1])
 
     def to_arrow(self, **selection: str | None) -> pa.Table:
-        """The selected rows as an Arrow table, also those without a result."""
+        """The selected rows as an Arrow table, including rows without a result."""
         import pyarrow as pa
 
         where, arguments = _selected(selection)
@@ -146,7 +147,7 @@ class Fleet(Judging):
         return self.to_arrow(**selection).to_pandas()
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """All current rows, for programs that take Arrow streams."""
+        """All current rows, for programs that accept Arrow streams."""
         return self.to_arrow().__arrow_c_stream__(requested_schema)
 
     def write_parquet(self, path: str | os.PathLike[str], **selection: str | None) -> int:
@@ -169,7 +170,7 @@ class Fleet(Judging):
     def measurements(self, *, covariances: bool = False, **selection: str | None) -> Measurements:
         """The selected calibrations as arrays, in order of their dates.
 
-        covariances   also those of the parameters, which need 3.5 kB per row
+        covariances   whether to include the covariances of the parameters, which need 3.5 kB per row
         """
         where, arguments = _selected(selection)
         with self._reading() as connection:

@@ -40,9 +40,9 @@ __all__ = [
     "unread",
 ]
 
-# Start of the key of a job whose files cannot be read, which has their paths in the place of a hash.
+# Prefix of the key of a job whose files cannot be read. The key then contains the paths instead of a hash.
 UNREAD: Final = "unread:"
-# Arguments of `calibrate` that belong to a job and not to the options of a run.
+# Arguments of `calibrate` that each job sets, so they cannot be options of a run.
 OF_A_JOB: Final = ("control", "serial_number", "frame")
 
 
@@ -82,11 +82,11 @@ class Options:
     """Options of a run, the same for all its jobs.
 
     read       arguments of `imucal.read`
-    calibrate  arguments of `imucal.calibrate`, without those of a job
+    calibrate  arguments of `imucal.calibrate`, without those that each job sets
     limits     limits that decide the verdict, or None
-    gap        whether a missing effect is searched for each unit
-    time_limit_s   longest time of one job, s, or None. It is not part of the key of a job, because it does
-                   not change a result
+    gap        whether to search for a missing effect of each unit
+    time_limit_s   time limit of one job, s, or None. It is not part of the key of a job, because it does not
+                   change a result
     """
 
     read: Mapping[str, Any] = field(default_factory=dict)
@@ -101,7 +101,8 @@ class Options:
         wrong = [name for name in OF_A_JOB if name in self.calibrate]
         if wrong:
             raise InputError(f"{wrong[0]} is no option of a run of many units: leave it out")
-        # A default that is given makes the same result as one that is left out, and so the same key.
+        # Arguments equal to their defaults are removed, because they give the same result and must give the
+        # same key.
         defaults = {name: of.default for name, of in signature(calibrate).parameters.items()}
         given = {
             name: value
@@ -110,7 +111,8 @@ class Options:
             and not (isinstance(value, (bool, float, str)) and value == defaults.get(name))
         }
         if "unit" in given:
-            # A profile is sent as such, because its file may be missing on another machine.
+            # The profile itself is stored instead of its path, because the file may be missing on another
+            # machine.
             given["unit"] = unit_of(given["unit"])
         object.__setattr__(self, "calibrate", given)
         object.__setattr__(self, "read", {k: v for k, v in self.read.items() if v not in (None, False)})
@@ -141,9 +143,9 @@ class Options:
 class KeyedJob:
     """A job with its hashes.
 
-    recording  of the serial number and the contents of the files
-    key        of `recording`, the options and the version of imucal
-    hashes     SHA-256 of each file, those of the control recordings last
+    recording  hash of the serial number and the contents of the files
+    key        hash of `recording`, the options and the version of imucal
+    hashes     SHA-256 of each file; the control recordings come last
     """
 
     job: Job
@@ -159,7 +161,7 @@ class KeyedJob:
 def keyed(job: Job, options: str) -> KeyedJob:
     """The job with its hashes; raises InputError or FormatError if a file cannot be read.
 
-    options   text of the options
+    options   canonical text of the options
     """
     return keyed_by(job, options, tuple(hash_of(path) for path in (*job.files, *job.control)))
 
@@ -171,7 +173,7 @@ def keyed_by(job: Job, options: str, hashes: tuple[str, ...]) -> KeyedJob:
 
 
 def unread(job: Job, options: str) -> KeyedJob:
-    """A job whose files have no hash, because one of them cannot be read; its key is that of their paths."""
+    """A job without hashes, because a file cannot be read. Its key consists of the paths."""
     place = UNREAD + "\0".join((job.serial, *job.files, "", *job.control, options))
     return KeyedJob(job, place, place, ())
 
@@ -185,7 +187,9 @@ def hash_of(path: str) -> str:
 
 
 def as_date(text: str, what: str) -> str:
-    """A date, or date and time, in the form by which texts sort as times do; InputError if it is none.
+    """A date, or date and time, in a form whose alphabetical order is the order in time.
+
+    Raises InputError for any other text.
 
     A time with a zone is converted to UTC; a time without one is taken as UTC.
     """
@@ -204,7 +208,7 @@ def as_date(text: str, what: str) -> str:
 
 
 def path_text(path: str | os.PathLike[str]) -> str:
-    """A path as it is stored, absolute, so that a run from another folder finds it."""
+    """The path to store. It is absolute, so that a run from another folder finds the file."""
     return os.path.abspath(path)  # noqa: PTH100 (Path.absolute keeps `..`)
 
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_UNITS", "Judging"]
 
-# Units whose recordings are searched for an effect: each takes some 2 s for all effects of the catalogue.
+# Default of the number of units whose recordings are searched for an effect. Each unit takes about 2 s for
+# all effects of the catalogue.
 MOST_UNITS: Final = 50
 
 
@@ -44,7 +45,7 @@ class Judging(ABC):
         """Names of columns, and rows, of an SQL statement that only reads."""
 
     def conditions_of(self, serial: str) -> dict[str, str]:
-        """Station, operator and batch of the last calibration of a unit, where they are known."""
+        """Station, operator and batch of the last calibration of a unit, if they are known."""
         _, rows = self.query(
             "SELECT station, operator, batch FROM measurements WHERE serial = ? AND names IS NOT NULL "
             "ORDER BY date, id",
@@ -55,24 +56,24 @@ class Judging(ABC):
         return {name: str(value) for name, value in named if value}
 
     def drift(self, serial: str | None = None, **selection: str | None) -> DriftResult:
-        """Drift of all units over their dates, or of one, which is judged among all.
+        """Drift of all units over their dates, or of one unit, which is tested among all units.
 
         Raises InputError if no unit has two dates.
         """
         return drift(self.measurements(covariances=True, **selection), serial)
 
     def spc(self, **selection: str | None) -> SpcResult:
-        """Control charts of each station, and the shifts that its units have in common."""
+        """Control charts of each station, and shifts that are common to the units of a station."""
         return spc(self.measurements(covariances=False, **selection))
 
     def capability(self, limits: Limits | None = None, **selection: str | None) -> CapabilityResult:
-        """Capability indices against limits, spread without measuring noise, and proposed limits."""
+        """Capability indices for limits, spread without measurement noise, and proposed limits."""
         return capability(self.measurements(covariances=False, **selection), limits)
 
     def grr(
         self, *, by: str = "operator", limits: Limits | None = None, **selection: str | None
     ) -> GrrResult:
-        """Repeatability and reproducibility of units that several operators, or stations, have repeated.
+        """Repeatability and reproducibility, from repeated measurements by operators or stations.
 
         by   "operator" or "station"
         """
@@ -84,7 +85,7 @@ class Judging(ABC):
         return grr(measured, by=by, tolerances=widths)
 
     def outliers(self, **selection: str | None) -> OutlierResult:
-        """Odd units, by their distance from all others over parameters and figures."""
+        """Outlying units, by their distance from all other units over parameters and figures."""
         return outliers(self.measurements(covariances=True, **selection))
 
     def gap(
@@ -98,10 +99,11 @@ class Judging(ABC):
     ) -> FleetGap:
         """One effect searched over all units together, from the recordings of a part of the units.
 
-        effects    names of the catalogue; None for all
-        units      largest number of units, evenly spread over the selected ones
-        executor   computes units in parallel: of `concurrent.futures`, or `Client.get_executor()` of Dask
-        step       is called after each unit
+        effects    names of effects of the catalogue; None for all effects
+        units      maximum number of units, evenly spread over the selected units
+        executor   executor that computes units in parallel: one of `concurrent.futures`, or
+                   `Client.get_executor()` of Dask
+        step       callback after each unit
 
         Raises InputError if fewer than five units determine an effect.
         """
@@ -119,7 +121,7 @@ class Judging(ABC):
         return effect_search(fit_all, names)
 
     def _files(self, units: int, selection: Mapping[str, str | None]) -> list[UnitFiles]:
-        """Recordings of the first usable calibration of some units."""
+        """Recordings of the first usable calibration of at most `units` units."""
         if units < 1:
             raise InputError(f"units is {units}: give the number of units to search, such as {MOST_UNITS}")
         first, _ = first_of_each_unit(self.measurements(covariances=False, **selection))
@@ -133,7 +135,8 @@ class Judging(ABC):
         for serial, files, text in rows:
             if serial in wanted and serial not in found:
                 options = json.loads(text)
-                # A profile widens standard deviations by instabilities, which a mean does not need.
+                # The unit's profile is not used, because it widens standard deviations by instabilities,
+                # which is not necessary for means over units.
                 arguments = {k: v for k, v in options["calibrate"].items() if k not in ("unit", "folds")}
                 found[serial] = UnitFiles(serial, tuple(json.loads(files)), options["read"], arguments)
         return list(found.values())

@@ -20,9 +20,9 @@ __all__ = ["Done", "Ended", "LocalPool", "Pool", "processors"]
 
 @dataclass(frozen=True)
 class Ended:
-    """Instead of an answer: the process has ended without one.
+    """Placeholder for an answer if the process ended without one.
 
-    how   "by SIGSEGV" or "with exit code 3"; empty if it is not known
+    how   how the process ended: "by SIGSEGV" or "with exit code 3"; empty if it is not known
     """
 
     how: str = ""
@@ -30,11 +30,13 @@ class Ended:
 
 # Work and its answer, or `Ended`.
 Done = tuple[Any, Any]
-# Tasks in the pool per process: one that runs, and one that waits, so that no process waits for the parent.
+# Number of tasks in the pool per process: one that runs and one that waits, so that no process waits for the
+# parent.
 PER_PROCESS: Final = 2
-# Time, s, in which a process whose pipes are closed ends, so that its exit code is known.
+# Time, s, to wait for the exit code of a process whose pipes are closed.
 ENDS_S: Final = 0.2
-# Environment of a process: threads of these libraries would compete with the other processes.
+# Environment variables that restrict libraries to one thread, because their threads would compete with the
+# other processes.
 ONE_THREAD: Final = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -46,8 +48,8 @@ ONE_THREAD: Final = {
 class Pool(Protocol):
     """Processes that do work.
 
-    processes  their number
-    capacity   largest amount of work to submit at a time
+    processes  number of processes
+    capacity   maximum number of tasks in the pool
     """
 
     @property
@@ -56,16 +58,16 @@ class Pool(Protocol):
 
     @property
     def capacity(self) -> int:
-        """Largest number of tasks in the pool at a time."""
+        """Maximum number of tasks in the pool."""
 
     def submit(self, work: Work) -> None:
-        """Do this work."""
+        """Submit work."""
 
     def next(self) -> Done:
-        """Wait for any work. Raises ImucalError if no more of them will end."""
+        """Wait until any work ends. Raises ImucalError if no more work will end."""
 
     def close(self) -> None:
-        """End the pool; tasks that are in it are lost."""
+        """End the pool. Tasks in the pool are lost."""
 
 
 def processors() -> int:
@@ -76,10 +78,10 @@ def processors() -> int:
 
 
 class LocalPool:
-    """Processes of this computer, each with a thread that sends it work and waits for the answers.
+    """Processes on this computer. A thread for each process sends work and waits for the answers.
 
-    bound   whether each process is bound to one processor, so that their threads do not compete; only for a
-            computer that does nothing else
+    bound   whether each process is bound to one processor, so that processes do not compete; only for a
+            computer without other load
     """
 
     def __init__(self, processes: int | None = None, *, bound: bool = False) -> None:
@@ -97,12 +99,12 @@ class LocalPool:
             thread.start()
 
     def submit(self, work: Work) -> None:
-        """Do this work."""
+        """Submit work."""
         self._tasks.put(work)
 
     def next(self) -> Done:
-        """Wait for any work. Raises ImucalError if no process can be started."""
-        # A wait without a timeout would delay the signals of Windows.
+        """Wait until any work ends. Raises ImucalError if no process can be started."""
+        # The timeout is needed, because on Windows a wait without a timeout delays signals.
         while True:
             try:
                 done = self._done.get(timeout=1.0)
@@ -155,7 +157,8 @@ class LocalPool:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env=os.environ | ONE_THREAD,
-                # Ctrl-C in a terminal reaches the parent only, which ends the processes.
+                # With a separate session, Ctrl-C in a terminal reaches only the parent, which ends the
+                # processes.
                 start_new_session=True,
             )
             if number is not None and hasattr(os, "sched_setaffinity"):
@@ -165,10 +168,10 @@ class LocalPool:
             return child
 
     def _end(self, child: subprocess.Popen[bytes]) -> int | None:
-        """End a process; its exit code if it has ended by itself."""
+        """End a process. Returns its exit code if it has ended by itself."""
         with self._lock:
             self._running.discard(child)
-        # A process whose pipe is closed is about to end, and its exit code says why.
+        # A process whose pipe is closed is about to end. Its exit code gives the reason.
         code: int | None = None
         with suppress(subprocess.TimeoutExpired):
             code = child.wait(ENDS_S)

@@ -1,4 +1,4 @@
-"""The jobs of a run: rows of a manifest, or files whose paths give the serial numbers."""
+"""The jobs of a run from the rows of a manifest."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ SEPARATOR: Final = ";"
 
 
 def jobs_of_manifest(path: str | os.PathLike[str]) -> Iterator[Job]:
-    """The jobs of a CSV manifest, one per row; its paths are relative to its own folder.
+    """The jobs of a CSV manifest, one per row. Paths are relative to the folder of the manifest.
 
-    Raises InputError or FormatError, with the line, for a row that is wrong.
+    Raises InputError or FormatError with the line number for an invalid row.
     """
     folder = Path(path).parent
     for line, row in _rows(path):
@@ -40,7 +40,7 @@ def jobs_of_manifest(path: str | os.PathLike[str]) -> Iterator[Job]:
 
 
 def is_manifest(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a CSV file that begins like a manifest instead of a recording."""
+    """Whether a file is a CSV file with the header of a manifest."""
     if Path(path).suffix.lower() != ".csv":
         return False
     try:
@@ -48,17 +48,18 @@ def is_manifest(path: str | os.PathLike[str]) -> bool:
             head = file.readline(1000).decode("utf-8-sig", "replace")
     except OSError:
         return False
-    # One of the names is enough, so that a manifest without the other gets the message about it.
+    # One of the required names is sufficient, so that a manifest without the other name gets the message
+    # about it.
     return bool({"serial", "files"} & {name.strip().strip('"') for name in head.split(",")})
 
 
 def count_of_manifest(path: str | os.PathLike[str]) -> int:
-    """The number of rows of a manifest, each of which is checked."""
+    """The number of rows of a manifest. Each row is checked."""
     return sum(1 for _ in jobs_of_manifest(path))
 
 
 def shard_of(text: str) -> tuple[int, int]:
-    """The part I of N of `I/N`; InputError for another text."""
+    """The numbers I and N in `I/N`; InputError for any other text."""
     number, slash, count = text.partition("/")
     if slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count):
         return int(number), int(count)
@@ -66,7 +67,7 @@ def shard_of(text: str) -> tuple[int, int]:
 
 
 def shard(jobs: Iterable[Job], part: tuple[int, int] | None) -> Iterator[Job]:
-    """The jobs of part I of N: every N-th one."""
+    """The jobs of part I of N: every N-th job from the I-th on."""
     if part is None:
         return iter(jobs)
     number, count = part

@@ -1,6 +1,6 @@
 """The measurements of a fleet as arrays: one row per calibration of a unit.
 
-The store returns them (`Fleet.measurements`), and the statistics of a fleet use nothing else.
+`Fleet.measurements` returns them from the store. They are the only input of the statistics of a fleet.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ TextArray = NDArray[np.str_]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurements:
-    """n calibrations with p parameters; NaN is a number that a calibration does not have.
+    """n calibrations with p parameters. NaN stands for a number that a calibration does not have.
 
     serials       (n,) serial numbers; a unit that was measured several times has several rows
     dates         (n,) datetime64[s], UTC; NaT where not known
-    stations      (n,) and operators, batches, roles, verdicts alike: text, empty where not known
-    names, units  of the p parameters, such as gyro_bias_x and rad/s
+    stations      (n,) and also operators, batches, roles, verdicts: text, empty if not known
+    names, units  names and units of the p parameters, such as gyro_bias_x and rad/s
     values_si     (n, p)
     sigmas_si     (n, p) standard deviations
     covariances   (n, p, p), or None if they were not requested
@@ -71,7 +71,7 @@ class Measurements:
         return f"Measurements({len(self)} of {units} units, {len(self.names)} parameters)"
 
     def where(self, rows: NDArray[Any]) -> Measurements:
-        """The rows of a mask or of indices."""
+        """The rows that a mask or indices select."""
         return replace(
             self,
             **{name: getattr(self, name)[rows] for name in PER_ROW},
@@ -99,10 +99,13 @@ class Measurements:
         )
 
     def in_order_of_time(self) -> Measurements:
-        """The rows in order of their dates; rows of one date keep their order, rows without a date go."""
+        """The rows in order of their dates.
+
+        Rows with equal dates keep their order, and rows without a date are dropped.
+        """
         dated = self.where(~np.isnat(self.dates))
         return dated.where(np.argsort(dated.dates, kind="stable"))
 
 
-# Fields with one item per row, beside the parameters and the figures.
+# Fields with one item per row, other than parameters and figures.
 PER_ROW = ("serials", "dates", "stations", "operators", "batches", "roles", "verdicts")

@@ -1,7 +1,8 @@
 """Serial numbers from the paths of files, by a pattern such as `{date}/{serial}-{role}.csv`.
 
-A pattern is compared with the end of a path. Its fields are the columns of a manifest without `files`; `*` is
-any text within one name. A file with the role `control` is a control recording.
+A pattern is matched with the end of a path. The fields of a pattern are the columns of a manifest without
+`files` and `control`; `*` is any text within one file or folder name. A file with the role `control` is a
+control recording.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from imucal.fleet.job import Job, path_text
 __all__ = ["CONTROL_WORDS", "Naming", "files_of", "naming_of"]
 
 FIELDS: Final = ("serial", "date", "station", "operator", "batch", "role")
-# Words in names of files that say which recording of a unit a file is, in any case.
+# Words in file names that state the role of a recording, in upper or lower case.
 CONTROL_WORDS: Final = ("control", "check", "verify")
 RUN_WORDS: Final = ("run", "cal", "calibration", "rec", "recording")
 SENSOR_WORDS: Final = ("acc", "accel", "accelerometer", "gyro", "gyr", "gyroscope")
 WORD: Final = re.compile(r"[^-_. ]+")
-# Endings of files in folders that are taken as recordings.
+# Extensions of files in folders that are taken as recordings.
 ENDINGS: Final = (
     *(".csv", ".parquet", ".txt", ".tsv", ".log", ".npz", ".npy", ".mat", ".h5", ".hdf5"),
     *(".bag", ".db3", ".mcap", ".ulg", ".bin", ".zip", ".gz"),
@@ -34,12 +35,15 @@ ENDINGS: Final = (
 
 @dataclass(frozen=True)
 class Naming:
-    """How paths give serial numbers: by a pattern, or by the words of names if the pattern is empty."""
+    """Rule for serial numbers from paths: a pattern, or the words of names if the pattern is empty."""
 
     pattern: str = ""
 
     def jobs(self, files: Iterable[str], *, with_lone_controls: bool = True) -> list[Job]:
-        """The jobs of files, one for all files of a unit in a folder; InputError for one without serial."""
+        """The jobs of files: all files of a unit in one folder form one job.
+
+        InputError for a file without serial number.
+        """
         groups: dict[tuple[str | None, ...], tuple[list[str], list[str]]] = {}
         for file in files:
             fields = self._fields(file)
@@ -48,7 +52,7 @@ class Naming:
                 None if is_control or (fields.get("role") or "").lower() in RUN_WORDS else fields.get("role")
             )
             about = (*(fields.get(name) for name in FIELDS if name != "role"), role)
-            # Two folders with the same serial number are two measurements of a unit, also without a date.
+            # Files of one unit in two folders are two measurements, even without a date.
             runs, controls = groups.setdefault((str(Path(file).parent), *about), ([], []))
             (controls if is_control else runs).append(path_text(file))
         jobs = []
@@ -66,7 +70,7 @@ class Naming:
         return jobs
 
     def words(self, job: Job) -> str:
-        """The rule in words, with an example, to show before a run."""
+        """A sentence on the rule, with an example, to show before a run."""
         rule = (
             f"by {self.pattern}"
             if self.pattern
@@ -87,14 +91,17 @@ class Naming:
 
 
 def naming_of(pattern: str | None) -> Naming:
-    """The naming by a pattern; InputError if it has no or unknown fields."""
+    """The naming for a pattern. Raises InputError if the pattern has no fields or unknown fields."""
     if pattern is not None:
         _expression(pattern)
     return Naming(pattern or "")
 
 
 def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
-    """The files of paths, folders and glob patterns, sorted; InputError for one without any file."""
+    """The files of paths, folders and glob patterns, sorted.
+
+    Raises InputError for a pattern without any file.
+    """
     found: dict[str, None] = {}
     for pattern in patterns:
         if Path(pattern).is_dir():
@@ -103,7 +110,7 @@ def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
         elif Path(pattern).exists():
             names = [pattern]
         else:
-            # Path.glob takes no absolute pattern.
+            # glob.glob is used, because Path.glob does not accept absolute patterns.
             matching = glob.glob(pattern, recursive=True)  # noqa: PTH207
             names = sorted(name for name in matching if Path(name).is_file())
         if not names and not or_none:
@@ -113,7 +120,7 @@ def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
 
 
 def _by_words(file: str) -> dict[str, str | None]:
-    """Serial number and role by the words of the name: run-0007.csv, 0007_control.csv, 0007/run.csv."""
+    """Serial number and role from the words of the name: run-0007.csv, 0007_control.csv, 0007/run.csv."""
     path = Path(file)
     stem = path.name.split(".")[0] or path.name
     words = WORD.findall(stem)
@@ -121,7 +128,7 @@ def _by_words(file: str) -> dict[str, str | None]:
     rest = [word for word in words if word.lower() not in (*CONTROL_WORDS, *RUN_WORDS, *SENSOR_WORDS)]
     if not rest:
         return {"serial": path.absolute().parent.name, "role": roles[0] if roles else None}
-    # The separators of a serial number such as A-17 are part of it.
+    # Separators within a serial number, such as A-17, are part of the serial number.
     start, end = stem.index(rest[0]), stem.rindex(rest[-1]) + len(rest[-1])
     return {"serial": stem[start:end], "role": roles[0] if roles else None}
 

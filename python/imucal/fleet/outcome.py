@@ -1,4 +1,4 @@
-"""The outcome of one job, in the form in which processes send it and the store keeps it."""
+"""The outcome of one job, in the form that processes send and the store contains."""
 
 from __future__ import annotations
 
@@ -24,20 +24,23 @@ __all__ = [
     "measured_of",
 ]
 
-# Codes of failures that another run may not have: those of files that were missing or changed meanwhile.
+# Codes of failures that may not occur in another run: a file was missing or changed during the run.
 TRANSIENT: Final = ("file_missing", "file_changed")
-# Compression of a document: level 1 takes a fifth of the time of level 6 and leaves a tenth more bytes.
+# Compression level of documents. Level 1 takes a fifth of the time of level 6, and its output is a tenth
+# larger.
 LEVEL: Final = 1
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What the store keeps of a calibration.
+    """The data of a calibration that the store contains.
 
-    names      of the parameters, each with its unit
-    values, sigmas   float64 each, in the order of `names`; a sigma that is not known is NaN
+    names      names of the parameters, each with its unit
+    values, sigmas   values and standard deviations, float64, in the order of `names`; NaN if a sigma is not
+                     known
     covariance   upper triangle by rows, float64; None if it is not known
-    figures      figures of the calibration recordings, and with `control_` those of the control recordings
+    figures      figures of the calibration recordings, and with the prefix `control_` those of the control
+                 recordings
     document     the calibration file, its checks against limits, and the search for a missing effect,
                  compressed
     """
@@ -61,12 +64,12 @@ class Measured:
 class Outcome:
     """The outcome of a job.
 
-    verdict   good, incomplete or poor; failed, if there is no result; poisoned, if its process ended without
-              an answer each time
-    code      of a failure: that of the finding, or the kind of error
-    message   of a failure, or None
-    seconds   that the job took
-    measured  None for a failure
+    verdict   good, incomplete or poor; failed, if there is no result; poisoned, if every process that
+              computed the job ended without an answer
+    code      code of a failure: the code of the finding, or the kind of error
+    message   message of a failure, or None
+    seconds   duration of the computation, s
+    measured  data of the calibration; None for a failure
     """
 
     keyed: KeyedJob
@@ -78,12 +81,12 @@ class Outcome:
 
     @property
     def has_result(self) -> bool:
-        """Whether there is a calibration."""
+        """Whether the job has a calibration."""
         return self.measured is not None
 
 
 def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
-    """What the store keeps of a result, and of a search for a missing effect."""
+    """The data of a result, and of a search for a missing effect, that the store contains."""
     calibration = result.calibration
     parameters = result.parameters
     names = tuple(parameter.name for parameter in parameters)
@@ -92,7 +95,7 @@ def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
     if calibration.covariance is not None:
         matrix = _in_order(calibration.covariance, calibration.covariance_names, names)
         covariance = matrix[np.triu_indices(len(names))].tobytes()
-        # The table of the store has it, so the document need not; only its rows and columns could differ.
+        # The matrix is not repeated in the document if the table of the store contains it in the same order.
         if calibration.covariance_names == names and np.array_equal(matrix, matrix.T):
             document["covariance"]["matrix"] = None
     temperature = calibration.temperature_range_degc
@@ -146,7 +149,7 @@ def full_covariance(upper: bytes, size: int) -> FloatArray:
 
 
 def _in_order(covariance: FloatArray, own: tuple[str, ...], names: tuple[str, ...]) -> FloatArray:
-    """The covariance in the order of `names`; NaN for a parameter without one."""
+    """The covariance in the order of `names`; NaN for a parameter without a covariance."""
     if own == names:
         return covariance
     place = {name: index for index, name in enumerate(own)}

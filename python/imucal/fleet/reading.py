@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ABOUT_COLUMNS", "batches_of", "conditions", "documents", "measurements", "query"]
 
-# Rows that are in memory at once.
+# Number of rows that are in memory at once.
 ROWS_AT_ONCE: Final = 10_000
 # Columns of a table of measurements before those of figures and parameters.
 ABOUT_COLUMNS: Final = (
@@ -42,9 +42,9 @@ ABOUT_COLUMNS: Final = (
 )
 NUMBERS: Final = ("seconds", *TEMPERATURES, *FIGURES)
 TEXTS: Final = ("serial", "date", "station", "operator", "batch", "role", "verdict")
-# Columns with the float64 of all parameters or figures of a row.
+# Columns that contain the float64 values of all parameters or figures of a row as one blob.
 PACKED: Final = ("parameter_values", "sigmas", "figure_values")
-# Names of the arguments that select rows, each with its condition.
+# SQL condition of each argument that selects rows.
 CONDITIONS: Final = {
     "serial": "serial = ?",
     "role": "role IS ?",
@@ -66,7 +66,7 @@ def conditions(given: Mapping[str, str | None]) -> tuple[str, list[str]]:
 def query(
     connection: sqlite3.Connection, sql: str, arguments: Sequence[Any] = ()
 ) -> tuple[list[str], list[Any]]:
-    """Names of the columns and rows of a statement that reads; InputError for any other."""
+    """Column names and rows of a statement that reads; InputError for any other statement."""
     try:
         cursor = connection.execute(sql, arguments)
         if cursor.description is None:
@@ -86,7 +86,7 @@ def query(
 def batches_of(
     connection: sqlite3.Connection, where: str = "TRUE", arguments: Sequence[Any] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """Current rows in batches, also those without a result: texts, figures, parameters with their sigmas."""
+    """Current rows in batches, including rows without a result: texts, figures, parameters with sigmas."""
     import pyarrow as pa
 
     numbers = (*NUMBERS, *(column for name in BASE_NAMES for column in (name, f"{name}_sigma")))
@@ -113,7 +113,7 @@ def measurements(
 
     Raises InputError if the rows differ in the units of their parameters.
     """
-    # All statements of the transaction see the same rows, also while a run is writing.
+    # All statements of the transaction read the same rows, even while a run is writing.
     connection.execute("BEGIN")
     try:
         return _measurements(connection, where, arguments, covariances=covariances)
@@ -125,7 +125,8 @@ def _measurements(
     connection: sqlite3.Connection, where: str, arguments: Sequence[Any], *, covariances: bool
 ) -> Measurements:
     selected = f"FROM measurements WHERE names IS NOT NULL AND ({where})"
-    # SQLite joins each column to one JSON list: that is faster than a Python object for each cell.
+    # SQLite aggregates each column to one JSON list, which is faster than creating a Python object for each
+    # cell.
     lists = ", ".join(f"json_group_array({name})" for name in ("id", "names", "figure_names", *TEXTS))
     found = connection.execute(f"SELECT {lists} {selected}", arguments).fetchone()
     texts = dict(zip(TEXTS, (_texts(json.loads(text)) for text in found[3:]), strict=True))
@@ -139,7 +140,8 @@ def _measurements(
     columns = {number: [name for name, _ in pairs] for number, pairs in parameters.items()}
     given: list[int] = []
     packed: tuple[list[bytes], list[bytes], list[bytes]] = ([], [], [])
-    # Row by row, because a list of all rows would occupy the garbage collector for a third of the time.
+    # Rows are processed one by one, because with a list of all rows the garbage collector would take a third
+    # of the time.
     for job, of_values, of_sigmas, of_figures in connection.execute(
         f"SELECT id, {', '.join(PACKED)} {selected}", arguments
     ):
@@ -185,7 +187,7 @@ def documents(
 
 
 def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """All parameters, those of every unit first, and their units."""
+    """All parameters and their units. Parameters that every unit has come first."""
     units: dict[str, str] = {}
     for pairs in sorted(sets, key=len):
         for name, unit in pairs:
@@ -201,7 +203,7 @@ def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...],
 
 
 def _names(connection: sqlite3.Connection, kinds: np.ndarray[Any, Any]) -> dict[int, Any]:
-    """The names with these identifiers."""
+    """The lists of names with these identifiers."""
     rows = connection.execute(
         "SELECT id, names FROM names WHERE id IN (SELECT value FROM json_each(?))",
         [json.dumps(np.unique(kinds).tolist())],
@@ -210,7 +212,7 @@ def _names(connection: sqlite3.Connection, kinds: np.ndarray[Any, Any]) -> dict[
 
 
 def _rows_of(ids: np.ndarray[Any, Any], given: Sequence[int]) -> np.ndarray[Any, Any]:
-    """The row of each given identifier."""
+    """The row index of each given identifier."""
     sorted_ids = np.argsort(ids)
     found: np.ndarray[Any, Any] = sorted_ids[np.searchsorted(ids, given, sorter=sorted_ids)]
     return found
@@ -249,7 +251,10 @@ def _filled(
     own: Mapping[int, Sequence[str]],
     names: Sequence[str],
 ) -> FloatArray:
-    """(n, c) numbers of the blobs, whose names are `own`; NaN for a name that a row does not have."""
+    """The numbers in the blobs, (n, c).
+
+    `own` has the names of each kind of blob; NaN for a name that a row lacks.
+    """
     place = {name: index for index, name in enumerate(names)}
     found = np.full((len(blobs), len(names)), np.nan)
     for number, of_kind in own.items():

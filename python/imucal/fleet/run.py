@@ -1,9 +1,9 @@
-"""Running the jobs of a fleet: only new ones are computed.
+"""Computation of the jobs of a fleet that are not in the store.
 
-An outcome is in the store before it is counted. A task whose process ends without an answer is divided in
-halves, down to single jobs. Each of these is tried again when nothing else runs; if its process ends each
-time, its recording is poisoned, and that is its outcome. A process that is killed from outside, by a person
-or for its memory, ends only some of these attempts.
+An outcome is stored before it is counted. If a process ends without an answer, its task is divided in halves,
+down to single jobs. A single job is tried again while no other job runs. If its process ends each time, the
+outcome of the job is that its recording is poisoned. Repeated attempts are needed, because a process may also
+be killed from outside, by a person or for lack of memory.
 """
 
 from __future__ import annotations
@@ -24,24 +24,28 @@ from imucal.fleet.task import FILE_MISSING, Task, failure_of
 
 __all__ = ["Tally", "run_jobs"]
 
-# Jobs of a task. A calibration takes some 20 ms, so that the cost of a task, a few ms, is small. The search
-# for a missing effect takes seconds, and a task should not take minutes, because a killed run repeats it.
+# Number of jobs per task, without and with the search for a missing effect. A calibration takes about 20 ms,
+# so the overhead of a task, a few ms, is small. The search takes seconds, and a task should not take minutes,
+# because a killed run repeats its tasks.
 PER_TASK: Final = 50
 PER_TASK_WITH_GAP: Final = 5
-# Tasks per process, at least, of a small fleet: with fewer, some processes would wait for the last one.
+# Minimum number of tasks per process for a small fleet. With fewer tasks, some processes would be idle while
+# the last task runs.
 TASKS_PER_PROCESS: Final = 4
-# Attempts to compute a single job when nothing else runs, before its recording counts as poisoned.
+# Number of attempts to compute a single job while no other job runs. After the last failure its recording
+# counts as poisoned.
 TRIES_ALONE: Final = 3
 
 
 @dataclass
 class Tally:
-    """The units of a run, counted.
+    """Counts of the units of a run.
 
-    done        computed in this run, including those without a result
-    skipped     in the store from an earlier run
-    unreadable  whose files could not be read, so that nothing was computed
-    verdicts    numbers of `good`, `incomplete`, `poor`, `failed` and `poisoned` units, of this run and before
+    done        number of units computed in this run, including those without a result
+    skipped     number of units in the store from an earlier run
+    unreadable  number of units whose files could not be read, so that they were not computed
+    verdicts    numbers of `good`, `incomplete`, `poor`, `failed` and `poisoned` units, including units from
+                earlier runs
     codes       numbers of failures by their code
     """
 
@@ -53,22 +57,22 @@ class Tally:
 
     @property
     def units(self) -> int:
-        """All jobs of the run."""
+        """The number of all jobs of the run."""
         return self.done + self.skipped + self.unreadable
 
     @property
     def failed(self) -> int:
-        """Units without a result, without the poisoned ones."""
+        """Number of units without a result, excluding poisoned units."""
         return self.verdicts["failed"]
 
     @property
     def poisoned(self) -> int:
-        """Units whose recording ends each process that reads it."""
+        """Number of units whose recording ends each process that reads it."""
         return self.verdicts["poisoned"]
 
     @property
     def verdict(self) -> str:
-        """The worst verdict; no_result if a unit has none."""
+        """The worst verdict; no_result if a unit has no result."""
         if self.failed or self.poisoned:
             return "no_result"
         return next((each for each in ("poor", "incomplete") if self.verdicts[each]), "good")
@@ -104,13 +108,14 @@ def run_jobs(
 ) -> Tally:
     """Compute the jobs that are not in the store.
 
-    make_pool  is called when the first job has to be computed
-    total      number of jobs, if known, for the size of tasks
-    retry      compute jobs again that have no result
-    tell       is called for each job with its verdict, and code and message of a failure
-    tally      counts of earlier runs, to which those of this run are added, also if it is interrupted
+    make_pool  function that creates the pool; it is called when the first job has to be computed
+    total      number of jobs, if known; it determines the size of tasks
+    retry      whether to compute jobs without a result again
+    tell       callback for each job with its verdict, and code and message of a failure
+    tally      counts of earlier runs, to which those of this run are added, even if it is interrupted
 
-    Raises ImucalError if the store cannot be written or the pool is lost; what was told is in the store.
+    Raises ImucalError if the store cannot be written or the pool is lost. All outcomes reported to `tell` are
+    then in the store.
     """
     run = _Run(store, options, make_pool, total, retry, tell or (lambda *_: None), tally or Tally())
     return run.of(jobs)
@@ -134,7 +139,7 @@ class _Run:
         self._halves: deque[Task] = deque()
         self._suspects: deque[Task] = deque()
         self._in_pool = 0
-        # Keys of this run that are in the pool: a manifest may list a recording twice.
+        # Keys of the jobs in the pool. They are needed because a manifest may list a recording twice.
         self._pending: set[str] = set()
 
     def of(self, jobs: Iterable[Job]) -> Tally:
@@ -157,7 +162,7 @@ class _Run:
                 self._pool.close()
 
     def _fill(self, new: Iterator[Task]) -> None:
-        """Give the pool all that it can hold."""
+        """Submit tasks up to the capacity of the pool."""
         while self._pool is None or self._in_pool < self._pool.capacity:
             task = self._halves.popleft() if self._halves else next(new, None)
             if task is None:
@@ -179,7 +184,7 @@ class _Run:
         if not isinstance(answer, Ended):
             self._put(answer)
             if len(answer) < len(task):
-                # The task has ended at a job that takes too long.
+                # The task ended at a job that exceeded the time limit.
                 self._halves.append(Task(task.jobs[len(answer) :], task.options))
         elif len(task) > 1:
             half = len(task) // 2
@@ -207,8 +212,8 @@ class _Run:
         waiting: list[Job | KeyedJob] = []
         jobs = iter(jobs)
         while block := list(islice(jobs, PER_TASK)):
-            # All jobs are new for a new store, so that only the processes of the pool read their files. With
-            # a time limit the keys are needed of jobs whose process does not answer.
+            # For a new store all jobs are new, so their files are read only by the processes of the pool.
+            # With a time limit, the keys are needed here for jobs whose process does not answer.
             is_new = self._options.time_limit_s is None and self._store.is_new
             waiting += block if is_new else self._new_ones(block)
             size = self._task_size()
@@ -227,7 +232,7 @@ class _Run:
         return max(1, min(most, self._total // (TASKS_PER_PROCESS * self._pool.processes)))
 
     def _new_ones(self, jobs: Sequence[Job]) -> list[KeyedJob]:
-        """The jobs that are not in the store; the others are told."""
+        """The jobs that are not in the store. The other jobs are reported to `tell`."""
         readable = [each for job in jobs if (each := self._keyed(job)) is not None]
         known = self._store.known([each.key for each in readable])
         again = [key for key, found in known.items() if self._is_tried_again(found)]
@@ -257,7 +262,7 @@ class _Run:
         return self._retry and found.verdict in ("failed", "poisoned")
 
     def _keyed(self, job: Job) -> KeyedJob | None:
-        """The job with its key; None, and its failure is stored, if a file cannot be read."""
+        """The job with its key. If a file cannot be read, the failure is stored and the result is None."""
         try:
             return keyed(job, self._text)
         except ImucalError as error:

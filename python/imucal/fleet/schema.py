@@ -1,12 +1,12 @@
-"""The tables of a store, and how a store of an older version of imucal becomes one of this version.
+"""The tables of a store, and the migration of stores of older versions of imucal.
 
     units -- jobs -- results -- documents
                 |
              options
 
-A job is one recording of a unit, or several that are calibrated together, with the options of its run. Every
-job in the store has its outcome in the same row: a verdict, or why there is none. The version of the tables
-is SQLite's `user_version`.
+A job is one recording of a unit, or several that are calibrated together, with the options of its run. The
+row of a job contains its outcome: a verdict, or the reason why there is none. The version of the tables is
+SQLite's `user_version`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,15 @@ __all__ = [
     "packed_figures",
 ]
 
-# `application_id` of a store, the letters IMUF, by which `file` and this package recognise it.
+# `application_id` of a store (the letters IMUF), by which the program `file` and this package recognise a
+# store.
 APPLICATION: Final = 0x494D5546
-# A process waits for this time, s, for another one that is writing to the store.
+# Time, s, for which a process waits while another process writes to the store.
 BUSY_S: Final = 60.0
 
 _PAIRS: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
-# The 21 parameters of both triads in the symmetric frame, in the order of a calibration. Each is a column of
-# the table results, and NAME_sigma its standard deviation.
+# The 21 parameters of both triads in the symmetric frame, in the order of a calibration. Each parameter is a
+# column of the table results, and its standard deviation is the column NAME_sigma.
 BASE_NAMES: Final = (
     *(f"accel_bias_{axis}" for axis in "xyz"),
     *(f"accel_sensitivity_{entry}" for entry in ("xx", "yy", "zz", "xy", "xz", "yz")),
@@ -48,9 +49,9 @@ BASE_NAMES: Final = (
     *(f"gyro_sensitivity_{entry}" for entry in _PAIRS),
 )
 _SETS: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg", "rests", "moves")
-# Figures of the calibration recordings, and with `control_` those of the control recordings.
+# Figures of the calibration recordings, and with the prefix `control_` those of the control recordings.
 FIGURES: Final = (*_SETS, *(f"control_{name}" for name in _SETS))
-# Range of the temperatures of the recordings.
+# Columns with the temperature range of the recordings.
 TEMPERATURES: Final = ("temperature_low_degc", "temperature_high_degc")
 
 
@@ -94,7 +95,7 @@ def _first(connection: sqlite3.Connection) -> None:
             other_parameters TEXT NOT NULL,
             names INTEGER NOT NULL REFERENCES names (id),
             parameter_values BLOB NOT NULL, sigmas BLOB NOT NULL)""",
-        # Large values stand apart, so that a query over all results does not read them.
+        # Large values are in a separate table, so that a query over all results does not read them.
         """CREATE TABLE documents (
             job INTEGER PRIMARY KEY REFERENCES jobs (id), covariance BLOB, document BLOB NOT NULL)""",
         """CREATE VIEW measurements AS SELECT units.serial, jobs.*, results.*
@@ -105,7 +106,7 @@ def _first(connection: sqlite3.Connection) -> None:
 
 
 def _second(connection: sqlite3.Connection) -> None:
-    """Version 2: the figures of a result also as one value, which is read faster than their columns."""
+    """Version 2: the figures of a result also as one blob, which is read faster than separate columns."""
     connection.execute("ALTER TABLE results ADD COLUMN figure_names INTEGER REFERENCES names (id)")
     connection.execute("ALTER TABLE results ADD COLUMN figure_values BLOB")
     columns = (*TEMPERATURES, *FIGURES)
@@ -124,12 +125,13 @@ def _second(connection: sqlite3.Connection) -> None:
 
 
 def packed_figures(figures: Mapping[str, float | None]) -> tuple[str, bytes]:
-    """Names of figures as a JSON list, and their values as float64; NaN for a figure without one."""
+    """Names of figures as a JSON list, and their values as float64; NaN for a figure without a value."""
     values = np.array([np.nan if value is None else value for value in figures.values()], dtype="<f8")
     return json.dumps(list(figures)), values.tobytes()
 
 
-# Each function changes the tables of the version before it; their number is the version of this package.
+# Each function migrates the tables from the previous version. The number of functions is the version of the
+# tables in this package.
 MIGRATIONS: Final[tuple[Callable[[sqlite3.Connection], None], ...]] = (_first, _second)
 
 
@@ -137,18 +139,18 @@ def connect_writing(
     path: str | os.PathLike[str],
     migrations: tuple[Callable[[sqlite3.Connection], None], ...] = MIGRATIONS,
 ) -> sqlite3.Connection:
-    """A connection that writes; the store is made, or brought to this version, if it has to be.
+    """A connection for writing. The store is created, or migrated to this version, if necessary.
 
-    Raises InputError if the file cannot be opened, and FormatError if it is no store of this or an older
-    version.
+    Raises InputError if the file cannot be opened, and FormatError if it is not a store of this version or an
+    older one.
     """
     connection = _open(path, f"{_uri(path)}?mode=rwc")
     try:
         connection.execute("PRAGMA journal_mode = WAL")
-        # With FULL a commit is on the disk when it returns, also at a power failure.
+        # With FULL, a commit is on the disk when it returns and survives a power failure.
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA foreign_keys = ON")
-        # Two processes may open a new store at once; one makes the tables, the other waits for them.
+        # Two processes may open a new store at the same time. One creates the tables while the other waits.
         connection.execute("BEGIN IMMEDIATE")
         version = _version(connection, path, len(migrations), may_be_new=True)
         for number in range(version, len(migrations)):
@@ -166,9 +168,9 @@ def connect_writing(
 
 
 def connect_reading(path: str | os.PathLike[str]) -> sqlite3.Connection:
-    """A connection that only reads and can attach no other file.
+    """A connection that only reads and cannot attach other files.
 
-    Raises InputError if the file cannot be opened, and FormatError if it is no store of this version.
+    Raises InputError if the file cannot be opened, and FormatError if it is not a store of this version.
     """
     if not Path(path).is_file():
         raise InputError(f"{os.fspath(path)}: there is no such store: `imucal fleet run` makes one")
@@ -191,7 +193,7 @@ def connect_reading(path: str | os.PathLike[str]) -> sqlite3.Connection:
 
 
 def disk_error(path: str | os.PathLike[str], error: sqlite3.Error, stored: str = "") -> InputError:
-    """The error of a store that cannot be read or written, with what is in it."""
+    """The error for a store that cannot be read or written; `stored` states the stored outcomes."""
     reason, name = str(error), os.fspath(path)
     if "locked" in reason:
         way_out = "another process holds it; wait for that process, or end it"
@@ -206,7 +208,7 @@ def disk_error(path: str | os.PathLike[str], error: sqlite3.Error, stored: str =
 
 def _open(path: str | os.PathLike[str], uri: str) -> sqlite3.Connection:
     try:
-        # Without implicit transactions: each writer begins and ends its own.
+        # No implicit transactions, because each writer begins and ends its transactions explicitly.
         connection = sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)
     except sqlite3.Error as error:
         raise disk_error(path, error) from None

@@ -1,4 +1,4 @@
-"""Writing to a store: one process at a time, and a commit is on the disk when it returns."""
+"""Writing to a store. Only one process writes at a time, and a commit is on the disk when it returns."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ RESULT_COLUMNS: Final = (
     *("other_figures", "other_parameters", "names", "parameter_values", "sigmas"),
     *("figure_names", "figure_values"),
 )
-# What a manifest says about a job besides its files; a later manifest may correct it.
+# Columns of a manifest that describe a job, besides its files. A later manifest may correct them.
 ABOUT: Final = ("date", "station", "operator", "batch", "role")
 
 
@@ -70,14 +70,14 @@ def _insert(table: str, columns: Sequence[str]) -> str:
 
 INSERT_JOB: Final = _insert("jobs", JOB_COLUMNS) + " ON CONFLICT (key) DO NOTHING"
 INSERT_RESULT: Final = _insert("results", RESULT_COLUMNS)
-# Of several jobs of one recording, with other options or versions, the last one is current.
+# If a recording has several jobs, with different options or versions, the last one is current.
 SET_CURRENT: Final = """UPDATE jobs SET current = id = (
     SELECT id FROM jobs WHERE recording = :r ORDER BY stored_at DESC, id DESC LIMIT 1) WHERE recording = :r"""
 
 
 @dataclass(frozen=True)
 class Known:
-    """The outcome of a job that is in the store."""
+    """The outcome of a job in the store."""
 
     verdict: str
     code: str | None
@@ -94,7 +94,8 @@ class Store:
         self.path = os.fspath(path)
         self.stored = 0
         self._connection = connect_writing(path)
-        # Identifiers of texts that many rows share: serial numbers are too many to keep.
+        # Cached identifiers of texts that many rows share. Serial numbers are not cached, because there are
+        # too many.
         self._ids: dict[tuple[str, str], int] = {}
         with self._failing():
             (self._was_empty,) = self._connection.execute("SELECT NOT EXISTS (SELECT 1 FROM jobs)").fetchone()
@@ -118,15 +119,15 @@ class Store:
 
     @property
     def is_new(self) -> bool:
-        """Whether all jobs in the store were put by this object."""
+        """Whether all jobs in the store were stored by this object."""
         with self._failing():
             return bool(self._was_empty) and self._version_by_others() == self._others
 
     def put(self, outcomes: Sequence[Outcome], options: str) -> list[bool]:
-        """Store outcomes in one transaction: after a crash it has all of them or none.
+        """Store outcomes in one transaction, so that after a crash the store has all of them or none.
 
-        An outcome whose key is in the store already is left as it is. Returns for each outcome whether it was
-        new.
+        If the key of an outcome is already in the store, the stored outcome is not changed. Returns for each
+        outcome whether it was new.
         """
         moment, version = now(), str(_core.__version__)
         with self._transaction():
@@ -136,7 +137,7 @@ class Store:
         return new
 
     def describe(self, jobs: Sequence[KeyedJob]) -> None:
-        """Correct date, station, operator, batch and role of jobs in the store to those of their manifest."""
+        """Update date, station, operator, batch and role of jobs in the store to those of the given jobs."""
         changes = ", ".join(f"{name} = ifnull(?, {name})" for name in ABOUT)
         with self._transaction():
             self._connection.executemany(
@@ -153,7 +154,7 @@ class Store:
             )
 
     def take_from(self, path: str | os.PathLike[str]) -> int:
-        """Copy all jobs of another store that are not in this one; returns their number."""
+        """Copy all jobs of another store that are not in this store. Returns their number."""
         source, taken = connect_reading(path), 0
         try:
             source.row_factory = sqlite3.Row
@@ -172,7 +173,7 @@ class Store:
         return taken
 
     def _put(self, outcome: Outcome, options: int, version: str, moment: str) -> bool:
-        """Whether the key is new."""
+        """Insert an outcome. Returns whether its key is new."""
         job, keyed = outcome.keyed.job, outcome.keyed
         self._forget_failures_of(keyed)
         code, message = outcome.code, outcome.message
@@ -226,7 +227,7 @@ class Store:
         return True
 
     def _insert_job(self, row: Sequence[Any], recording: str) -> int | None:
-        """The identifier of the new row; None if its key is in the store already."""
+        """The identifier of the new row; None if its key is already in the store."""
         cursor = self._connection.execute(INSERT_JOB, row)
         if cursor.rowcount != 1:
             return None
@@ -234,7 +235,7 @@ class Store:
         return cursor.lastrowid
 
     def _forget_failures_of(self, keyed: KeyedJob) -> None:
-        """Remove the failures of the same files that another run may not have."""
+        """Remove transient failures of the same files."""
         self._connection.execute(
             f"DELETE FROM jobs WHERE unit = ? AND files = ? AND (code IN ({', '.join('?' * len(TRANSIENT))}) "
             "OR substr(key, 1, ?) = ?)",
@@ -273,7 +274,7 @@ class Store:
         return int(number)
 
     def _id(self, table: str, column: str, text: str) -> int:
-        """The identifier of a text that many rows share; it is inserted if it is new."""
+        """The identifier of a text that many rows share. A new text is inserted."""
         if (table, text) not in self._ids:
             self._connection.execute(
                 f"INSERT INTO {table} ({column}) VALUES (?) ON CONFLICT DO NOTHING", [text]
@@ -293,7 +294,7 @@ class Store:
                 # A failed statement may have ended the transaction.
                 with suppress(sqlite3.Error):
                     self._connection.execute("ROLLBACK")
-                # Identifiers of rows that are rolled back do not exist.
+                # The cache is cleared, because it may contain identifiers of rows that were rolled back.
                 self._ids.clear()
                 raise
 
@@ -305,15 +306,15 @@ class Store:
             raise disk_error(self.path, error, f"; {self.stored} outcomes of this run are stored") from None
 
 
-# Rows of another store that are copied in one transaction.
+# Number of rows of another store that are copied in one transaction.
 COPIED_AT_ONCE: Final = 500
 
 
 def _number(value: float) -> float | None:
-    """A number for SQLite, which has no NaN."""
+    """A number for SQLite, where NULL replaces NaN and infinity."""
     return float(value) if np.isfinite(value) else None
 
 
 def _valid(text: str) -> str:
-    """Text that UTF-8 can hold: names of files may have characters that it cannot."""
+    """Valid UTF-8 text. File names may contain characters that UTF-8 cannot represent; these are escaped."""
     return text.encode("utf-8", "backslashreplace").decode()

@@ -1,4 +1,4 @@
-"""Calibration of the jobs of one task, in whatever process the task runs."""
+"""Calibration of the jobs of one task, in a local process or a Dask worker."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["FILE_MISSING", "TIME_LIMIT", "Task", "failure_of"]
 
-# Code of an error without a finding.
+# Codes of errors without a finding, by class.
 CODES = (
     (NotEnoughMotionError, "not_enough_motion"),
     (FormatError, "format"),
@@ -31,15 +31,17 @@ CODES = (
 
 
 FILE_MISSING: Final = "file_missing"
-# Code of a recording that takes longer than the time limit.
+# Code of a job that exceeded the time limit.
 TIME_LIMIT: Final = "time_limit"
 
 
 @dataclass(frozen=True)
 class Task:
-    """Jobs that one process computes one after the other; their files travel as paths.
+    """Jobs that one process computes one after the other.
 
-    A job without a key gets it in that process, which reads its files anyway.
+    A task contains the paths of the files, not their contents.
+
+    The key of a job without a key is computed in this process, which reads the files anyway.
     """
 
     jobs: tuple[Job | KeyedJob, ...]
@@ -49,9 +51,9 @@ class Task:
         return len(self.jobs)
 
     def run(self) -> list[Outcome]:
-        """The outcome of each job; an error of a job is its outcome, and the next job follows.
+        """The outcome of each job. An error of a job is the outcome of this job only; the next job follows.
 
-        A job that takes longer than the time limit is the last one: its thread cannot be ended.
+        A job that exceeds the time limit ends the task, because the thread of the job cannot be ended.
         """
         limit_s = self.options.time_limit_s
         if limit_s is None:
@@ -103,7 +105,7 @@ def _outcome(given: Job | KeyedJob, options: Options) -> Outcome:
     except (KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:
-        # A panic of the compiled library is a BaseException.
+        # BaseException is caught, because a panic of the compiled library is not an Exception.
         code, message = failure_of(error)
         job = given.job if isinstance(given, KeyedJob) else given
         if isinstance(error, InputError) and not all(
@@ -136,7 +138,7 @@ def _calibrated(given: Job | KeyedJob, options: Options, start_s: float) -> Outc
         result = result.judged_by(options.limits)
     gap = None
     if options.gap:
-        # Imported here, because a process of a fleet without --gap starts faster without it.
+        # Imported here, because processes of a run without --gap start faster without this import.
         from imucal.gap.find import find_gap
 
         same = ("gravity_mps2", "min_rest_s", "exclude_saturated", "model", "hold")
@@ -147,7 +149,7 @@ def _calibrated(given: Job | KeyedJob, options: Options, start_s: float) -> Outc
 
 
 def _read(files: Sequence[str], options: Options) -> list[Recording]:
-    """The recordings in these files; those with one file per sensor are taken in pairs."""
+    """The recordings in these files. If each sensor has a separate file, files are read in pairs."""
     if not files:
         return []
     size = files_per_recording(options.read.get("format"), files)
@@ -161,17 +163,17 @@ def _read(files: Sequence[str], options: Options) -> list[Recording]:
 
 
 def _keyed_by_sources(job: Job, options: Options, recordings: Sequence[Recording]) -> KeyedJob:
-    """The job with the hashes of its files that reading has computed."""
+    """The job with the hashes of its files, which were computed during reading."""
     found = {source.path: source.sha256 for recording in recordings for source in recording.sources}
     files = (*job.files, *job.control)
     if not all(path in found for path in files):
-        # The files in a folder are several sources.
+        # A folder has several sources, so its hash is not among them and is computed separately.
         return keyed(job, options.text)
     return keyed_by(job, options.text, tuple(found[path] for path in files))
 
 
 def _changed(given: KeyedJob, recordings: Sequence[Recording]) -> str | None:
-    """The message if a file is another one than that which was hashed."""
+    """The message if a file has changed since it was hashed, else None."""
     hashes = dict(zip((*given.job.files, *given.job.control), given.hashes, strict=True))
     for recording in recordings:
         for source in recording.sources:

@@ -1,7 +1,7 @@
-"""A process of the local pool: takes work from its standard input, and writes the answers.
+"""A process of the local pool, which reads work from its standard input and writes the answers.
 
-The processes are started with this module instead of by `multiprocessing`, which would run the caller's
-script again and which does not tell whose task has ended a process.
+The processes are not started by `multiprocessing`, because it would run the caller's script again and does
+not report which task ended a process.
 """
 
 from __future__ import annotations
@@ -18,32 +18,33 @@ from typing import IO, Any, Final, Protocol
 
 __all__ = ["START", "Work", "do", "receive", "send", "serve"]
 
-# Program of a process: its argument is the search path of its parent, so that it finds the same packages.
+# Program of a process. Its argument is the module search path of the parent, so that it finds the same
+# packages.
 START: Final = (
     "import sys, ast; sys.path[:] = ast.literal_eval(sys.argv[1]); "
     "from imucal.fleet.worker import serve; serve()"
 )
-# A message is its length, and a pickle of this many bytes.
+# Header of a message: the number of bytes of the pickle that follows.
 LENGTH: Final = struct.Struct("<Q")
 
 
 class Work(Protocol):
-    """What a process of a pool does; it and its answer can be pickled."""
+    """Work for a process of a pool. The work and its answer can be pickled."""
 
     def run(self) -> Any:
         """The answer."""
 
     def is_stuck(self, answer: Any) -> bool:
-        """Whether the process of this answer still works on something, so that it has to be replaced."""
+        """Whether the process that gave this answer is still busy, so that it has to be replaced."""
 
 
 def do(work: Work) -> Any:
-    """The answer of some work."""
+    """Run work and return its answer."""
     _keep_memory()
     return work.run()
 
 
-# Free memory, bytes, that a process keeps for its next recording.
+# Freed memory, bytes, that a process keeps for its next recording.
 KEPT: Final = 128 << 20
 # Parameters of `mallopt` of the GNU C library.
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
@@ -53,8 +54,8 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 def _keep_memory() -> None:
     """Have the C library keep freed memory instead of returning it to the system after each array.
 
-    Dask starts its workers with a threshold of 64 kB, by which a recording of 2 MB takes a fourth more time:
-    the system clears each page again. Other C libraries have no `mallopt`.
+    Dask starts its workers with a threshold of 64 kB. With this threshold, a recording of 2 MB takes a fourth
+    more time, because the system clears each page again. Other C libraries have no `mallopt`.
     """
     with suppress(OSError, AttributeError, TypeError):
         library = ctypes.CDLL(None)
@@ -71,7 +72,7 @@ def send(stream: IO[bytes], message: Any) -> None:
 
 
 def receive(stream: IO[bytes]) -> Any:
-    """Read a message; EOFError if the other side is gone, also in the middle of one."""
+    """Read a message. Raises EOFError if the other side has closed the stream, even within a message."""
     head = stream.read(LENGTH.size)
     if len(head) < LENGTH.size:
         raise EOFError
@@ -83,11 +84,11 @@ def receive(stream: IO[bytes]) -> Any:
 
 
 def serve() -> None:
-    """Do work until the parent is gone."""
-    # The parent ends its processes itself when the user interrupts it.
+    """Process work until the parent closes the stream."""
+    # Interrupts are ignored, because the parent ends its processes when the user interrupts it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     replies = os.fdopen(os.dup(1), "wb")
-    # What a library prints must not end up between the messages.
+    # Standard output is redirected, because messages printed by libraries must not reach the stream.
     os.dup2(2, 1)
     given = sys.stdin.buffer
     while True:

@@ -1,4 +1,4 @@
-"""Which parameter ages: the mean slope over units, of all and by batch, station and temperature."""
+"""Ageing of parameters: the mean slope over all units, and by batch, station and temperature."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from imucal.fleet.statistics.slopes import Slopes
 
 __all__ = ["Ageing", "ageing_of"]
 
-# Expected share of false alarms among the reported groups.
+# False discovery rate: expected share of false alarms among the reported groups.
 FALSE_DISCOVERIES: Final = 0.01
-# Figure whose thirds are compared.
+# Figure by which the units are divided into thirds.
 TEMPERATURE: Final = "temperature_degc"
 
 
@@ -26,14 +26,15 @@ TEMPERATURE: Final = "temperature_degc"
 class Ageing:
     """The mean slope of a parameter over a group of units.
 
-    name, unit      of the parameter
-    by, group       "all", or "batch", "station", "temperature" and its value; temperatures are thirds of the
-                    units, as a range in degC
+    name, unit      name and unit of the parameter
+    by, group       "all", or "batch", "station" or "temperature" with its value; the temperature of a third
+                    of the units is a range in degC
     units           number of units
-    slope, std      mean over the units, per month
-    spread          standard deviation over the units, without measuring noise
-    p_value         of a mean of zero for all units, and of the mean of all other units for a group
-    q_value         corrected for the number of parameters and groups
+    slope, std      mean slope over the units, per month, and its standard deviation
+    spread          standard deviation of the slope over the units, without measurement noise
+    p_value         under the null hypothesis that the mean slope is zero (all units), or equal to that of all
+                    other units (group)
+    q_value         p-value corrected for the number of parameters and groups
     is_significant  whether the false discovery rate is at most 1 %
     """
 
@@ -51,7 +52,7 @@ class Ageing:
 
 
 def ageing_of(dated: Measurements, columns: Columns, slopes: Slopes) -> tuple[Ageing, ...]:
-    """Mean slopes of all units and of each group; groups with few units are left out."""
+    """Mean slopes of all units and of each group; groups with few units are omitted."""
     stats: Any = scipy_part("stats")
     groups = [("all", "", np.ones(len(slopes.first), dtype=bool)), *_groups(dated, slopes)]
     rows = []
@@ -100,11 +101,11 @@ def _groups(dated: Measurements, slopes: Slopes) -> list[tuple[str, str, np.ndar
 
 
 def _mean_of(slopes: FloatArray, stds: FloatArray) -> tuple[float, float, float]:
-    """Mean over units, its standard deviation, and the standard deviation of the units without noise.
+    """Mean over units, its standard deviation, and the spread of the units without noise.
 
     The spread is the moment estimate of DerSimonian and Laird (Controlled Clinical Trials 7, 1986), and units
-    are weighted by spread and noise together. Where a third of the units drifts, the mean is a third of their
-    slope; a robust mean would be that of the majority.
+    are weighted by spread and noise together. The mean is not robust: if a third of the units drifts, the
+    mean is a third of their slope, whereas a robust mean would be that of the majority.
     """
     weight = 1.0 / stds**2
     total = weight.sum()
@@ -113,7 +114,7 @@ def _mean_of(slopes: FloatArray, stds: FloatArray) -> tuple[float, float, float]
     variance = max(excess / float(total - (weight**2).sum() / total), 0.0)
     weight = 1.0 / (stds**2 + variance)
     mean = float((weight * slopes).sum() / weight.sum())
-    # From the scatter itself, so that it holds also where noise or spread are not as assumed.
+    # Computed from the scatter, so that it is valid even if noise or spread differ from the assumptions.
     std = np.sqrt(float((weight**2 * (slopes - mean) ** 2).sum())) / float(weight.sum())
     return mean, float(std), float(np.sqrt(variance))
 

@@ -1,4 +1,4 @@
-"""Capability of a fleet against its limits, and the share of units out of them without measuring noise."""
+"""Capability of a fleet for its limits, and the share of units whose true values are outside the limits."""
 
 from __future__ import annotations
 
@@ -21,28 +21,29 @@ from imucal.limits.limits import Limits
 __all__ = ["Capability", "CapabilityResult", "capability", "proposed_limits"]
 
 SCHEMA: Final = "imucal.fleet-capability/1"
-# Half width of proposed limits in standard deviations of a measured value, as in `imucal limits template`: a
-# good unit is outside one of 21 ranges with a probability of 0.13 %.
+# Half width of proposed limits in standard deviations of a measured value, as in `imucal limits template`.
+# With it, a good unit is outside at least one of 21 ranges with a probability of 0.13 %.
 DEVIATIONS: Final = 4.0
-# Quantile of the standard deviations of a parameter, and the factor on it, for a proposed `max_std`.
+# A proposed `max_std` is this quantile of the standard deviations of a parameter, multiplied by this factor.
 STD_QUANTILE: Final = 0.99
 STD_MARGIN: Final = 2.0
-# What comes before the name of a figure in a store, by its set of recordings.
+# Prefix of the name of a figure in a store, by set of recordings.
 PREFIX: Final = {"calibration_set": "", "control_set": "control_"}
 
 
 @dataclass(frozen=True)
 class Capability:
-    """A parameter or a figure against its limits.
+    """The capability of a parameter or a figure for its limits.
 
-    name, unit          of the parameter or figure
-    low, high           limits; None for a side without one
+    name, unit          name and unit of the parameter or figure
+    low, high           limits; None for a side without a limit
     units               number of units with a value
     indices             Cp, Cpk, Pp and Ppk of the measured values; None without limits
-    spread              of the true values; None for figures, which state no standard deviation
+    spread              spread of the true values; None for figures, which have no standard deviation
     out_measured        share of the units whose measured value is outside
-    out_true            share of the units whose true value is outside, by `spread`; None for figures
-    out_low, out_high   95 % interval of `out_true`, from that of the spread
+    out_true            share of the units whose true value is outside, computed from `spread`; None for
+                        figures
+    out_low, out_high   95 % interval of `out_true`, computed from the interval of the spread
     proposed_low, proposed_high   mean -+ 4 standard deviations of a measured value
     """
 
@@ -65,8 +66,8 @@ class Capability:
 class CapabilityResult:
     """Capability of all parameters, and of the figures that have a limit.
 
-    units     number of units: the first calibration of each
-    poor      number of units left out because their calibration is poor
+    units     number of units, of which the first calibrations are used
+    poor      number of units omitted because their calibration is poor
     rows      one per parameter and limit
     """
 
@@ -199,7 +200,7 @@ def _outside(values: FloatArray, low: float | None, high: float | None) -> float
 
 
 def _tails(spread: Spread, std: float, low: float | None, high: float | None) -> float:
-    """Share of true values outside, of units with this spread and of the odd ones."""
+    """Share of true values outside the limits, for normal units with this spread and for outlying units."""
     norm = scipy_part("stats").norm
 
     def outside(width: float) -> float:
@@ -211,5 +212,5 @@ def _tails(spread: Spread, std: float, low: float | None, high: float | None) ->
 
 
 def _rounded(number: float, scale: float) -> float:
-    """`number` with three significant digits of `scale`."""
+    """`number` rounded to three significant digits of `scale`."""
     return round(number, 2 - int(np.floor(np.log10(scale)))) if scale > 0 else number

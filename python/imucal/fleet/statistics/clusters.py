@@ -13,7 +13,7 @@ from imucal.fleet.statistics.scipy_part import scipy_part
 __all__ = ["Cluster", "clusters_of"]
 
 MOST_CLUSTERS: Final = 4
-# Fewest units of a cluster; fewer are odd units.
+# Minimum number of units in a cluster. Fewer units are considered outliers.
 FEWEST_UNITS: Final = 5
 SEED: Final = 0
 
@@ -23,7 +23,7 @@ class Cluster:
     """A group of units with similar coefficients of a temperature effect.
 
     effect    name of the effect
-    serials   of the units
+    serials   serial numbers of the units
     centre    mean of each coefficient, in SI units
     """
 
@@ -33,12 +33,13 @@ class Cluster:
 
 
 def clusters_of(effect: str, serials: tuple[str, ...], values: FloatArray) -> list[Cluster]:
-    """Two to four clusters of the units by k-means, if they describe the units better than one; else none.
+    """Two to four clusters of the units by k-means; empty if one cluster describes the units better.
 
     values   (n, k) coefficients
 
     The number of clusters minimises the Bayesian information criterion of normal clusters of equal widths.
-    Half of a normal group is no cluster: the entropy of the labels costs more than the smaller width gains.
+    The halves of a normal group do not become clusters, because the entropy of the labels costs more than the
+    smaller width gains.
     """
     if len(values) < 2 * FEWEST_UNITS:
         return []

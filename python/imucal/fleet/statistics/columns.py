@@ -1,4 +1,4 @@
-"""Parameters and figures of measurements as columns of one matrix, and how well a unit repeats in each."""
+"""Parameters and figures of measurements as columns of one matrix, and the repeatability in each column."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from imucal.fleet.statistics.trends import months_of, without_trends
 
 __all__ = ["Columns", "columns_of", "repeatability", "unit_numbers"]
 
-# Figures whose logarithm is a column. They are positive and spread by factors.
+# Figures whose logarithms are columns, because these figures are positive and differ by factors.
 LOG_FIGURES: Final = tuple(
     f"{of}{name}"
     for of in ("", "control_")
     for name in ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 )
-# Fewest units that have a column, and fewest pairs of measurements from which the repeatability is estimated.
+# Minimum number of units with a value for a column, and minimum number of pairs of measurements for an
+# estimate of the repeatability.
 FEWEST: Final = 10
 
 
@@ -28,9 +29,9 @@ FEWEST: Final = 10
 class Columns:
     """Columns of n measurements.
 
-    names, units   the parameters, then the figures, whose unit is that of the logarithm, "ln"
-    values         (n, c), NaN where there is none
-    variances      (n, c) of the measuring noise: the stated one, and what repetitions show beyond it
+    names, units   names and units of the parameters, then of the figures, whose unit is "ln" (logarithm)
+    values         (n, c), NaN for a missing value
+    variances      (n, c) of the measurement noise: the stated variance, plus the repeatability beyond it
     """
 
     names: tuple[str, ...]
@@ -40,7 +41,7 @@ class Columns:
 
 
 def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
-    """The columns of measurements in order of time; columns that few units have are left out."""
+    """The columns of measurements in order of time; columns for which few units have values are omitted."""
     names, units = list(measurements.names), list(measurements.units)
     values, sigmas = [measurements.values_si], [measurements.sigmas_si]
     for name in LOG_FIGURES if figures else ():
@@ -79,10 +80,10 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 
 
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
-    """Standard deviation of repeated measurements of a unit beyond the stated one; 0 with few repetitions.
+    """Repeatability of a unit beyond the stated standard deviation; 0 with few repetitions.
 
-    From the differences of consecutive measurements, so a steady drift that all units share does not count;
-    trends of single units are taken off by the caller.
+    It is computed from the differences of consecutive measurements, so a steady drift common to all units has
+    no effect. The caller removes trends of single units.
     """
     known = np.isfinite(values)
     order = np.argsort(numbers[known], kind="stable")
@@ -91,10 +92,10 @@ def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -
     if same.sum() < FEWEST:
         return 0.0
     pairs = spread_of((y[1:] - y[:-1])[same], np.hypot(sigma[1:], sigma[:-1])[same])
-    # Within its interval it is not distinguishable from zero.
+    # If the interval contains zero, the repeatability is not distinguishable from zero.
     return pairs.spread / np.sqrt(2.0) if pairs.low > 0 else 0.0
 
 
 def unit_numbers(serials: TextArray) -> np.ndarray:
-    """A number for each serial number, by row."""
+    """An index of the unit for each row; rows with the same serial number have the same index."""
     return np.unique(serials, return_inverse=True)[1].reshape(-1)

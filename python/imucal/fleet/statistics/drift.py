@@ -1,9 +1,9 @@
-"""Drift of units that were calibrated on several dates: slopes, joint tests, steps, and what ages.
+"""Drift of units that were calibrated on several dates: slopes, joint tests, steps, and ageing.
 
     y_it = value_i + slope_i t + e_it       e_it: stated noise, and the repeatability of the fleet beyond it
 
-Shifts that all units of a station have in common on a day are taken off first. A unit drifts if its p value
-is significant among those of all units, by the false discovery rate of Benjamini and Hochberg.
+Shifts common to all units of a station on a day are removed first. A unit is reported as drifting if its
+p-value is significant among those of all units, by the false discovery rate of Benjamini and Hochberg.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ from imucal.fleet.statistics.units_of_fleet import usable
 __all__ = ["DriftResult", "ParameterDrift", "UnitDrift", "drift"]
 
 SCHEMA: Final = "imucal.fleet-drift/1"
-# Expected share of false alarms among the units that are reported as drifting.
+# False discovery rate: expected share of false alarms among the units that are reported as drifting.
 FALSE_DISCOVERIES: Final = 0.002
-# p value, corrected for the number of parameters, below which a parameter of a drifting unit is named.
+# Threshold of the p-value, corrected for the number of parameters, below which a parameter of a drifting unit
+# is reported.
 NAMED_BELOW: Final = 0.01
-# A step explains the values better than a slope if its chi2 is smaller by this much.
+# Minimum decrease of chi2, relative to a slope, for a step to be reported instead of the slope.
 STEP_IS_BETTER: Final = 6.0
 
 
@@ -42,8 +43,9 @@ class ParameterDrift:
     name, unit
     change, change_std       last minus first value
     slope, slope_std         per month of 30.4 days
-    p_value                  of the slope or of the step, corrected for the number of parameters and steps
-    step, step_date          the change between two values and the date of the second, if it explains the
+    p_value                  p-value of the slope or of the step, corrected for the number of parameters and
+                             steps
+    step, step_date          change between two values and date of the second one, if a step explains the
                              values better than a slope; None otherwise
     dates, values, sigmas    the measurements, without shifts of stations
     """
@@ -66,14 +68,15 @@ class ParameterDrift:
 class UnitDrift:
     """The drift of one unit.
 
-    serial, station, batch   of its first calibration
+    serial, station, batch   serial number, station and batch of the first calibration
     dates         number of calibrations
-    days          from the first to the last
+    days          number of days from the first to the last calibration
     chi2, dof     joint test of all slopes; chi2 is None without covariances
-    p_value       of the joint test and of the single parameters together
+    p_value       combined p-value of the joint test and of the single parameters
     q_value       smallest false discovery rate at which the unit is reported
-    is_drifting   whether that is at most 0.2 %
-    parameters    significant ones, the most significant first; for a single requested unit all of them
+    is_drifting   whether q_value is at most 0.2 %
+    parameters    significant parameters, the most significant first; for a single requested unit all
+                  parameters
     """
 
     serial: str
@@ -93,11 +96,11 @@ class UnitDrift:
 class DriftResult:
     """Drift of a fleet.
 
-    units     with two or more dates, the most significant first
+    units     units with two or more dates, the most significant first
     single    number of units with one date
-    poor      number of calibrations left out because they are poor
-    ageing    mean slope of each parameter over units, of all and by batch, station and temperature
-    shifts    common shifts of stations that were taken off
+    poor      number of calibrations omitted because they are poor
+    ageing    mean slope of each parameter over all units, and by batch, station and temperature
+    shifts    common shifts of stations that were removed
     """
 
     units: tuple[UnitDrift, ...]
@@ -117,9 +120,9 @@ class DriftResult:
 
 
 def drift(measurements: Measurements, serial: str | None = None) -> DriftResult:
-    """The drift of all units, or of one, which is judged among all.
+    """The drift of all units, or of one unit, which is tested among all units.
 
-    Raises InputError if no unit has two dates, and for a serial number with fewer.
+    Raises InputError if no unit has two dates, and for a serial number with fewer than two dates.
     """
     kept, poor = usable(measurements)
     dated = kept.in_order_of_time()

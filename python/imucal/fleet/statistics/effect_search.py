@@ -1,10 +1,10 @@
-"""One effect searched over all units together: it finds what no single unit shows.
+"""Search for effects over all units together, which detects effects too small for a single unit.
 
     theta_i = mean + deviation_i + e_i      e_i ~ N(0, C_i), the covariance of the fit of unit i
 
-The statistic is twice the log likelihood ratio of a mean and a spread of the units to none of both. Standard
-deviations that are slightly too small everywhere would make every effect significant in a large fleet; the
-median of all effects is therefore the reference of the noise.
+The statistic is twice the log likelihood ratio between a model with a mean and a spread of the effect and a
+model without the effect. In a large fleet, standard deviations that are slightly too small would make every
+effect significant. The median statistic of all effects is therefore the reference for the noise.
 """
 
 from __future__ import annotations
@@ -27,15 +27,17 @@ from imucal.fleet.statistics.spread import spread_of
 __all__ = ["EffectEvidence", "FleetGap", "MeanParameter", "effect_search", "searchable"]
 
 SCHEMA: Final = "imucal.fleet-gap/1"
-# Probability of a significant effect, over all effects together, where there is none.
+# Probability that any effect is reported as significant if there is no effect.
 FALSE_ALARM: Final = 0.001
-# Effects whose statistic is this close to the best explain the units as well: 5 nats, twice as chi2.
+# Maximum difference of the statistic from that of the best effect at which an effect is a rival: 5 nats,
+# which is 10 in chi2.
 RIVAL_WITHIN: Final = 10.0
-# Effects that are accepted one after the other.
+# Maximum number of effects that are accepted one after the other.
 MOST_ROUNDS: Final = 3
-# Fewest units in which an effect is determined.
+# Minimum number of units that must determine an effect.
 FEWEST_UNITS: Final = 5
-# Fits of one unit, beside effects: {serial: {effect: fit}}.
+# Function of effects, and of effects estimated together with each of them, that returns {serial: {effect:
+# fit}}.
 FitAll = Callable[[Sequence[str], Sequence[str]], Mapping[str, Mapping[str, Fitted]]]
 
 
@@ -43,7 +45,7 @@ FitAll = Callable[[Sequence[str], Sequence[str]], Mapping[str, Mapping[str, Fitt
 class MeanParameter:
     """A parameter of an effect over units.
 
-    mean, mean_std   over the units
+    mean, mean_std   mean over the units, and its standard deviation
     spread           standard deviation of the units, without the noise of their fits
     low, high        95 % interval of the spread
     noise            rms standard deviation of a fit
@@ -63,14 +65,14 @@ class MeanParameter:
 class EffectEvidence:
     """The evidence for one effect over all units.
 
-    units            in which it is determined
-    alone            units in which it is significant without the others
+    units            number of units in which the effect is determined
+    alone            number of units in which the effect is significant without the other units
     statistic        twice the log likelihood ratio, with `dof` degrees of freedom: mean and spread of each
                      parameter
-    p_value          corrected for the number of effects
-    is_significant   whether that is below 0.1 %
-    rivals           effects that explain the units as well
-    beside           effects that were estimated together with it
+    p_value          p-value corrected for the number of effects
+    is_significant   whether p_value is below 0.1 %
+    rivals           effects that explain the units equally well
+    beside           effects that were estimated together with this effect
     """
 
     name: str
@@ -90,12 +92,12 @@ class EffectEvidence:
 class FleetGap:
     """The effects of a fleet.
 
-    units      whose recordings were searched
-    unread     units whose recordings could not be fitted
+    units      number of units whose recordings were searched
+    unread     number of units whose recordings could not be fitted
     inflation  median chi2 per degree of freedom of all effects: 1 if the stated standard deviations are right
-    effects    significant ones, in the order in which they were accepted
+    effects    significant effects, in the order in which they were accepted
     ranking    all effects of the first round, the most significant first
-    clusters   groups of units with different temperature effects, for each effect that has them
+    clusters   groups of units with different coefficients, for each temperature effect with such groups
     """
 
     units: int
@@ -111,7 +113,10 @@ class FleetGap:
 
 
 def searchable(names: Sequence[str] | None = None) -> tuple[str, ...]:
-    """Effects of the unit to search; all of the catalogue without names. InputError for an unknown name."""
+    """The effects to search; without names, all effects of the catalogue that act on a sensor.
+
+    InputError for an unknown name.
+    """
     if names:
         return tuple(find(name).name for name in names)
     return tuple(effect.name for effect in catalogue() if effect.sensor != "encoder")
@@ -120,7 +125,7 @@ def searchable(names: Sequence[str] | None = None) -> tuple[str, ...]:
 def effect_search(fit_all: FitAll, effects: Sequence[str]) -> FleetGap:
     """Accept effects over all units one after the other, until none is significant.
 
-    fit_all   fits each of some effects in all units, beside other effects
+    fit_all   function that fits each of some effects in all units, together with other effects
     """
     fits = fit_all(effects, ())
     fitted = [serial for serial, of_unit in fits.items() if of_unit]
@@ -162,12 +167,13 @@ def _ranked(
     inflation: float | None = None,
     beside: tuple[str, ...] = (),
 ) -> tuple[float, tuple[EffectEvidence, ...]]:
-    """The inflation, and the evidence of each effect that enough units determine, the strongest first."""
+    """The inflation, and the evidence for each effect that enough units determine, strongest first."""
     of_effect = {}
     for name in effects:
         own = [of_unit[name] for of_unit in fits.values() if name in of_unit]
         sizes = [len(fitted.values) for fitted in own]
-        # Units may determine different numbers of parameters; the most frequent number counts.
+        # Units may determine different numbers of parameters. Only units with the most frequent number are
+        # used.
         size = max(set(sizes), key=sizes.count) if sizes else 0
         own = [fitted for fitted in own if len(fitted.values) == size]
         if len(own) >= FEWEST_UNITS:
@@ -220,7 +226,8 @@ def _evidence(
         - _squares(values - mean, total).sum()
         - np.linalg.slogdet(total)[1].sum()
     )
-    # A spread cannot be negative, so these degrees of freedom are slightly too many, on the safe side.
+    # A spread cannot be negative, so the degrees of freedom are slightly too large, which makes the test
+    # conservative.
     p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
     single = stats.chi2.sf(squares / inflation, dof) * units * tests
     return EffectEvidence(
@@ -248,7 +255,7 @@ def _median(dof: int) -> float:
 
 
 def _thermal(fits: Mapping[str, Mapping[str, Fitted]], effects: Sequence[str]) -> tuple[Cluster, ...]:
-    """Clusters of the units in each effect of the temperature."""
+    """Clusters of the units in each temperature effect."""
     found: list[Cluster] = []
     for name in effects:
         if "temperature" not in find(name).needs:

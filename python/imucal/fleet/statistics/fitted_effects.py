@@ -1,4 +1,4 @@
-"""Effects fitted in the recordings of one unit, one at a time, for the search over all units."""
+"""Fits of single effects to the recordings of one unit, for the search over all units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Fitted", "UnitFiles", "fitted_effects"]
 
 @dataclass(frozen=True)
 class UnitFiles:
-    """The recordings of a unit, and how to read and calibrate them.
+    """The recordings of a unit, with the arguments for reading and calibrating them.
 
     read, calibrate   arguments of `imucal.read` and `imucal.calibrate`
     """
@@ -41,9 +41,9 @@ class Fitted:
 def fitted_effects(
     unit: UnitFiles, effects: Sequence[str], beside: Sequence[str] = ()
 ) -> tuple[str, dict[str, Fitted], str]:
-    """Serial number, the fit of each effect that these recordings determine, and an error of the recordings.
+    """Serial number, fit of each effect that the recordings determine, and an error message or "".
 
-    beside   effects that are estimated together with each of them
+    beside   effects that are estimated together with each of `effects`
     """
     found: dict[str, Fitted] = {}
     try:
@@ -55,7 +55,7 @@ def fitted_effects(
         try:
             result = calibrate(recordings, **{**unit.calibrate, "effects": [*beside, name]})
         except ImucalError as error:
-            # The recordings do not determine this effect, or have no column for it.
+            # The recordings do not determine this effect, or lack a column on which it depends.
             error_of_all = str(error)
             continue
         fitted = _fitted(result.calibration, name)
@@ -65,7 +65,7 @@ def fitted_effects(
 
 
 def _fitted(calibration: Any, effect: str) -> Fitted | None:
-    """The linear parameters of an effect; None for a fit without their covariance."""
+    """The linear parameters of an effect; None if the fit has no covariance of them."""
     wanted = [f"{effect}_{parameter.name}" for parameter in find(effect).parameters]
     place = {name: index for index, name in enumerate(calibration.covariance_names)}
     own = [parameter for parameter in calibration.parameters if parameter.name in wanted]

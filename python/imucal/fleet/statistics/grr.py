@@ -1,9 +1,10 @@
-"""Repeatability and reproducibility of a measurement: units x operators x repeats, by analysis of variance.
+"""Repeatability and reproducibility of a measurement by analysis of variance: units x operators x repeats.
 
     y_ijk = mean + unit_i + operator_j + (unit x operator)_ij + repeat_ijk       all random
 
 The estimates are those of the ANOVA method of the AIAG manual Measurement Systems Analysis, 4th edition,
-chapter III B. Because each calibration states its standard deviations, the repeatability also tests them.
+chapter III B. Each calibration states its standard deviations, so the repeatability also tests these standard
+deviations.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ from imucal.fleet.statistics.scipy_part import scipy_part
 __all__ = ["AnovaRow", "Component", "GaugeStudy", "GrrResult", "SigmaTest", "gauge_study", "grr"]
 
 SCHEMA: Final = "imucal.fleet-grr/1"
-# Significance of the interaction above which it is pooled with the repeats, as in Minitab's default.
+# p-value of the interaction above which the interaction is pooled with the repeats. The value is Minitab's
+# default.
 POOLED_ABOVE: Final = 0.05
-# Number of distinct categories: sqrt(2) as rounded by the AIAG manual.
+# Factor in the number of distinct categories: sqrt(2) as rounded by the AIAG manual.
 NDC_FACTOR: Final = 1.41
 
 
@@ -47,10 +49,10 @@ class AnovaRow:
 class Component:
     """A component of variance.
 
-    std               its square root
+    std               square root of the variance
     contribution      share of the total variance
     study_variation   share of the total standard deviation
-    low, high         95 % interval of the standard deviation; None where none is known
+    low, high         95 % interval of the standard deviation; None if it is not known
     """
 
     source: str
@@ -66,9 +68,10 @@ class Component:
 class SigmaTest:
     """Repeatability compared with the stated standard deviations.
 
-    factor      repeatability over stated standard deviation, rms: 1 if the stated ones are right
-    low, high   its 95 % interval
-    p_value     probability of a factor at least as far from 1, if the stated ones are right
+    factor      ratio of the repeatability to the rms of the stated standard deviations; 1 if these are
+                correct
+    low, high   95 % interval of the factor
+    p_value     probability of a factor at least as far from 1 if the stated standard deviations are correct
     stated      rms of the stated standard deviations
     """
 
@@ -88,13 +91,13 @@ class SigmaTest:
 class GaugeStudy:
     """The study of one quantity.
 
-    name, unit     of the quantity
+    name, unit     name and unit of the quantity
     table          analysis of variance with the interaction
-    pooled         whether the interaction is not significant and counts as repeats
+    pooled         whether the interaction is not significant and therefore pooled with the repeats
     components     repeatability, operator, interaction, reproducibility, grr, units, total
     ndc            number of distinct categories, truncated to an integer; at least 5 is usually required
-    tolerance      6 grr standard deviations over the width of the limits; None without limits
-    sigma          repeatability against the stated standard deviations; None without them
+    tolerance      ratio of 6 standard deviations `grr` to the width of the limits; None without limits
+    sigma          test of the stated standard deviations by the repeatability; None if there are none
     """
 
     name: str
@@ -107,7 +110,7 @@ class GaugeStudy:
     sigma: SigmaTest | None = None
 
     def component(self, source: str) -> Component:
-        """The component of this name."""
+        """The component with this name."""
         return next(component for component in self.components if component.source == source)
 
 
@@ -146,7 +149,7 @@ def gauge_study(
 
     sigmas        stated standard deviations of the values
     tolerance     width of the limits
-    pooled_above  significance of the interaction above which it counts as repeats
+    pooled_above  p-value of the interaction above which it is pooled with the repeats
 
     Raises InputError for fewer than two units, operators or repeats, and for values that are not finite.
     """
@@ -183,7 +186,7 @@ def gauge_study(
     if pooled:
         error_dof += dof["interaction"]
         error = (squares["interaction"] + within) / error_dof
-    # The denominator of the F tests is the error of the model that is used.
+    # The denominator of the F tests is the error of the pooled or unpooled model.
     against = {"error": error, **squared} if pooled else {"error": squared["interaction"], **squared}
     against_dof = {"error": error_dof if pooled else dof["interaction"], **dof}
     tests = {
@@ -227,8 +230,8 @@ def grr(
     by           "operator" or "station"
     tolerances   width of the limits, by parameter
 
-    Units that not every operator has measured twice are left out, and of the others the first repeats.
-    Raises InputError if no balanced study remains.
+    Only units that every operator has measured at least twice are used, with the same number of first repeats
+    each. Raises InputError if no balanced study remains.
     """
     factors = {"operator": measurements.operators, "station": measurements.stations}
     if by not in factors:
@@ -279,7 +282,7 @@ def _balanced(serials: TextArray, operators: TextArray, by: str) -> Any:
 def _tested(
     stats: Any, squares: dict[str, float], dof: dict[str, int], source: str, against: str
 ) -> tuple[float | None, float | None]:
-    """F and its p value; None without variation to compare with."""
+    """F and its p-value; None if the variation in the denominator is zero."""
     if squares[against] <= 0:
         return None, None
     f = squares[source] / squares[against]
@@ -314,10 +317,10 @@ def _components(stats: Any, variances: dict[str, float], error_dof: int) -> tupl
 
 
 def _sigma_test(stats: Any, residuals: FloatArray, sigmas: FloatArray) -> SigmaTest:
-    """chi2 of the repeats about the mean of their cell, by the stated standard deviations."""
+    """Test of the stated standard deviations by chi2 of the repeats about the mean of their cell."""
     units, operators, repeats = residuals.shape
     dof = units * operators * (repeats - 1)
-    # Cells differ little within themselves, so the mean variance of a cell stands for that of its repeats.
+    # The stated variances differ little within a cell, so their mean is used for all repeats of the cell.
     chi2 = float((residuals**2 / (sigmas**2).mean(2, keepdims=True)).sum())
     tail = float(stats.chi2.cdf(chi2, dof))
     return SigmaTest(

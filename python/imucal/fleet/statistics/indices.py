@@ -2,8 +2,8 @@
 
     Cp = (high - low) / (6 s)      Cpk = min(high - mean, mean - low) / (3 s)
 
-Intervals: chi-square for Cp, Bissell's normal approximation for Cpk (NIST/SEMATECH e-Handbook of Statistical
-Methods, section 6.1.6).
+Confidence intervals are those of chi-square for Cp and of Bissell's normal approximation for Cpk
+(NIST/SEMATECH e-Handbook of Statistical Methods, section 6.1.6).
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from imucal.fleet.statistics.scipy_part import scipy_part
 
 __all__ = ["Index", "Indices", "capability_indices", "moving_range_std"]
 
-# Mean range of two standard normal values, d2 of control charts: 2 / sqrt(pi).
+# Mean range of two standard normal values (d2 of control charts): 2 / sqrt(pi).
 MEAN_RANGE_OF_TWO: Final = 2.0 / math.sqrt(math.pi)
-# Degrees of freedom per value of a standard deviation from the mean moving range of two: its variance is
-# 0.826 / (n - 1) of the squared value (Cryer and Ryan, Journal of Quality Technology 22, 1990).
+# Degrees of freedom per value of a standard deviation from the mean moving range of two values. The relative
+# variance of this standard deviation is 0.826 / (n - 1) (Cryer and Ryan, Journal of Quality Technology 22,
+# 1990).
 MOVING_RANGE_DOF: Final = 1.0 / (2.0 * 0.826)
-# Fewest values of an index.
+# Minimum number of values for an index.
 FEWEST_VALUES: Final = 2
 
 
@@ -40,13 +41,13 @@ class Index:
 
 @dataclass(frozen=True)
 class Indices:
-    """Capability indices; those of a single limit have no `cp` and `pp`.
+    """Capability indices. With a single limit, `cp` and `pp` are None.
 
-    mean       of the values
+    mean       mean of the values
     within     standard deviation from the mean moving range of consecutive values
     overall    standard deviation of all values
-    cp, cpk    from `within`: what the process can do without changes over time
-    pp, ppk    from `overall`: what it has done
+    cp, cpk    indices from `within`: capability of the process without changes over time
+    pp, ppk    indices from `overall`: actual performance of the process
     """
 
     mean: float
@@ -69,7 +70,7 @@ def moving_range_std(values: ArrayLike) -> float:
 def capability_indices(
     values: ArrayLike, low: float | None, high: float | None, *, confidence: float = 0.95
 ) -> Indices:
-    """Indices of values in order of time, against one or two limits.
+    """Indices of values in order of time, for one or two limits.
 
     Raises InputError without a limit, and for values without a spread.
     """

@@ -1,4 +1,4 @@
-"""Odd units: a robust distance of each unit from its fleet, over parameters and figures.
+"""Outlying units, by a robust distance of each unit from the fleet over parameters and figures.
 
     d_i^2 = (y_i - mean)^T (S + C_i)^-1 (y_i - mean)
 
@@ -29,24 +29,24 @@ from imucal.fleet.statistics.units_of_fleet import POOR, usable
 __all__ = ["OutlierResult", "UnitDistance", "outliers"]
 
 SCHEMA: Final = "imucal.fleet-outliers/1"
-# Expected share of false alarms among the units that are reported as odd.
+# False discovery rate: expected share of false alarms among the units that are reported as outlying.
 FALSE_DISCOVERIES: Final = 0.002
-# Parameters of a unit that are listed.
+# Maximum number of parameters that are listed for an outlying unit.
 MOST_DECIDING: Final = 3
-# Fewest units beyond the number of columns.
+# Minimum number of units per column.
 UNITS_PER_COLUMN: Final = 2
-# Units whose covariances are inverted at once, to bound the memory.
+# Number of units whose covariances are inverted at once, which limits the memory.
 CHUNK: Final = 4000
 
 
 @dataclass(frozen=True)
 class Deciding:
-    """A parameter or figure of an odd unit.
+    """A parameter or figure of an outlying unit.
 
-    value, expected   measured value without shifts of its station, and the mean of its fleet; a figure as its
-                      natural logarithm
+    value, expected   measured value without shifts of the station, and mean of the fleet; for a figure,
+                      natural logarithms
     z                 deviation in standard deviations of a measured value
-    removed           by how much d^2 falls without this parameter
+    removed           decrease of d^2 without this parameter
     """
 
     name: str
@@ -61,11 +61,11 @@ class Deciding:
 class UnitDistance:
     """The distance of one unit.
 
-    distance   d, the root of d^2
-    p_value    of d^2 for a unit of the fleet
+    distance   distance d, the square root of d^2
+    p_value    p-value under the null hypothesis that the unit belongs to the fleet
     q_value    smallest false discovery rate at which the unit is reported
-    is_odd     whether that is at most 0.2 %
-    decides    the parameter without which d^2 falls most, and the next ones
+    is_odd     whether q_value is at most 0.2 %
+    decides    the parameters with the largest `removed`, in descending order
     """
 
     serial: str
@@ -83,11 +83,12 @@ class UnitDistance:
 class OutlierResult:
     """Distances of all units.
 
-    units     the farthest first
-    poor      number of calibrations left out because they are poor
+    units     distances of the units, farthest first
+    poor      number of calibrations omitted because they are poor
     columns   names of the parameters and figures
-    shifts    common shifts of stations, which were taken off: they are not the units'
-    tail      degrees of freedom of the distances: infinite for normal units, small for wide tails
+    shifts    common shifts of stations, which were removed because they are not properties of units
+    tail      degrees of freedom of the distribution of distances: infinite for normal units, small for wide
+              tails
     """
 
     units: tuple[UnitDistance, ...]
@@ -98,7 +99,7 @@ class OutlierResult:
 
     @property
     def odd(self) -> tuple[UnitDistance, ...]:
-        """The odd units."""
+        """The outlying units."""
         return tuple(unit for unit in self.units if unit.is_odd)
 
     def to_dict(self) -> dict[str, Any]:
@@ -111,13 +112,14 @@ def outliers(measurements: Measurements) -> OutlierResult:
 
     Raises InputError for fewer than twice as many units as parameters.
     """
-    # The covariances are large, and are taken from `measurements` for a part of the units at a time.
+    # The covariances are excluded here, because they are large. They are taken from `measurements` for a part
+    # of the units at a time.
     kept, poor = usable(replace(measurements, covariances=None))
     all_columns = columns_of(kept)
     shifts = common_shifts(kept, all_columns)
     own, rows = _first_rows(kept)
     values = all_columns.values[rows] - shifts.added[rows]
-    # A column that some units lack would exclude these units.
+    # Columns without values for many units are omitted, because units without a value cannot be tested.
     common = np.isfinite(values).mean(axis=0) > 0.9
     names = tuple(name for name, is_common in zip(all_columns.names, common, strict=True) if is_common)
     complete = np.isfinite(values[:, common]).all(axis=1)
@@ -129,7 +131,7 @@ def outliers(measurements: Measurements) -> OutlierResult:
     own, rows, values = own.where(complete), rows[complete], values[complete][:, common]
     variances = all_columns.variances[rows][:, common]
     places = np.flatnonzero(measurements.verdicts != POOR)[rows]
-    # In units of a robust width, because parameters have different magnitudes.
+    # Values are scaled by a robust width, because parameters have different magnitudes.
     centre = np.median(values, axis=0)
     width = np.median(np.abs(values - centre), axis=0) / MEDIAN_DEVIATION
     width = np.where(width > 0, width, np.maximum(values.std(axis=0), np.finfo(float).tiny))
@@ -199,7 +201,7 @@ def _noise(
 def _distances(
     residuals: FloatArray, noise: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """d^2, what each column removes from it, and the deviation of each column in standard deviations."""
+    """d^2, its decrease without each column, and the deviation of each column in standard deviations."""
     total = spread + noise
     inverse = np.linalg.inv(total)
     weighted = np.einsum("nij,nj->ni", inverse, residuals)
@@ -209,18 +211,19 @@ def _distances(
 
 
 def _p_values(squared: FloatArray, largest: FloatArray, columns: int) -> tuple[FloatArray, float]:
-    """P values of d^2, and the degrees of freedom of its tail.
+    """p-values of d^2, and the degrees of freedom of the tail of its distribution.
 
     d^2 / c is compared with an F distribution, scaled to the median of the units. Its second degrees of
-    freedom reproduce the ratio of the upper 5 % point to the median, so that a fleet with wide tails has few
-    false alarms; for a normal fleet they are infinite and the distribution is chi-square. The largest
-    deviation of a single column, by itself and given the others, is tested in the same way and corrected for
-    the number of columns: it finds what is small among many columns.
+    freedom are chosen to reproduce the ratio of the upper 5 % point to the median, so that a fleet with wide
+    tails has few false alarms. For a normal fleet they are infinite, and the distribution is chi-square. The
+    largest deviation of a single column, marginal and conditional on the other columns, is tested in the same
+    way and corrected for the number of columns. This test detects deviations in a single column that are
+    small in the sum over many columns.
     """
     stats: Any = scipy_part("stats")
     median, upper = np.quantile(squared, (0.5, 0.95))
     ratio = upper / median if median > 0 else 1.0
-    # The ratio of n units scatters by some 2 / sqrt(n).
+    # With n units, the relative scatter of the ratio is about 2 / sqrt(n).
     if ratio <= _ratio(stats.chi2(columns)) * (1.0 + 2.0 / np.sqrt(len(squared))):
         scale = max(float(median / stats.chi2.ppf(0.5, columns)), 1.0)
         joint, single = stats.chi2.sf(squared / scale, columns), stats.chi2.sf(largest / scale, 1)
@@ -235,12 +238,12 @@ def _p_values(squared: FloatArray, largest: FloatArray, columns: int) -> tuple[F
 
 
 def _together(joint: FloatArray, single: FloatArray, columns: int) -> FloatArray:
-    """The smaller p value, corrected for there being two, and two deviations in each column."""
+    """The smaller of both p-values, corrected for two tests, and for two deviations in each column."""
     return np.minimum(2.0 * np.minimum(joint, 2.0 * columns * single), 1.0)
 
 
 def _ratio(distribution: Any) -> float:
-    """The upper 5 % point over the median."""
+    """The ratio of the upper 5 % point to the median."""
     return float(distribution.ppf(0.95) / distribution.ppf(0.5))
 
 

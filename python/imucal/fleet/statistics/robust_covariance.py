@@ -1,4 +1,4 @@
-"""Robust mean and covariance of units apart from measuring noise."""
+"""Robust mean and covariance of the true values of units, without measurement noise."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from imucal.fleet.statistics.spread import MEDIAN_DEVIATION
 
 __all__ = ["decisive", "robust_location"]
 
-# Units that decide mean and covariance; of more, a random part with this many.
+# Maximum number of units from which mean and covariance are computed. In a larger fleet, a random part is
+# used.
 MOST_UNITS: Final = 4000
-# Share of the units in the first steps, and quantile of d^2 within which a unit counts in the last ones.
+# Share of the nearest units that are used in the first steps, and quantile of d^2 within which units are used
+# in the last steps.
 HALF: Final = 0.5
 KEPT: Final = 0.975
 STEPS: Final = 8
 
 
 def decisive(units: int) -> np.ndarray:
-    """Indices of the units that decide mean and covariance: all, or a random part of many."""
+    """Indices of the units from which mean and covariance are computed: all, or a random part."""
     return np.sort(np.random.default_rng(0).permutation(units)[:MOST_UNITS])
 
 
@@ -31,8 +33,8 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
     values   (n, c), scaled to comparable widths
     noise    (n, c, c) covariances of the measurements
 
-    Starts from medians, median absolute deviations and rank correlations, then keeps the half of the units
-    that is nearest, and in the last steps all units within the 97.5 % point of their distances.
+    The iteration starts from medians, median absolute deviations and rank correlations. The first steps use
+    the nearest half of the units, and the last steps all units within the 97.5 % point of the distances.
     """
     stats: Any = scipy_part("stats")
     columns = values.shape[1]
@@ -40,7 +42,7 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
     centre = np.median(values, axis=0)
     width = np.median(np.abs(values - centre), axis=0) / MEDIAN_DEVIATION
     ranks = stats.rankdata(values, axis=0)
-    # Pearson's correlation of normal values from that of their ranks.
+    # Converts the correlation of ranks to Pearson's correlation of normal values.
     correlation = np.atleast_2d(2.0 * np.sin(np.pi / 6.0 * np.corrcoef(ranks, rowvar=False)))
     spread = _positive(correlation * width[:, None] * width[None, :] - mean_noise)
     for share in (*[HALF] * STEPS, *[KEPT] * STEPS):
@@ -52,7 +54,8 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
         else:
             scale = np.median(distances) / stats.chi2.ppf(0.5, columns)
             kept = distances <= max(scale, 1.0) * stats.chi2.ppf(KEPT, columns)
-        # Covariance of normal values inside an ellipsoid that contains this share, relative to that of all.
+        # Ratio of the covariance of normal values inside an ellipsoid with this share of the values to the
+        # covariance of all values.
         inside = share / stats.chi2.cdf(stats.chi2.ppf(share, columns), columns + 2)
         centre = values[kept].mean(axis=0)
         measured = inside * np.cov(values[kept], rowvar=False).reshape(columns, columns)
@@ -61,7 +64,7 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
 
 
 def _positive(matrix: FloatArray) -> FloatArray:
-    """The nearest matrix without negative eigenvalues; those that are zero are raised slightly."""
+    """The nearest positive definite matrix; its eigenvalues are at least slightly above zero."""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     floor = 1e-6 * max(float(values.max()), 1e-12)
     return np.asarray((vectors * np.maximum(values, floor)) @ vectors.T)

@@ -1,9 +1,9 @@
-"""Shifts that all units of a station, or of a station on one day, have in common: they are the station's.
+"""Shifts common to all units of a station, or of a station on one day, which are errors of the station.
 
 Each measurement is predicted from the other measurements of its unit and from the median of its batch. The
 residuals of a station, and of a station on one day, are then tested for a common location by Tukey's
-biweight, which the majority decides: odd units do not move a station. Trends of single
-units are taken off first.
+biweight. The majority of the units determines this location, so outlying units have no effect. Trends of
+single units are removed first.
 """
 
 from __future__ import annotations
@@ -22,35 +22,36 @@ from imucal.fleet.statistics.trends import months_of, without_trends
 
 __all__ = ["Shift", "Shifts", "common_shifts", "days_of"]
 
-# Probability, over all stations, days and columns together, of a shift where there is none.
+# Probability that any shift is reported, over all stations, days and columns, if there is no shift.
 FALSE_ALARM: Final = 0.001
-# Residuals beyond this number of standard deviations from the location of their group have no weight. With
-# it, the biweight of normal values has 95 % of the efficiency of a mean (Maronna et al., Robust Statistics,
-# 2006).
+# Number of standard deviations from the location of the group beyond which residuals have no weight. With
+# this number, the biweight of normal values has 95 % of the efficiency of a mean (Maronna et al., Robust
+# Statistics, 2006).
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
-# Change of a location, in its standard deviations, at which the steps end.
+# Change of a location, in standard deviations of the location, below which the iteration ends.
 BIWEIGHT_SETTLED: Final = 1e-6
 TINY: Final = np.finfo(float).tiny
-# Smallest share of the units of a group within these bounds: a shift must be common to most of them.
+# Minimum share of the units of a group within the bounds of the biweight. A shift must be common to most
+# units.
 COMMON: Final = 0.6
-# Fewest units of a station on a day that are judged.
+# Minimum number of units of a station on a day for a test.
 FEWEST_OF_DAY: Final = 5
-# Largest number of shifts that are searched one after the other.
+# Maximum number of shifts that are searched one after the other.
 MOST_SHIFTS: Final = 200
 
 
 @dataclass(frozen=True)
 class Shift:
-    """A shift that the units of a station have in common.
+    """A shift common to the units of a station.
 
     station, day   the day is empty if the station is shifted on all days
-    name, unit     of the parameter or figure
+    name, unit     name and unit of the parameter or figure
     units          number of measurements
-    shift, std     in the unit; for a figure, of its natural logarithm
-    z              over the standard deviation
-    p_value        corrected for the number of stations, days and columns
+    shift, std     shift and its standard deviation in `unit`; for a figure, of its natural logarithm
+    z              shift divided by its standard deviation
+    p_value        p-value corrected for the number of stations, days and columns
     """
 
     station: str
@@ -66,14 +67,14 @@ class Shift:
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """Common shifts, and what they add to each value, (n, c)."""
+    """Common shifts, and the sum of the shifts in each value, (n, c)."""
 
     found: tuple[Shift, ...]
     added: FloatArray
 
 
 def common_shifts(measurements: Measurements, columns: Columns) -> Shifts:
-    """The significant shifts, the largest first; each is taken off before the next is searched."""
+    """The significant shifts, the largest first. Each shift is removed before the next one is searched."""
     stats: Any = scipy_part("stats")
     numbers = unit_numbers(measurements.serials)
     partitions = _partitions(measurements.stations, days_of(measurements))
@@ -108,7 +109,7 @@ def days_of(measurements: Measurements) -> TextArray:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """The group of a partition with the most significant location."""
+    """The group of a partition that has the most significant location."""
 
     name: tuple[str, str]
     rows: np.ndarray
@@ -118,23 +119,23 @@ class _Group:
 
 
 class _Partition:
-    """Groups of rows without overlap.
+    """A partition of rows into disjoint groups.
 
     names   station and day of each group
-    labels  number of the group of each row, -1 for none
+    labels  index of the group of each row; -1 for a row without a group
     """
 
     def __init__(self, names: list[tuple[str, str]], labels: np.ndarray) -> None:
         self.names, self._labels = names, labels
 
     def largest(self, residual: FloatArray, std: FloatArray) -> _Group:
-        """The group whose common location has the most standard deviations."""
+        """The group whose common location is largest in standard deviations."""
         labels, size = self._labels, len(self.names)
         known = np.isfinite(residual) & (labels >= 0)
         own, y, precision = labels[known], residual[known], 1.0 / std[known] ** 2
         count = np.bincount(own, minlength=size)
-        # A unit that was measured often is predicted so well that it would decide for its group alone. No
-        # unit counts more than the fifth of its group.
+        # A unit that was measured often is predicted so precisely that it could dominate its group. The
+        # weight of a unit is therefore limited to that of the unit with the fifth largest weight.
         order = np.lexsort((-precision, own))
         start = np.cumsum(count) - count
         fifth = np.minimum(start + np.clip(count - 1, 0, FEWEST_OF_DAY - 1), max(len(y) - 1, 0))
@@ -162,7 +163,7 @@ class _Partition:
 
 
 def _partitions(stations: TextArray, days: TextArray) -> list[_Partition]:
-    """By station if there are several, and by station and day if there are several of these."""
+    """The partitions by station, and by station and day, unless a partition has a single group."""
     found = []
     names = np.unique(stations)
     if len(names) > 1:
@@ -178,7 +179,7 @@ def _partitions(stations: TextArray, days: TextArray) -> list[_Partition]:
 
 
 class _Column:
-    """One column, and the prediction of each of its values from the others."""
+    """One column, and the prediction of each of its values from other values."""
 
     def __init__(
         self,
@@ -193,7 +194,7 @@ class _Column:
         self._batch = np.unique(batches, return_inverse=True)[1].reshape(-1)
 
     def residuals(self, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Value minus its prediction, and the standard deviation of this; NaN where there is no value."""
+        """Values minus predictions, and their standard deviations; NaN for missing values."""
         known, numbers, variances = self._known, self._numbers, self._variances
         y = without_trends(numbers, self._months, self._values - added, variances)
         mean = self._means(y)
@@ -201,7 +202,7 @@ class _Column:
         first = first[known[first]]
         spread = spread_of((y - mean)[first], np.sqrt(variances[first]), interval=False).spread
         spread = max(spread, 1e-6 * float(np.nanstd(y)), np.finfo(float).tiny)
-        # Without a known repeatability the other measurements of a unit predict nothing.
+        # If the variance is not known, the other measurements of a unit have no weight in the prediction.
         weight = np.where(known & (variances > 0), 1.0 / np.where(variances > 0, variances, 1.0), 0.0)
         count = int(numbers.max()) + 1
         sum_weight = np.bincount(numbers, weight, count)[numbers] - weight
@@ -210,7 +211,8 @@ class _Column:
         information = np.maximum(sum_weight, 0.0) + 1.0 / spread**2
         residual = np.where(known, y - mean - sum_weighted / information, np.nan)
         std = np.sqrt(variances + 1.0 / information)
-        # Residuals that scatter more than predicted, as in a fleet with wide tails, are less certain.
+        # If residuals scatter more than predicted, as in a fleet with wide tails, their standard deviations
+        # are increased.
         scale = float(np.nanmedian(np.abs(residual / std))) / MEDIAN_DEVIATION
         return residual, std * max(scale, 1.0)
 
@@ -225,7 +227,7 @@ class _Column:
 
 
 def _merged(found: list[tuple[str, str, int, Shift]]) -> list[Shift]:
-    """One shift for each station, day and column; the search may have taken it off in several steps."""
+    """One shift for each station, day and column. The search may have removed it in several steps."""
     merged: dict[tuple[str, str, int], Shift] = {}
     for station, day, column, shift in found:
         key = (station, day, column)

@@ -1,4 +1,4 @@
-"""Slopes of all parameters of all units at once, and their tests."""
+"""Slopes of all parameters of all units, and tests of these slopes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from imucal.fleet.statistics.trends import months_of
 
 __all__ = ["Slopes", "slopes_of"]
 
-# Rows of which covariances are inverted at once, to bound the memory.
+# Number of rows whose covariances are inverted at once, which limits the memory.
 CHUNK: Final = 4000
 
 
@@ -23,13 +23,13 @@ CHUNK: Final = 4000
 class Slopes:
     """Slopes of u units with two or more dates in c columns, per month.
 
-    rows          rows of each unit, in order of time
-    first         (u,) first row
-    slopes, stds  (u, c), NaN where a column has fewer than two dates
+    rows          row indices of each unit, in order of time
+    first         (u,) first row of each unit
+    slopes, stds  (u, c), NaN for a column with fewer than two dates
     chi2, dof     (u,) joint test of the slopes; chi2 is None without covariances, and NaN for a unit whose
                   covariances cannot be inverted
-    parameter_p   (u, c) p value of slope or step, corrected for the number of columns and of steps
-    p_values      (u,) of joint test and single columns together
+    parameter_p   (u, c) p-value of slope or step, corrected for the number of columns and of steps
+    p_values      (u,) combined p-value of joint test and single columns
     """
 
     rows: tuple[np.ndarray, ...]
@@ -45,7 +45,7 @@ class Slopes:
 def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slopes:
     """Slopes of units that have two or more dates; `values` are the columns without shifts of stations."""
     stats: Any = scipy_part("stats")
-    # A parameter that was held has no standard deviation, and no slope.
+    # A parameter without a positive variance, such as a held parameter, has no slope.
     values = np.where(columns.variances > 0, values, np.nan)
     rows = _rows_of_units(dated)
     first = np.array([own[0] for own in rows], dtype=np.intp)
@@ -72,14 +72,16 @@ def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slop
         counts[unit] = len(own) - 1
     z2 = (slopes / stds) ** 2
     known = np.isfinite(z2)
-    # With two dates a slope is a step; with more, the better of both is one of that many tests.
+    # With two dates, slope and step are the same. With more dates, the best of one slope and several steps is
+    # taken, so the p-value is corrected for their number.
     tests = np.where(counts > 1, counts + 1, 1.0) * known.sum(1)[:, None]
     largest = np.where(counts > 1, np.fmax(z2, steps), z2)
     parameter_p = np.where(known, np.minimum(stats.chi2.sf(largest, 1) * tests, 1.0), np.nan)
     dof = known.sum(1)
     single_p = np.fmin.reduce(parameter_p, axis=1) if len(rows) else np.zeros(0)
     if dated.covariances is None or not rows:
-        # Estimates of one calibration are correlated, so the sum of squares alone has no known distribution.
+        # There is no joint test, because estimates of one calibration are correlated and the sum of squares
+        # therefore has no known distribution.
         return Slopes(tuple(rows), first, slopes, stds, None, dof, parameter_p, single_p)
     chi2 = _joint(dated, columns, values, rows, months)
     joint_p = np.where(np.isfinite(chi2), stats.chi2.sf(chi2, dof), 1.0)
@@ -118,10 +120,10 @@ def _joint(
         weights = _inverse(dated, columns, values, flat, picked)
         y = np.where(np.isfinite(values[flat]), values[flat], 0.0)
         offsets = np.concatenate([[0], np.cumsum([len(own) for own in rows[start:end]])[:-1]])
-        # Times from the mean of each unit keep the sums well conditioned.
+        # Times are relative to the mean of each unit, so that the sums are well conditioned.
         lengths = np.array([len(own) for own in rows[start:end]])
         t = months[flat] - np.repeat(np.add.reduceat(months[flat], offsets) / lengths, lengths)
-        # Values from the first of each unit, because a common value of a unit does not change its slope.
+        # Values are relative to the first value of each unit, which does not change the slope.
         y = y - np.repeat(y[offsets], lengths, axis=0)
         wy = np.einsum("nij,nj->ni", weights, y)
         a0, a1, a2 = (
@@ -137,7 +139,7 @@ def _joint(
                 "ni,ni->n", right, np.linalg.solve(information + ridge, right[:, :, None])[:, :, 0]
             )
         except np.linalg.LinAlgError:
-            # These units keep the test of single parameters.
+            # These units only have the tests of single parameters.
             pass
         start = end
     return np.where(chi2 >= 0, chi2, np.nan)
@@ -146,7 +148,7 @@ def _joint(
 def _inverse(
     dated: Measurements, columns: Columns, values: FloatArray, rows: np.ndarray, picked: np.ndarray
 ) -> FloatArray:
-    """Inverse covariances with the repeatability beyond the stated noise; a missing value has no weight."""
+    """Inverse covariances, including repeatability beyond the stated noise; missing values have no weight."""
     assert dated.covariances is not None
     covariances = dated.covariances[rows[:, None, None], picked[:, None], picked[None, :]].copy()
     stated = np.einsum("nii->ni", covariances)
@@ -154,7 +156,7 @@ def _inverse(
     covariances[missing[:, :, None] | missing[:, None, :]] = 0.0
     diagonal = np.arange(len(picked))
     covariances[:, diagonal, diagonal] = np.where(missing, 1.0, columns.variances[rows])
-    # Scaled to correlations, because parameters have different magnitudes.
+    # Covariances are scaled to correlations, because parameters have different magnitudes.
     scale = 1.0 / np.sqrt(covariances[:, diagonal, diagonal])
     correlations = covariances * scale[:, :, None] * scale[:, None, :]
     weights = np.linalg.inv(correlations) * scale[:, :, None] * scale[:, None, :]

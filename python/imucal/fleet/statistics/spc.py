@@ -1,10 +1,11 @@
-"""Control charts of the units of a station in order of time, with the noise of each measurement taken off.
+"""Control charts of the units of a station in order of time, which account for the noise of each measurement.
 
     z_i = (y_i - centre) / sqrt(spread^2 + sigma_i^2)      spread^2 = (moving range estimate)^2 - noise^2
 
 A chart shows single values and moving ranges, an exponentially weighted moving average (EWMA), and the four
-rules of the Western Electric handbook (1956). Its rules give false alarms at a known rate, which many charts
-multiply. The alarms of the result are therefore shifts of a station that remain significant over all charts.
+rules of the Western Electric handbook (1956). The rules give false alarms at a known rate per chart, so many
+charts give many false alarms. The alarms of the result are therefore only shifts of a station that are
+significant over all charts.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from imucal.fleet.statistics.units_of_fleet import first_of_each_unit, usable
 __all__ = ["Chart", "Signal", "SpcResult", "control_chart", "spc"]
 
 SCHEMA: Final = "imucal.fleet-spc/1"
-# Weight of a new value in the moving average, and its limits in standard deviations (NIST/SEMATECH
-# e-Handbook, section 6.3.2.4).
+# Weight of a new value in the EWMA, and limits of the EWMA in standard deviations (NIST/SEMATECH e-Handbook,
+# section 6.3.2.4).
 EWMA_WEIGHT: Final = 0.2
 EWMA_LIMIT: Final = 3.0
-# Median range of two standard normal values, by which a median moving range becomes a standard deviation.
+# Median range of two standard normal values. It converts a median moving range to a standard deviation.
 MEDIAN_RANGE_OF_TWO: Final = 0.9538725524
-# Fewest units of a chart.
+# Minimum number of units of a chart.
 FEWEST_UNITS: Final = 10
-# Rules: number of values that must be beyond a number of standard deviations on one side, of how many.
+# Rules by name: (m, n, k) means that m of n consecutive values are beyond k standard deviations on one side.
 RULES: Final = {
     "beyond_3_sigma": (1, 1, 3.0),
     "2_of_3_beyond_2_sigma": (2, 3, 2.0),
@@ -46,7 +47,7 @@ RULES: Final = {
 
 @dataclass(frozen=True)
 class Signal:
-    """A rule that a value completes: its index in the chart, serial number and date."""
+    """A rule that a value fulfils, with index in the chart, serial number and date of the value."""
 
     rule: str
     index: int
@@ -61,13 +62,14 @@ class Chart:
 
     station, name, unit
     units          number of units
-    centre         median
+    centre         median of the values
     spread         standard deviation of the units from the moving ranges, without measuring noise
     noise          rms of the standard deviations of the measurements
-    signals        completed rules, in order of time
-    serials, dates of the units
-    values         measured values; `limits` is 3 standard deviations of each, spread and noise together
-    ewma           moving average of z, and `ewma_limits`
+    signals        fulfilled rules, in order of time
+    serials, dates serial numbers and dates of the units
+    values         measured values; `limits` is 3 standard deviations of each value from spread and noise
+                   together
+    ewma           exponentially weighted moving average of z, with the limits `ewma_limits`
     """
 
     station: str
@@ -90,10 +92,10 @@ class Chart:
 class SpcResult:
     """Control charts of all stations and columns.
 
-    units    number of units: the first calibration of each
-    poor     number of calibrations left out because they are poor
-    shifts   of a station, or of a station on one day: the alarms
-    charts   one for each station and column
+    units    number of units, of which the first calibrations are used
+    poor     number of calibrations omitted because they are poor
+    shifts   shifts of a station, or of a station on one day, which are the alarms
+    charts   one chart for each station and column
     """
 
     units: int
@@ -107,7 +109,7 @@ class SpcResult:
         return tuple(dict.fromkeys((shift.station, shift.day) for shift in self.shifts))
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON document of `imucal fleet spc --json`; the store has the values of the charts."""
+        """The JSON document of `imucal fleet spc --json`. The values of the charts are only in the store."""
         charts = [
             {name: getattr(chart, name) for name in ("station", "name", "unit", "units", "centre")}
             | {"spread": chart.spread, "noise": chart.noise, "signals": chart.signals}
@@ -120,7 +122,7 @@ class SpcResult:
 def spc(measurements: Measurements, *, station: str | None = None) -> SpcResult:
     """Control charts of the first calibration of each unit, and shifts of stations over all calibrations.
 
-    station   only the charts of this one
+    station   if given, only charts of this station are computed
 
     Raises InputError if there are fewer than ten units.
     """
@@ -170,7 +172,7 @@ def control_chart(
     name: str = "",
     unit: str = "",
 ) -> Chart:
-    """The chart of values in order of time with the standard deviations of their measurement."""
+    """The chart of values in order of time with their standard deviations."""
     centre = float(np.median(values))
     moving = float(np.median(np.abs(np.diff(values)))) / MEDIAN_RANGE_OF_TWO
     variance = max(moving**2 - float(np.median(sigmas**2)), 0.0)
@@ -202,7 +204,7 @@ def control_chart(
 
 
 def _western_electric(z: FloatArray) -> list[tuple[str, int]]:
-    """Rules and the indices of the values that complete them."""
+    """Rules, each with the index of a value that fulfils it."""
     found = []
     for rule, (needed, window, beyond) in RULES.items():
         for side in (1.0, -1.0):
@@ -213,7 +215,7 @@ def _western_electric(z: FloatArray) -> list[tuple[str, int]]:
 
 
 def _ewma(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The moving average from zero, and its limits, which widen from the first value on."""
+    """The EWMA, which starts from zero, and its limits, which widen from the first value on."""
     signal: Any = scipy_part("signal")
     moving = signal.lfilter([EWMA_WEIGHT], [1.0, EWMA_WEIGHT - 1.0], z)
     steps = np.arange(1, len(z) + 1)
@@ -222,6 +224,6 @@ def _ewma(z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _entered(outside: np.ndarray) -> list[int]:
-    """Indices at which a run of values outside begins."""
+    """Indices at which consecutive values outside begin."""
     before = np.concatenate([[False], outside[:-1]])
     return [int(index) for index in np.flatnonzero(outside & ~before)]

@@ -1,9 +1,9 @@
-"""Spread of units apart from the noise of measuring them, by maximum likelihood.
+"""Spread of the true values of units without measurement noise, by maximum likelihood.
 
     y_i = theta_i + e_i      theta_i ~ N(mean, spread^2),  e_i ~ N(0, sigma_i^2) with known sigma_i
 
-A share of the units may be odd: they belong to a second, ten times wider distribution with the same mean.
-Its share is estimated with the other numbers, so that a few odd units do not widen the spread.
+A share of the units may be outliers, which belong to a second, ten times wider distribution with the same
+mean. The share is estimated together with mean and spread, so that a few outliers do not widen the spread.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from imucal.fleet.statistics.scipy_part import scipy_part
 
 __all__ = ["MEDIAN_DEVIATION", "Spread", "spread_of"]
 
-# Standard deviation of the distribution of odd units, as a multiple of that of all other units. Units beyond
-# about 4 standard deviations are then more probably odd.
+# Standard deviation of the distribution of outliers, as a multiple of that of all other units. With this
+# multiple, units beyond about 4 standard deviations are more probably outliers.
 ODD_WIDTH: Final = 10.0
-# Iterations, and relative change of the variance at which they end.
+# Maximum number of iterations, and relative change of the variance at which the iteration ends.
 MOST_STEPS: Final = 200
 SETTLED: Final = 1e-9
-# Fewest units with a value.
+# Minimum number of units with a value.
 FEWEST_UNITS: Final = 3
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean and standard deviation of a parameter over units, without measuring noise.
+    """Mean and standard deviation of a parameter over units, without measurement noise.
 
     units        number of units with a value
-    mean         of the units, and mean_std, its standard deviation
+    mean         mean over the units; mean_std is its standard deviation
     spread       standard deviation of the true values of the units
     low, high    95 % interval of the spread, by the likelihood ratio
-    odd          estimated share of units that belong to a wider distribution
+    odd          estimated share of outliers
     noise        rms of the standard deviations of the measurements
     """
 
@@ -54,14 +54,15 @@ class Spread:
 
     @property
     def total(self) -> float:
-        """Standard deviation of a measured value: spread and measuring noise together."""
+        """Standard deviation of a measured value, from spread and measurement noise together."""
         return math.hypot(self.spread, self.noise)
 
 
 def spread_of(values: ArrayLike, sigmas: ArrayLike, *, interval: bool = True) -> Spread:
-    """The spread of units with these measured values and standard deviations; NaN values are left out.
+    """The spread of units with these measured values and standard deviations; NaN values are omitted.
 
-    interval   whether to compute the interval, which takes as long as the rest; otherwise it is 0 to infinity
+    interval   whether to compute the interval, which takes as long as all other results; otherwise it is 0 to
+               infinity
 
     Raises InputError for fewer than three values, and for a standard deviation that is negative or not known.
     """
@@ -72,7 +73,7 @@ def spread_of(values: ArrayLike, sigmas: ArrayLike, *, interval: bool = True) ->
         raise InputError(f"{len(y)} units have a value: their spread needs {FEWEST_UNITS}")
     if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
         raise InputError("a standard deviation is negative or not known: the spread needs all of them")
-    # In units of the robust width, so that tolerances hold for all magnitudes.
+    # Values are scaled by the robust width, so that tolerances are valid for all magnitudes.
     centre = float(np.median(y))
     width = float(np.median(np.abs(y - centre))) / MEDIAN_DEVIATION or float(y.std()) or 1.0
     y, noise = (y - centre) / width, (sigma / width) ** 2
@@ -98,9 +99,9 @@ MEDIAN_DEVIATION: Final = 0.6744897501960817
 
 
 def _fit(y: FloatArray, noise: FloatArray) -> tuple[float, float, float, FloatArray]:
-    """Mean, variance of the units, share of odd units, and for each unit the probability not to be odd.
+    """Mean, variance of the units, share of outliers, and probability that each unit is no outlier.
 
-    Alternates between these probabilities and one step of Fisher scoring for mean and variance.
+    The iteration alternates between these probabilities and one step of Fisher scoring for mean and variance.
     """
     mean, variance, share = 0.0, max(1.0 - float(np.median(noise)), 0.0), 0.01
     core = np.ones_like(y)
@@ -122,12 +123,13 @@ def _fit(y: FloatArray, noise: FloatArray) -> tuple[float, float, float, FloatAr
     return mean, variance, share, core
 
 
-# Smallest variance of a measured value, relative to the robust variance of all: exact values of equal units.
+# Lower bound of the variance of a measured value, relative to the robust variance of all values. It is needed
+# for exact values of equal units.
 TINY: Final = 1e-24
 
 
 def _interval(y: FloatArray, noise: FloatArray, core: FloatArray, variance: float) -> tuple[float, float]:
-    """95 % interval of the variance by the likelihood ratio, with the mean maximised over."""
+    """95 % interval of the variance by the likelihood ratio, maximised over the mean."""
     optimize: Any = scipy_part("optimize")
     quarter = 0.5 * float(scipy_part("stats").chi2.ppf(0.95, 1))
 

@@ -1,4 +1,4 @@
-"""Trends of single units, taken off before what units have in common is estimated."""
+"""Removal of trends of single units before properties common to units are estimated."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ __all__ = ["DAYS_PER_MONTH", "months_of", "without_trends"]
 
 # Mean length of a month of the Gregorian calendar, days.
 DAYS_PER_MONTH: Final = 30.436875
-# A unit has a trend if a line explains this much chi2, and leaves at most that much per degree of freedom.
-# With three or more dates, a shift on one of them cannot have both.
+# A unit has a trend if a line reduces chi2 by at least the first number and leaves at most the second number
+# per degree of freedom. With three or more dates, a shift on one date cannot fulfil both conditions.
 EXPLAINED: Final = 25.0
 LEFT_PER_DOF: Final = 4.0
 FEWEST_DATES: Final = 3
@@ -33,7 +33,7 @@ def months_of(measurements: Measurements) -> FloatArray:
 def without_trends(
     numbers: np.ndarray, months: FloatArray, values: FloatArray, variances: FloatArray
 ) -> FloatArray:
-    """Values of one column without the lines of units that have a trend, which keep their first value."""
+    """Values of one column with trends removed; the first value of each unit is unchanged."""
     usable = np.isfinite(values) & np.isfinite(months) & (variances > 0)
     weight = np.where(usable, 1.0 / np.where(variances > 0, variances, 1.0), 0.0)
     size = int(numbers.max()) + 1 if len(numbers) else 0

@@ -1,4 +1,4 @@
-"""Which measurements of a unit a statistic uses."""
+"""Selection of the measurements that a statistic uses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ POOR = "poor"
 
 
 def usable(measurements: Measurements) -> tuple[Measurements, int]:
-    """The measurements without poor calibrations, and the number of these."""
+    """The measurements without poor calibrations, and the number of poor calibrations."""
     poor = measurements.verdicts == POOR
     return measurements.where(~poor), int(poor.sum())
 
@@ -21,10 +21,10 @@ def usable(measurements: Measurements) -> tuple[Measurements, int]:
 def first_of_each_unit(measurements: Measurements) -> tuple[Measurements, int]:
     """The first usable measurement of each unit in order of time, and the number of poor measurements.
 
-    A measurement without a date comes after those with one.
+    Measurements without a date come after those with a date.
     """
     kept, poor = usable(measurements)
-    # NaT sorts last.
+    # NaT sorts last, so measurements without a date come last.
     in_time = kept.where(np.argsort(kept.dates, kind="stable"))
     _, first = np.unique(in_time.serials, return_index=True)
     return in_time.where(np.sort(first)), poor
