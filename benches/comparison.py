@@ -269,12 +269,13 @@ def accuracy(folder: Path) -> str:
     lines += [
         "",
         paragraph(
-            "The first programs get 46 poses in random directions with moves between them. The others get "
-            "six faces for 5 s each and, for FAU imucal, three turns of 360 deg in 6 s. The faces and the "
-            "axes of the turns are exact, or tilted by 1 deg (standard deviation), as on a table. The "
-            "on-board routine is written from the sources of PX4 (accelerometer_calibration.cpp) and "
-            "ArduPilot (AccelCalibrator.cpp): bias and scale of the accelerometer from six faces, and the "
-            "bias of the gyroscope. Kalibr needs a camera and a target, so it is not in this table."
+            "imucal, the SciPy program and imu-calib get 46 poses in random directions with moves between "
+            "them. The on-board routine and FAU imucal get six faces for 5 s each. FAU imucal also gets "
+            "three turns of 360 deg in 6 s. The faces and the axes of the turns are exact, or tilted by "
+            "1 deg (standard deviation), as on a table. The on-board routine is written from the sources "
+            "of PX4 (accelerometer_calibration.cpp) and ArduPilot (AccelCalibrator.cpp). It estimates bias "
+            "and scale of the accelerometer from six faces, and the bias of the gyroscope. Kalibr is not in "
+            "this table, because it needs a camera and a target."
         ),
     ]
     return "\n".join(lines)
@@ -349,11 +350,12 @@ def speed(_: Path) -> str:
         ),
         "",
         paragraph(
-            "The direction is that propagated by the gyroscope from each rest to the next, against the "
-            "direction measured there, on the recording itself; `imucal evaluate` judges every program but"
-            " imu_tk. imu_tk was not built here, because it needs Ceres and Qt. This unit has a "
-            "g-sensitivity that none of these models contains; [imucal gap](gap.md) finds it, and the "
-            "error then falls to less than a third ([tutorial](tutorial-xsens.md))."
+            "The last column is the angle between the gravity direction that the gyroscope propagates from "
+            "each rest to the next and the direction that the accelerometer measures at the next rest, on "
+            "the calibration recording. It was computed by `imucal evaluate` for every program except "
+            "imu_tk, which was not built here, because it needs Ceres and Qt. This unit has a g-sensitivity "
+            "that none of these models contains. [imucal gap](gap.md) finds this effect, and the error then "
+            "falls to less than a third ([tutorial](tutorial-xsens.md))."
         ),
     ]
     return "\n".join(lines)
