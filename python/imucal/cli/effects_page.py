@@ -31,10 +31,10 @@ model and its inverse. A parameter is called `<effect>_<parameter>`; `xy` is the
 
 GALLERY = """## What they look like
 
-Each picture shows the error of the corrected signals over time if the effect is not compensated. The unit is
-rotated by a stand, and the parameters are drawn at random with their typical sizes as standard deviations.
-The lower curve is the rate of the motion, or the temperature. `make docs-figures` draws the pictures from
-the fields of the catalogue.
+Each picture shows the error of the corrected signals over time if the effect is not compensated. A stand
+rotates the unit, and the parameters are random numbers whose standard deviations are the typical sizes.
+The lower curve is the angular rate of the motion or, for effects of the temperature, the temperature.
+`make docs-figures` draws the pictures from the fields of the catalogue.
 """
 
 IN_PYTHON = """## With Python
@@ -60,16 +60,18 @@ compensates effects of time, temperature and angular acceleration. An effect tha
 stays in the data (`Calibration.left_in_data`), because for example the Earth rate is a correct measurement
 of a gyroscope.
 
-If `Calibration.takes_pieces` is true, a recording that is too long for memory can be corrected in pieces,
-where `start_s` is the start time of the whole recording. `imucal.io.read_pieces` and `write_pieces` read and
-write CSV and Parquet files in this way, and `imucal apply` uses them. Effects of the angular acceleration
-need the whole recording, because a time derivative extends across the ends of a piece.
+If `Calibration.takes_pieces` is true, a recording that is too long for memory can be corrected in pieces.
+Give the start time of the whole recording as `start_s` for each piece. `imucal.io.read_pieces` and
+`write_pieces` read and write CSV and Parquet files in pieces, and `imucal apply` uses these functions.
+Effects of the angular acceleration need the whole recording, because a time derivative extends across the
+ends of a piece.
 
 ## User-defined effects
 
-A user-defined effect has a name, parameters, and a function that returns the field: the change of the true
-rate (rad/s) or force (m/s^2) in the body frame per unit of each parameter, (N, 3, p). In this example the
-bias of a gyroscope depends on the supply voltage, which was recorded in a column `supply_v`:
+A user-defined effect has a name, parameters, and a function that returns the field. The field is an array
+of shape (N, 3, p) that contains the change of the true rate (rad/s) or force (m/s^2) in the body frame
+per unit of each parameter. In this example the bias of a gyroscope depends on the supply voltage, which
+was recorded in a column `supply_v`:
 
 ```python
 import numpy as np
