@@ -250,7 +250,7 @@ def test_the_command_writes_judges_and_shows_effects(two_runs, tmp_path, capsys)
         assert named[f"accel_bias_temperature_{axis}_square"]["unit"] == "m/s^2/K^2"
     page = (tmp_path / "page.html").read_text()
     assert "accel_bias_temperature_z_square" in page
-    assert "m/s²/K²" in page
+    assert "mg per K²" in page
     # The file carries the effect: judged and applied, it explains the control run and the plain one does not.
     assert main(["evaluate", paths["cal.json"], control, "--json", paths["judged.json"]]) == 0
     after = json.loads((tmp_path / "judged.json").read_text())["control_set"]["after"]
