@@ -1,1 +1,1 @@
-"""Stands: drivers of the motors, recording of the unit, and verdicts on a unit of the production line."""
+"""Stands: drivers of the motors, recording of a unit's samples, and verdicts on units in production."""

@@ -1,4 +1,4 @@
-"""The time of a run, and every wait of the recording, so that tests can run in virtual time."""
+"""The clock of a run, which also performs all waits, so that tests can run in virtual time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Item = TypeVar("Item")
 
 
 class Clock(Protocol):
-    """Time that only increases, and the ways in which a run lets it pass."""
+    """A monotonic clock, and the operations in which a run waits."""
 
     def now_s(self) -> float:
         """Seconds since an arbitrary instant."""
@@ -25,7 +25,7 @@ class Clock(Protocol):
         """Take the next item of a queue; `queue.Empty` if none arrives within `wait_s`."""
 
     def start_work(self, thread: Thread) -> None:
-        """Start a computation beside the run."""
+        """Start a computation in parallel to the run."""
 
 
 class SystemClock:
@@ -44,7 +44,7 @@ class SystemClock:
         return queue.get(timeout=wait_s)
 
     def start_work(self, thread: Thread) -> None:
-        """Start the thread; the caller continues meanwhile."""
+        """Start the thread and return at once."""
         thread.start()
 
 

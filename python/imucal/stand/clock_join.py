@@ -1,9 +1,9 @@
 """Joins the clocks of the unit and of the host, and interpolates motor angles to the instants of the samples.
 
-Samples arrive late by varying times, and never early. So the host time of a sample is the lower edge of the
-points (unit time, host time of arrival): the straight line below all points with the smallest sum of
-distances to them, which is an edge of their lower convex hull. Samples that were delayed at the start or
-while the computer was busy lie above it and do not change it.
+Samples arrive with varying delays, but never early. The relation of both clocks is therefore the lower edge
+of the points (unit time, host time of arrival): the straight line below all points with the smallest sum of
+distances to the points. This line is an edge of the lower convex hull. Samples that were delayed at the start
+or while the computer was busy lie above the line and do not change it.
 """
 
 from __future__ import annotations
@@ -19,33 +19,35 @@ from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["host_instants", "joined_angles"]
 
-# Largest relative difference between the rates of two clocks; quartz oscillators differ by less than 200 ppm.
+# Relative difference between the rates of two clocks that is accepted without a check. Quartz oscillators
+# differ by less than 200 ppm.
 MAX_SLOPE: Final = 500e-6
-# Rates of both halves of a run that agree within this are accepted beyond `MAX_SLOPE`: a unit whose clock is
-# an RC oscillator, or one that sends no time and is not exactly as fast as its nominal rate.
+# A rate difference beyond `MAX_SLOPE` is accepted if the rates of both halves of the run agree within this
+# number. Such a unit has an RC oscillator, or sends no time and differs from its nominal rate.
 AGREEING_SLOPE: Final = 2e-3
-# Shortest run, s, over which such a rate can be determined.
+# Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be determined.
 SLOPE_OVER_S: Final = 20.0
-# Number of points above which blocks of samples are represented by the least delayed one.
+# Number of points above which each block of samples is represented by its least delayed sample.
 MOST_POINTS: Final = 20_000
-# Longest interval between two reported positions, s, over which a moving stand is interpolated: at an
-# acceleration of 500 deg/s^2 the error is then 0.6 deg.
+# Longest interval between two reported positions, s, over which the angles of a moving stand are
+# interpolated. At an acceleration of 500 deg/s^2 the error is 0.6 deg.
 LONGEST_S: Final = 0.1
-# Longer intervals, s, are interpolated up to this angle, deg: a motor that starts or stops in the interval is
-# off the straight line by at most a quarter of it.
+# Intervals up to `LONGER_S`, s, are also interpolated if the angles change by at most `LITTLE_DEG`, deg. A
+# motor that starts or stops in the interval deviates from the straight line by at most a quarter of this
+# change.
 LONGER_S: Final = 0.2
 LITTLE_DEG: Final = 2.0
-# Time after the last position, s, for which a stand at rest is taken to remain there.
+# Time after the last reported position, s, for which a stand at rest is assumed to remain at rest.
 STAYS_S: Final = 0.35
-# Positions that differ by less than this, deg, belong to a stand at rest.
+# Difference of positions, deg, below which the stand is at rest.
 AT_REST_DEG: Final = 0.05
 
 
 def joined_angles(logged: Logged) -> FloatArray:
     """Motor angles at the samples, (N, 3), deg; NaN where they are not known.
 
-    They are not known where the stand moved between two reports that are too far apart, and after the last
-    report of a moving stand. Before the first report the stand is at rest.
+    Angles are not known if the stand moved between two reports that are too far apart, and after the last
+    report of a moving stand. Before the first report the stand is assumed to be at rest.
     """
     reported_s, angles = logged.positions[:, 0], logged.positions[:, 1:]
     order = np.argsort(reported_s, kind="stable")
@@ -66,7 +68,7 @@ def joined_angles(logged: Logged) -> FloatArray:
 
 
 def host_instants(logged: Logged) -> FloatArray:
-    """The host time at which each sample was taken, (N,), s, apart from the shortest delay of a sample."""
+    """The host time at which each sample was taken plus the shortest delay of a sample, (N,), s."""
     name = next((column for column in logged.columns if column in TICKS_PER_S), None)
     if name is None or len(logged.samples) < 2:
         return logged.host_s
@@ -97,10 +99,11 @@ def _slope(unit_s: FloatArray, late_s: FloatArray) -> float:
 
 
 def _hull_slope(unit_s: FloatArray, late_s: FloatArray) -> float:
-    """Slope of the edge of the lower convex hull below the mean of the unit's times."""
+    """Slope of the edge of the lower convex hull at the mean of the unit's times."""
     hull: list[tuple[float, float]] = []
     if len(unit_s) > MOST_POINTS:
-        # The least delayed sample of each block; the others cannot be far below it.
+        # Only the least delayed sample of each block is kept, because only such samples determine the lower
+        # hull.
         size = len(unit_s) // MOST_POINTS + 1
         starts = np.arange(0, len(unit_s), size)
         lowest = np.array([start + int(np.argmin(late_s[start : start + size])) for start in starts])

@@ -17,7 +17,7 @@ Position: TypeAlias = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Progress:
-    """Number of steps that are done, and the zero of the motors as the controller counts it, deg."""
+    """Number of completed steps, and the controller's position of the motors' zero, deg."""
 
     steps_done: int
     zero_deg: tuple[float, float, float]
@@ -25,7 +25,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Event:
-    """An event of a run, for the journal and for people; `code` is a stable identifier."""
+    """An event of a run for the journal and the operator; `code` is a stable identifier."""
 
     code: str
     message: str
@@ -38,7 +38,7 @@ class Status:
     state    moving or holding a pose, finished (all steps done), or failed
     step     current step of the program, from 0
     code     stable identifier of the cause of a failure
-    message  information for the operator; for a failure its cause and remedy
+    message  information for the operator; for a failure, cause and remedy
     """
 
     state: Literal["moving", "holding", "finished", "failed"]
@@ -54,13 +54,13 @@ class Driver(Protocol):
     """
 
     def start(self) -> None:
-        """Connect to the stand. Raises ImucalError if it does not answer correctly."""
+        """Connect to the stand. Raises ImucalError if the stand does not answer correctly."""
 
     def poll(self) -> Status:
         """Do the work that is due, without blocking, and return the state of the stand."""
 
     def observe(self, samples: FloatArray) -> None:
-        """Receive new samples of the unit, (N, columns of the source); for drivers that need them."""
+        """Receive new samples of the unit, (N, columns of the source), for drivers that need samples."""
 
     def positions(self) -> Sequence[Position]:
         """Readings of the motor angles since the last call."""
@@ -69,7 +69,7 @@ class Driver(Protocol):
         """Events since the last call."""
 
     def progress(self) -> Progress | None:
-        """What is needed to resume the run; None if it cannot be resumed."""
+        """The progress from which the run can be resumed; None if it cannot be resumed."""
 
     def close(self) -> None:
         """Stop the stand if it moves, and disconnect. Must not raise."""
@@ -84,7 +84,7 @@ class Source(Protocol):
     columns: tuple[str, ...]
 
     def start(self) -> None:
-        """Connect to the unit. Raises ImucalError if that fails."""
+        """Connect to the unit. Raises ImucalError if the connection fails."""
 
     def read(self, wait_s: float) -> FloatArray:
         """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first one."""
@@ -96,7 +96,7 @@ class Source(Protocol):
         """Events since the last call."""
 
     def resume_after(self, logged: Logged) -> None:
-        """Continue the times of an interrupted run. Raises InputError if the source cannot."""
+        """Continue the times of an interrupted run. Raises InputError if the source does not support this."""
 
     def counts(self) -> dict[str, int]:
         """Counts of received, lost and damaged data by stable names, such as packets_damaged."""

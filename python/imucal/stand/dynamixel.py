@@ -1,10 +1,10 @@
-"""Dynamixel motors as a stand: answers the commands of `imucal.stand.external` with the maker's library.
+"""Dynamixel motors as a stand: a program that executes the commands of `imucal.stand.external`.
 
     python -m imucal.stand.dynamixel --port /dev/ttyUSB0 --baud 57600 --ids 1,2,3
 
 `--driver dynamixel` starts this program. The motors have Protocol 2.0 and the control table of the X series,
 and are in extended position mode, in which they count several turns. A motor that has restarted has lost its
-turns, so it is refused: its torque is off.
+count of turns. It is recognised by its torque, which is off, and refused.
 """
 
 from __future__ import annotations
@@ -23,22 +23,26 @@ __all__ = ["Motors", "ids_of", "serve"]
 OPERATING_MODE, TORQUE_ENABLE, HARDWARE_ERROR = 11, 64, 70
 PROFILE_ACCELERATION, PROFILE_VELOCITY, GOAL_POSITION, PRESENT_POSITION = 108, 112, 116, 132
 EXTENDED_POSITION: Final = 4
-# Counts of a revolution, and units of the profile: 0.229 rpm, and 214.577 rev/min^2.
+# Counts per revolution, and units of profile velocity (0.229 rpm) and profile acceleration (214.577
+# rev/min^2).
 COUNTS: Final = 4096
 RATE_UNIT_DPS: Final = 0.229 * 6.0
 ACCELERATION_UNIT_DPS2: Final = 214.577 * 360.0 / 3600.0
 # Rate and acceleration of the fastest motor in a move, deg/s and deg/s^2.
 RATE_DPS, ACCELERATION_DPS2 = 60.0, 240.0
-# Attempts of a read or a write, because a packet may be damaged, which its checksum shows, or the computer
-# busy: the library waits 35 ms for an answer.
+# Number of attempts of a read or a write. An attempt fails if a packet is damaged, or if the computer is
+# busy, because the library waits only 35 ms for an answer.
 TRIES: Final = 12
-# Positions between two checks of torque and hardware error.
+# Number of position readings between two checks of torque and hardware error.
 CHECK_EVERY: Final = 10
 PROTOCOL: Final = 2.0
 
 
 def ids_of(text: str) -> tuple[int, int, int]:
-    """The numbers of three motors, such as `1,2,3`, outermost first. Raises InputError for anything else."""
+    """The numbers of three motors in a text such as `1,2,3`, outermost first.
+
+    Raises InputError for any other text.
+    """
     try:
         first, second, third = (int(part) for part in text.split(","))
     except ValueError:
@@ -70,12 +74,13 @@ class Motors:
                     "counts several turns"
                 )
             self._check(motor, torque=False)
-            # A motor without torque may have been turned: it holds where it is.
+            # A motor without torque may have been turned, so its goal is set to the present position before
+            # torque is enabled.
             self._write(motor, GOAL_POSITION, 4, self._read(motor, PRESENT_POSITION, 4))
             self._write(motor, TORQUE_ENABLE, 1, 1)
 
     def angles_deg(self) -> list[float]:
-        """The angles now, deg."""
+        """The present angles, deg."""
         if self._asked % CHECK_EVERY == 0:
             for motor in self._ids:
                 self._check(motor)
@@ -83,12 +88,12 @@ class Motors:
         return [self._signed(self._read(motor, PRESENT_POSITION, 4)) * 360.0 / COUNTS for motor in self._ids]
 
     def move(self, angles_deg: Sequence[float]) -> None:
-        """Start to turn to these angles, so that all motors arrive at about the same time."""
+        """Start to turn to these angles. All motors arrive at about the same time."""
         turns = [abs(b - a) for a, b in zip(self.angles_deg(), angles_deg, strict=True)]
         for motor, turn in zip(self._ids, turns, strict=True):
             self._check(motor)
             share = turn / max(turns) if max(turns) > 0.0 else 1.0
-            # Zero would mean no limit.
+            # At least 1, because 0 means no limit.
             velocity = max(round(share * RATE_DPS / RATE_UNIT_DPS), 1)
             acceleration = max(round(share * ACCELERATION_DPS2 / ACCELERATION_UNIT_DPS2), 1)
             self._write(motor, PROFILE_ACCELERATION, 4, acceleration)
@@ -97,7 +102,7 @@ class Motors:
             self._write(motor, GOAL_POSITION, 4, round(angle * COUNTS / 360.0) & 0xFFFFFFFF)
 
     def stop(self) -> None:
-        """Hold the motors where they are."""
+        """Hold the motors at their present positions."""
         for motor in self._ids:
             self._write(motor, GOAL_POSITION, 4, self._read(motor, PRESENT_POSITION, 4))
 
@@ -132,11 +137,13 @@ class Motors:
         for _ in range(TRIES):
             try:
                 value, result, error = exchange()
-            # pyserial passes on other exceptions for a lost device, such as those of termios.
+            # Any exception is caught, because for a lost device pyserial also raises exceptions of other
+            # modules, such as termios.
             except Exception as lost:
                 raise ImucalError(f"the bus of the motors is lost: {lost}") from None
             if result == self._sdk.COMM_SUCCESS:
-                # The top bit only points to the hardware error, which is checked by itself.
+                # The top bit is ignored, because it only indicates a hardware error, which is checked
+                # separately.
                 if error & 0x7F:
                     raise ImucalError(f"motor {motor}: {self._packets.getRxPacketError(error & 0x7F)}")
                 return (value,)
@@ -151,7 +158,7 @@ class Motors:
 
 
 def serve(motors: Motors, commands: TextIO, answers: TextIO) -> None:
-    """Answer commands until they end."""
+    """Answer commands until the stream of commands ends."""
     for line in commands:
         word, *numbers = line.split() or [""]
         try:

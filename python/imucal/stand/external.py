@@ -6,7 +6,7 @@ The program reads commands from its standard input and answers each with a line 
     position      position A B C      the angles of the motors now, deg
     stop          ok                  stops the motors
 
-or with `error TEXT`, which ends the run. What it writes to standard error is shown.
+or with `error TEXT`, which ends the run. Its standard error is shown to the user.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ Waiting = Generator[None, None, None]
 
 # Interval between two queries of the position, s.
 QUERY_S: Final = 0.04
-# Longest time for an answer, s, and for the first one, in which the program starts.
+# Timeout of an answer, s, and of the first answer, which includes the start of the program.
 ANSWER_S: Final = 3.0
 FIRST_S: Final = 15.0
-# Largest deviation of each motor from its target, deg, at which a pose counts as reached: larger than the
-# error of a hobby servo. The recorded angles are the reported ones.
+# Largest deviation of each motor from its target, deg, at which a pose counts as reached. It is larger than
+# the error of a hobby servo. It does not affect the recorded angles, which are the reported ones.
 NEAR_DEG: Final = 1.0
-# A moving motor changes its angle by more than `STILL_DEG` within `STALL_S`; otherwise it does not reach its
+# A motor is stalled if its angle changes by at most `STILL_DEG` within `STALL_S` before it reaches its
 # target.
 STILL_DEG: Final = 0.2
 STALL_S: Final = 5.0
-# Rest at zero after the last move, s.
+# Duration of the rest at zero after the last move, s.
 END_S: Final = 0.3
 # Pause between two polls while starting, s, and time for the program to end after `stop`, s.
 PAUSE_S: Final = 0.01
@@ -55,7 +55,7 @@ class ExternalDriver:
     """Runs a program with a command that moves the stand, starting with all motors at zero.
 
     command     the command with its arguments, as typed in a shell; it is started without a shell
-    start_here  the position of the motors at the start is the zero
+    start_here  take the position of the motors at the start as zero
     unwind      move the motors to zero first
     """
 
@@ -141,7 +141,7 @@ class ExternalDriver:
         return Status("holding" if self._phase == "holding" else "moving", step, message=self._phase)
 
     def observe(self, samples: FloatArray) -> None:
-        """Not needed: the command reports the angles."""
+        """Does nothing, because the command reports the angles."""
 
     def positions(self) -> Sequence[Position]:
         """Motor angles reported since the last call, at the instants halfway between query and answer."""
@@ -149,11 +149,11 @@ class ExternalDriver:
         return readings
 
     def events(self) -> Sequence[Event]:
-        """No events: a fault ends the run."""
+        """Empty, because every fault ends the run."""
         return ()
 
     def progress(self) -> Progress | None:
-        """None: the run cannot be resumed."""
+        """None, because the run cannot be resumed."""
         return None
 
     def close(self) -> None:
@@ -274,7 +274,7 @@ class ExternalDriver:
                 since_s, first = self._read_s, self._angles
                 self._phase = "holding"
             elif not self._is_near(self._angles, first, STILL_DEG):
-                # Still settling.
+                # The motors are still settling, so the hold starts again.
                 since_s, first = self._read_s, self._angles
             if self._failed is not None:
                 return

@@ -1,4 +1,4 @@
-"""Faults of a simulated stand or unit, for tests of the production line: each must be detected from the data.
+"""Faults of a simulated stand or unit, for tests of a production line, which must detect each fault.
 
 slip         the unit slips on its mount by 1 to 3 deg about a random axis, once in the middle of each run
 loose-mount  the mount has play: after every move the unit's attitude changes by a random rotation of 0.5 deg

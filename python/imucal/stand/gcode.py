@@ -1,9 +1,9 @@
-"""A program as G-code for GRBL 1.1, and the time that the controller needs for it.
+"""Conversion of a program to G-code for GRBL 1.1, and the duration of the program on the controller.
 
-Each step is one line that moves all motors to absolute angles, and one that holds: `G4` waits until the
-motors are at rest. Every move therefore starts and ends at rest, with a trapezoidal rate profile (GRBL's
-planner.c). With the combined rotation d of all motors, deg, the feed v, deg/s, and the acceleration a,
-deg/s^2, along it, the duration is
+Each step consists of a line that moves all motors to absolute angles, and a line with `G4`, which waits until
+the motors are at rest and then dwells. Every move therefore starts and ends at rest, with a trapezoidal rate
+profile (GRBL's planner.c). With the combined rotation d of all motors, deg, the feed v, deg/s, and the
+acceleration a, deg/s^2, along it, the duration is
 
     t = d / v + v / a    if v^2 / a <= d,    2 sqrt(d / a)    if the feed is not reached
 
@@ -27,18 +27,18 @@ __all__ = ["Axes", "Block", "MotorLimits", "blocks_of", "gcode"]
 
 # Resolution of GRBL's dwell time, s.
 DWELL_STEP_S: Final = 0.05
-# Decimals of angles and feeds; GRBL reads at most eight digits of a number.
+# Number of decimals of angles and feeds. GRBL reads at most eight digits of a number.
 ANGLE_DECIMALS: Final = 4
 FEED_DECIMALS: Final = 2
-# Lowest feed that GRBL accepts, deg/min; it raises lower ones to this value.
+# Lowest feed of GRBL, deg/min. GRBL raises lower feeds to this value.
 LEAST_FEED_DPM: Final = 1.0
-# Largest angle of a motor from its start, deg: the largest number with eight digits.
+# Largest angle of a motor from its start, deg: the largest number with eight digits, four of them decimals.
 MAX_ANGLE_DEG: Final = 9999.9999
-# Largest rate, deg/s, and acceleration, deg/s^2, of a motor; the feed of this rate has eight digits in
-# deg/min.
+# Largest accepted rate, deg/s, and acceleration, deg/s^2, of a motor. In deg/min, a feed of this rate has
+# eight digits.
 MAX_RATE_DPS: Final = 10_000.0
 MAX_ACCELERATION_DPS2: Final = 1e6
-# A move that takes longer than in the program by more than this time is reported as late, s.
+# A move is reported as late if it takes longer than in the program by more than this time, s.
 LATE_S: Final = 0.01
 
 

@@ -4,11 +4,11 @@ The motors never move to a target that the controller might have misread. For ea
 origin of the work coordinates to the target (`G92`; `G43.1` with grblHAL, which stores G92), waits until a
 report confirms this offset, and then commands a move to 0, 0, 0. A byte lost on the way can prevent or
 shorten a move, but cannot send the motors past the target. The confirmed offset also proves that the
-controller has not restarted, because a restart clears it.
+controller has not restarted, because a restart clears the offset.
 
-A step is done when its pose was reported at rest for its hold time. After a fault of the line (a refused
-line, a lost cable, a silent controller) the step is repeated from the reported position. An alarm, a locked
-controller or a lost position ends the run: the stand is not moved again without the user.
+A step is complete when its pose has been reported at rest for the hold time of the step. After a fault of the
+line (a refused line, a lost cable, a silent controller) the step is repeated from the reported position. An
+alarm, a locked controller or a lost position ends the run: the stand is not moved again without the user.
 """
 
 from __future__ import annotations
@@ -41,36 +41,38 @@ PAUSE_S: Final = 0.01
 REOPEN_S: Final = 0.3
 # Rate at which the motors return to zero, deg/s.
 RETURN_DPS: Final = 60.0
-# Rest at zero after the last move, s, in which its last angles are reported.
+# Duration of the rest at zero after the last move, s, during which the last angles of the move are reported.
 END_S: Final = 0.3
 # Number of consecutive recoveries without progress after which the run fails.
 MOST_RECOVERIES: Final = 4
-# Attempts of a move that ends at rest elsewhere, before the controller is reset.
+# Number of attempts of a move that ends at rest at a wrong position. After the last attempt the controller is
+# reset.
 MOST_MOVES: Final = 4
-# Deviation, deg, at which a motor is at its target: twice the last digit of a report.
+# Largest deviation, deg, at which a motor counts as at its target: twice the last digit of a report.
 AT_TARGET_DEG: Final = 0.02
-# Deviation, deg, of a confirmed offset from the requested one: half of the last digit of a report, and
-# rounding.
+# Largest deviation, deg, at which a reported offset counts as the requested one. It allows for half of the
+# last digit of a report, and rounding.
 SAME_DEG: Final = 0.0015
-# A target is displaced by this angle, deg, if its offset equals that of a restarted controller.
+# Angle, deg, by which a target is displaced if its offset equals the offset of a restarted controller.
 MARK_DEG: Final = 0.004
-# A move may take this multiple of its duration, in addition to `Timeouts.stall_s`.
+# Timeout of a move as a multiple of its duration, in addition to `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5
-# Largest error of the angles in moves, deg, that is not mentioned.
+# Uncertainty of the angles during moves, deg, above which an event reports it.
 UNCERTAIN_DEG: Final = 1.0
-# Time after the planned end of a move, s, after which the operator is told that it takes longer.
+# Time after the planned end of a move, s, after which a message reports that the move takes longer.
 SLOW_S: Final = 2.0
-# Modes of all lines: millimetres (degrees here), absolute positions. With inverse time as feed (G93), GRBL
-# refuses an axis word without a feed in its line, so a G92 whose command is lost does not move the motors.
+# Modes of all lines: millimetres (degrees here), absolute positions. With inverse time feed (G93), GRBL
+# refuses an axis word without a feed in the same line. So if the word G92 of a line is lost, the line does
+# not move the motors.
 SETUP: Final = "G21G90G93G1F1"
-# Feed per minute for the move, and no motion mode (G80): a move whose command is lost is refused. GRBL
-# refuses G92 after G80, so this follows the confirmed target.
+# Feed per minute (G94) for the move, and no motion mode (G80), so that a move whose command word is lost is
+# refused. GRBL refuses G92 after G80, so this line follows the confirmed target.
 MOVING: Final = "G94G80"
-# grblHAL refuses G43.1 after G80 and G93.
+# Modes for grblHAL, which refuses G43.1 after G80 and G93.
 SETUP_HAL: Final = "G21G90G94"
-# Zeros with a decimal point: a single damaged bit changes them by less than a degree. The command is the last
-# word, because after the loss of the letter, `G1X.0` would be read as `G1.0`, which moves the other motors
-# alone.
+# The zeros have a decimal point, so that a single damaged bit changes them by less than a degree. The command
+# is the last word, because if the letter X were lost, `G1X.0` would be read as `G1.0`, which moves only the
+# other motors.
 MOVE: Final = "{}.0{}.0{}.0G1"
 FINAL: Final = "free the stand, bring its motors to zero, and run the program again"
 
@@ -78,16 +80,18 @@ FINAL: Final = "free the stand, bring its motors to zero, and run the program ag
 class GrblDriver:
     """Runs a program with a GRBL controller on a serial port.
 
-    Zero is the zero of the controller, or the position at the start with `Consent.start_here` or
-    `Consent.home`. After the last step the motors return to zero, so that cables are unwound.
+    The zero of the motors is the zero of the controller, or the position at the start with
+    `Consent.start_here` or `Consent.home`. After the last step the motors return to zero, which unwinds the
+    cables.
 
     port       name of the serial port
     baud       baud rate
     axes       axis letters of the three motors, outermost motor first
     consent    what the user allows at the start
-    resume_hold  end a feed hold, or a hold by a closed safety door, without waiting for the user
+    resume_hold  end a feed hold, or a hold after a safety door was closed, without waiting for the user
     resume     continue an interrupted run
-    open_port  opens the serial port with a name and a baud rate; raises LinkLostError if that fails
+    open_port  function that opens the serial port with a name and a baud rate; raises LinkLostError on
+               failure
     """
 
     def __init__(
@@ -120,7 +124,7 @@ class GrblDriver:
         self.zero_deg: Triple = (0.0, 0.0, 0.0)
         self._ready: Ready | None = None
         self._track: Track | None = None
-        # Offset that the controller has confirmed, and a reported one that contradicts it.
+        # Offset that the controller has confirmed, and a reported offset that contradicts the confirmed one.
         self._offset_deg: Triple | None = None
         self._contradicting: Triple | None = None
         self._latest: Report | None = None
@@ -172,7 +176,7 @@ class GrblDriver:
         return self._status()
 
     def observe(self, samples: FloatArray) -> None:
-        """Not needed: the controller reports the position of the motors."""
+        """Does nothing, because the controller reports the position of the motors."""
 
     def positions(self) -> Sequence[Position]:
         """Motor angles reported since the last call, relative to the stand's zero."""
@@ -185,11 +189,11 @@ class GrblDriver:
         return events
 
     def progress(self) -> Progress | None:
-        """Number of steps that are done, and the zero of the motors."""
+        """Number of completed steps, and the zero of the motors."""
         return Progress(min(self._done, self._last_step + 1), self.zero_deg)
 
     def close(self) -> None:
-        """Stop the motors and close the port. A controller that is locked is left as it is."""
+        """Stop the motors and close the port. A locked controller is left locked."""
         with suppress(LinkLostError, StoppedError):
             moves = self._work is not None and self._failed is None and self._session.port.is_open
             if moves and self._wait_for(self._session.halt()):
@@ -197,7 +201,7 @@ class GrblDriver:
         self._session.port.close()
 
     def _wait_for(self, waiting: Waiting) -> Any:
-        """Run an exchange to its end, without recording; its result."""
+        """Run an exchange to its end without recording, and return its result."""
         while True:
             try:
                 self._receive()
@@ -221,7 +225,7 @@ class GrblDriver:
         return Status("moving", step, message="" if self._phase == "moving" else self._phase)
 
     def _start_from(self, position_deg: Triple) -> tuple[Triple, int]:
-        """The zero of the motors, and the number of steps that are done."""
+        """The zero of the motors, and the number of completed steps."""
         if self._resume is None:
             require_zero(position_deg, self._consent)
             return ((0.0, 0.0, 0.0) if self._consent.unwind else position_deg), 0
@@ -241,7 +245,7 @@ class GrblDriver:
         return zero, step
 
     def _say_uncertainty(self) -> None:
-        """The times of the two ways are not known one by one, only their sum."""
+        """Report the uncertainty of the instants. Only the sum of both transmission times is known."""
         half_s = (self._session.port.shortest_s or 0.0) / 2
         rate_dps = max((block.feed_dpm or 0.0 for block in self._blocks), default=0.0) / 60.0
         if half_s * rate_dps > UNCERTAIN_DEG:
@@ -264,7 +268,7 @@ class GrblDriver:
                 self._judge(report)
 
     def _judge(self, report: Report) -> None:
-        """Record a plausible position; three reports of an impossible one end the run."""
+        """Record a plausible position. Three reports of an impossible position end the run."""
         position, track = report.position_deg, self._track
         if position is None or track is None or self._session.starting:
             return
@@ -285,7 +289,10 @@ class GrblDriver:
         self._instants.add(latest_s, _difference(position, self.zero_deg), track.rate_dps)
 
     def _check_offset(self, report: Report) -> None:
-        """A controller without the confirmed offset has restarted, although its message did not arrive."""
+        """Detect a restart of the controller by the loss of the confirmed offset.
+
+        The welcome message of a restart may be lost.
+        """
         if self._offset_deg is None or report.offset_deg is None:
             return
         if _near(report.offset_deg, self._offset_deg, SAME_DEG):
@@ -302,7 +309,7 @@ class GrblDriver:
     # --- the program ---
 
     def _program_steps(self) -> Waiting:
-        """All steps that are not done, each repeated after a fault of the line."""
+        """Run all remaining steps. A step is repeated after a fault of the line."""
         if self._consent.unwind and self._done == 0:
             yield from self._recovered(lambda: self._reach((0.0, 0.0, 0.0), RETURN_DPS * 60.0, None))
         first = self._done
@@ -316,7 +323,7 @@ class GrblDriver:
             self._done += 1
 
     def _recovered(self, work: Callable[[], Waiting]) -> Waiting:
-        """Do a piece of work, and again after a recovery from a fault."""
+        """Do a piece of work, and repeat it after each recovery from a fault."""
         self._recoveries = 0
         while True:
             try:
@@ -345,7 +352,7 @@ class GrblDriver:
         for _ in range(MOST_MOVES):
             if self._rests_at(target):
                 return
-            # Without a decimal point, whose loss would multiply the rate.
+            # The feed has no decimal point, because the loss of a decimal point would multiply the rate.
             yield from self._session.command(f"F{max(round(feed), 1)}")
             assert self._track is not None
             self._track.command(target, feed / 60.0)
@@ -357,7 +364,7 @@ class GrblDriver:
             raise TroubleError("wrong_pose", f"the motors are at rest at {at} deg in step {self._done + 1}")
 
     def _arrive(self, target: Triple, duration_s: float) -> Waiting:
-        """Wait until the motors rest, at the target or elsewhere."""
+        """Wait until the motors are at rest, at the target or elsewhere."""
         begun_s = self._session.now_s()
         has_moved = False
         while True:
@@ -407,19 +414,21 @@ class GrblDriver:
     def _set_offset(self, target: Triple) -> Waiting:
         """Make the target the origin of the work coordinates, and wait for the report that confirms it."""
         assert self._ready is not None and self._track is not None
-        # A report that contradicts the offset of the step before is damaged, or the controller has restarted.
+        # If a report contradicts the offset of the previous step, the report is damaged or the controller has
+        # restarted. Further reports decide.
         yield from self._session.until(lambda: self._contradicting is None, self._timeouts.boot_s)
         self._offset_deg = self._contradicting = None
         for _ in range(MOST_MOVES):
-            # G92 names the present position in the new coordinates; G43.1 adds to the offset at the start.
+            # G92 takes the present position in the new coordinates. G43.1 takes an addition to the offset at
+            # the start.
             code, words = (
                 ("G43.10", _difference(target, self._ready.offset_deg))
                 if self._ready.is_hal
                 else ("G92", _difference(self._track.last_deg, target))
             )
             yield from self._session.command(f"{code}{self._axes.words(words)}")
-            # A report before the answer may be that of an attempt whose answer was lost, and the last attempt
-            # may have been damaged.
+            # Reports before the answer are not used, because they may confirm an earlier attempt while the
+            # last attempt was damaged.
             self._session.offset_deg = None
             yield from self._session.until(
                 lambda: (
@@ -432,7 +441,7 @@ class GrblDriver:
         raise TroubleError("error", f"the controller does not confirm the target {_text(target)} deg")
 
     def _marked(self, target: Triple) -> Triple:
-        """The target, displaced if its offset would not tell a controller that has restarted."""
+        """The target, displaced slightly if its offset equals that of a restarted controller."""
         assert self._ready is not None
         x, y, z = (round(angle, ANGLE_DECIMALS - 1) for angle in target)
         if _near((x, y, z), self._ready.offset_deg, MARK_DEG / 2) or not any((x, y, z)):
@@ -465,7 +474,7 @@ class GrblDriver:
         self._failed = Status("failed", min(self._done, self._last_step), code, message)
 
     def _recover(self, fault: TroubleError) -> Waiting:
-        """Stop the motors and reset the controller, whose position must survive this."""
+        """Stop the motors and reset the controller. Its position must survive the reset."""
         self._recoveries += 1
         self._events.append(Event(fault.code, fault.message))
         if self._recoveries > MOST_RECOVERIES:
@@ -480,7 +489,7 @@ class GrblDriver:
         self._events.append(Event("resumed", f"with step {self._done + 1} of {len(self._blocks)}"))
 
     def _restart(self) -> Waiting:
-        """Reset the controller; its position at rest must survive this, and it must not be locked."""
+        """Reset the controller at rest. Its position must survive the reset, and it must not be locked."""
         assert self._track is not None
         self._offset_deg = self._contradicting = None
         yield from self._session.reset()
@@ -491,7 +500,7 @@ class GrblDriver:
         if not idle:
             state = self._session.report.state if self._session.report else "silent"
             raise StoppedError("alarm", f"the controller is locked after a reset (state {state})")
-        # Three reports decide whether the position has survived.
+        # Wait for three reports, which decide whether the position has survived.
         yield from self._session.pause(self._timeouts.answer_s / 4)
 
     def _lost(self, reason: str) -> None:
@@ -523,7 +532,7 @@ class GrblDriver:
         self._session.reported_s = self._clock.now_s()
         self._session.report = None
         if (yield from self._session.until(lambda: self._session.report is not None)):
-            # The offset must be the confirmed one, which a controller that has restarted has lost.
+            # The reported offset must be the confirmed one, which a restarted controller has lost.
             self._session.offset_deg = None
             yield from self._session.until(
                 lambda: self._session.offset_deg is not None, self._timeouts.boot_s

@@ -1,4 +1,7 @@
-"""States in which a GRBL controller pauses: named at once, and ended by the user, or the run fails."""
+"""States in which a GRBL controller pauses.
+
+They are reported at once, and the run fails unless the user ends them.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +38,10 @@ ENDS: Final = {
 
 
 class Pause:
-    """Watches the state of a controller in a run.
+    """Monitors the state of a controller during a run.
 
-    resumes  end a hold without waiting for the user; a safety door must be closed first
-    message  what the user has to do, empty if there is no pause
+    resumes  whether to end a hold without waiting for the user; a safety door must be closed first
+    message  instruction for the user; empty if there is no pause
     """
 
     def __init__(self, session: GrblSession, timeouts: Timeouts, clock: Clock, *, resumes: bool) -> None:
@@ -51,8 +54,8 @@ class Pause:
     def is_active(self) -> bool:
         """Whether the program has to wait. Raises StoppedError for a state that ends the run.
 
-        Raises LinkLostError if the controller has not reported for `stall_s`. The samples of the unit are no
-        sign of life of the controller.
+        Raises LinkLostError if the controller has not reported for `stall_s`. Samples of the unit do not
+        count as reports.
         """
         now_s = self._clock.now_s()
         passed_s, self._polled_s = now_s - self._polled_s, now_s

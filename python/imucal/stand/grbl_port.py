@@ -17,26 +17,28 @@ from imucal.stand.link import LinkLostError
 
 __all__ = ["GOLDEN", "HOLD", "RESET", "RESUME", "STATUS", "GrblPort"]
 
-# Characters that the controller executes at once, also within a line.
+# Characters that the controller executes at once, even within a line.
 RESET, HOLD, RESUME, STATUS = b"\x18", b"!", b"~", b"?"
-# Shortest interval between two status queries, s: between two reports the angles are interpolated linearly,
-# and at an acceleration of 1000 deg/s^2 an interval of 0.04 s gives an error of 0.2 deg.
+# Shortest interval between two status queries, s. Angles between two reports are interpolated linearly, which
+# at an acceleration of 1000 deg/s^2 gives an error of 0.2 deg with this interval.
 QUERY_S: Final = 0.04
-# Share by which the intervals between queries vary. A controller or a port that works in a fixed cycle (20 ms
-# in a simulator, 16 ms in a converter) would otherwise always answer as late as in the first cycle.
+# Relative variation of the intervals between queries. Without variation, a controller or a port with a fixed
+# cycle (20 ms in a simulator, 16 ms in a converter) would always answer with the same delay.
 SPREAD: Final = 0.25
 GOLDEN: Final = 0.618
-# Longest report, characters; queries use at most a third of the line.
+# Length of the longest report, characters. It limits the rate of queries, whose reports use at most a third
+# of the capacity of the line.
 REPORT_LENGTH: Final = 90
-# Longest wait for a byte, s: the thread then checks whether a query is due.
+# Longest wait for a byte, s. After the wait the thread checks whether a query is due.
 WAIT_S: Final = 0.01
-# Length above which a line without an end is treated as damaged, characters; longer than any line of GRBL.
+# Length above which a line without a line end is treated as damaged, characters. No line of GRBL is longer.
 LONGEST: Final = 512
 # Number of consecutive late reports after which a query counts as lost.
 LOST_AFTER: Final = 4
-# Additional delay of a report, s, above which its query counts as lost if later queries may be meant.
+# Additional delay of a report, s, above which its query counts as lost if the report can answer a later
+# query.
 LOST_S: Final = 0.25
-# Time that a thread may take to end, s.
+# Timeout for the end of a thread, s.
 JOIN_S: Final = 1.0
 
 
@@ -56,7 +58,7 @@ class GrblPort:
         self._port: Any = None
         self._lost: str | None = None
         self._lines: deque[tuple[float, float | None, str]] = deque()
-        # Host times of the queries that are not answered.
+        # Host times of the unanswered queries.
         self._asked: deque[float] = deque()
         self._shifted = 0
         # Status queries of the thread and lines of the driver must not interleave within a write.
@@ -95,7 +97,7 @@ class GrblPort:
             raise LinkLostError(f"{self.name} is lost: {error}") from None
 
     def received(self) -> Sequence[tuple[float, float | None, str]]:
-        """Complete lines since the last call: host time of arrival, that of the query of a report, text."""
+        """Complete lines since the last call: host time of arrival, host time of the query, and text."""
         lines = []
         while self._lines:
             lines.append(self._lines.popleft())
@@ -104,11 +106,11 @@ class GrblPort:
         return lines
 
     def forget_queries(self) -> None:
-        """Forget the queries that are not answered."""
+        """Forget the unanswered queries."""
         self._asked.clear()
 
     def close(self) -> None:
-        """Close the port; never raises."""
+        """Close the port. This never raises an exception."""
         self._closing.set()
         if self._port is not None:
             with suppress(Exception):
@@ -147,7 +149,7 @@ class GrblPort:
             self._lost = str(error)
 
     def _query_of(self, now_s: float) -> float | None:
-        """The query that a report answers: queries are answered in their order, unless one is lost."""
+        """Host time of the query that a report answers. Queries are answered in order unless one is lost."""
         shortest_s = self.shortest_s
         if shortest_s is None or not self._asked:
             return None
@@ -157,7 +159,7 @@ class GrblPort:
 
         while now_s - self._asked[0] > shortest_s + LOST_S and next_is_old_enough():
             self._asked.popleft()
-        # After the loss of a single query all later answers seem to be late by one interval.
+        # After the loss of a single query, all later answers seem to be delayed by one interval.
         seems_late = now_s - self._asked[0] > shortest_s + 0.75 * self._query_s
         self._shifted = self._shifted + 1 if seems_late and next_is_old_enough() else 0
         if self._shifted > LOST_AFTER:

@@ -1,8 +1,8 @@
-"""Lines of a GRBL controller: status reports, alarms, locks, and welcome messages, also damaged ones.
+"""Parsing of lines of a GRBL controller: status reports, alarms, locks, and welcome messages.
 
 Lines have no checksum. A report is used only if its form is exact, including the number of decimals, and the
-driver checks its position against the commanded motion. Of all other lines the meaning is recognised although
-characters are missing, because a lost character must not hide an alarm or a restart.
+driver checks its position against the commanded motion. All other lines are recognised even if characters are
+missing, because a lost character must not hide an alarm or a restart.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ OFFSET: Final = re.compile(rf"\|WCO:({NUMBER}(?:,{NUMBER})*)(?:\||$)")
 # Order of the axes in reports and settings.
 AXES: Final = "XYZABCUVW"
 MM_PER_INCH: Final = 25.4
-# Similarity from which a damaged line counts as this text: half of its characters may be lost.
+# Minimum similarity at which a damaged line is recognised as a text. Half of its characters may be lost.
 ALIKE: Final = 0.6
 WELCOMES: Final = ("Grbl 1.1h ['$' for help]", "GrblHAL 1.1f ['$' or '$HELP' for help]")
 LOCKS: Final = (
@@ -72,9 +72,9 @@ class Report:
     """A status report.
 
     state         state of the controller
-    part          its substate: `Hold:0` means that the motors are at rest, `Door:0` that the door is closed
+    part          substate: `Hold:0` means that the motors are at rest, `Door:0` that the door is closed
     position_deg  machine position of the three motors, outermost first
-    offset_deg    offset of work coordinates, in reports that contain it
+    offset_deg    offset of work coordinates; None if the report does not contain it
     count         number of axes that the controller reports
     arrived_s     host time of arrival, s
     asked_s       host time of the query, s, if it is known
@@ -105,9 +105,10 @@ class Parser:
         self.in_inches = False
 
     def report(self, line: str, arrived_s: float, asked_s: float | None = None) -> Report | None:
-        """The report in a line; None if the line is no complete report.
+        """The report in a line; None if the line is not a complete report.
 
-        A report of work positions has no machine position: the driver refuses such a controller by name.
+        A report with work positions has no machine position. The driver refuses such a controller with a
+        message.
         """
         match = REPORT.fullmatch(line)
         if match is None:
@@ -125,7 +126,7 @@ class Parser:
         )
 
     def _mapped(self, numbers: list[str]) -> Triple | None:
-        """The numbers of the three motors; None if an axis is missing or a number has lost a decimal."""
+        """The numbers of the three motors; None if an axis is missing or a number lacks a decimal."""
         decimals = 4 if self.in_inches else 3
         if max(self.indices) >= len(numbers):
             return None

@@ -1,8 +1,8 @@
 """A session with a GRBL controller: its last state, and the exchanges of commands, stop and reset.
 
-Exchanges that wait for answers are generators that yield while they wait, so that recording continues. One
-line is sent at a time. A line that is refused or not answered is sent again, which is safe because no line
-of the driver has another effect when it is repeated.
+Exchanges are generators that yield while they wait for answers, so that recording continues. One line is sent
+at a time. A line that is refused or not answered is sent again. This is safe, because all lines of the driver
+are idempotent.
 """
 
 from __future__ import annotations
@@ -34,28 +34,32 @@ __all__ = ["GrblSession", "StoppedError", "Timeouts", "TroubleError"]
 
 Waiting: TypeAlias = Generator[None, None, Any]
 
-# Attempts of a command, of a reset, and of reading the settings.
+# Number of attempts of a command, of a reset, and of reading the settings.
 TRIES: Final = 6
 # Time after a failed command in which late answers are discarded, s.
 QUIET_S: Final = 0.3
 # Interval between repeated requests to stop, s, because a single character may be lost.
 STOP_EVERY_S: Final = 0.3
-# Time within which moving motors must have stopped, s.
+# Timeout for moving motors to stop, s.
 STOP_S: Final = 6.0
-# Queries with which the shortest time between query and report is measured.
+# Number of queries with which the shortest time between query and report is measured.
 ROUND_TRIPS: Final = 16
-# Longest pause between two of them, s. The pauses vary, because a controller or a port with a fixed cycle
-# would otherwise answer as late as in its first cycle each time.
+# Longest pause between two of these queries, s. The pauses vary, because a controller or a port with a fixed
+# cycle would otherwise answer with the same delay each time.
 CYCLE_S: Final = 0.02
-# Additional delay of a report, s, above which it is not used. Shorter than the interval of queries: after a
-# loss a report may be taken for the answer to the query before.
+# Additional delay of a report, s, above which the report is not used. It is shorter than the interval of
+# queries, because after a loss a report may be assigned to the previous query.
 LATE_S: Final = 0.03
-# A setting is known once this number of readings agree, because the text has no checksum.
+# Number of equal readings after which a setting counts as known. One reading is not sufficient, because the
+# text has no checksum.
 AGREEING: Final = 2
 
 
 class StoppedError(Exception):
-    """The run has to end: the stand must not be moved without the user. `code` is a stable identifier."""
+    """The run has to end, because the stand must not be moved without the user.
+
+    `code` is a stable identifier.
+    """
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)
@@ -63,7 +67,7 @@ class StoppedError(Exception):
 
 
 class TroubleError(Exception):
-    """A step failed and may be repeated after the motors were stopped. `code` is a stable identifier."""
+    """A step failed, but may be repeated after the motors have stopped. `code` is a stable identifier."""
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)
@@ -94,8 +98,9 @@ class GrblSession:
     report     last status report, None if there was none since the last reset
     offset_deg last offset of work coordinates, None if there was none since the last reset
     is_locked  text of the alarm or lock that was received while the session started
-    starting   alarms and locks do not end the session, because the start decides about them
-    is_stopping  the driver is stopping the motors, so a feed hold is its own
+    starting   whether the session is starting, when alarms and locks do not end it because the start handles
+               them
+    is_stopping  whether the driver is stopping the motors, so that a feed hold was caused by the driver
     events     repeated lines, for the journal
     """
 
@@ -119,7 +124,7 @@ class GrblSession:
         self.paused_s = 0.0
 
     def now_s(self) -> float:
-        """Time, s, that stands still during a pause."""
+        """Time without pauses, s."""
         return self._clock.now_s() - self.paused_s
 
     def receive(self) -> Sequence[Report]:
@@ -144,7 +149,7 @@ class GrblSession:
         return report.arrived_s - report.asked_s > shortest_s + LATE_S
 
     def latest_s(self, report: Report) -> float:
-        """Host time at which the position of a report was taken at the latest."""
+        """Latest possible host time at which the position of a report was taken."""
         return report.arrived_s - one_way_s(self.port.shortest_s or 0.0, self._length, self.port.baud)[1]
 
     def measure_delay(self) -> Waiting:
@@ -165,7 +170,7 @@ class GrblSession:
         self.port.queries = True
 
     def _take(self, line: str) -> None:
-        """Handle a line that is no report."""
+        """Handle a line that is not a report."""
         number, equals, value = line.removeprefix("$").partition("=")
         if line == "ok":
             self.answers.append(line)
@@ -196,7 +201,7 @@ class GrblSession:
     # --- exchanges ---
 
     def until(self, condition: Callable[[], bool], longest_s: float | None = None) -> Waiting:
-        """Wait for a condition; returns whether it came true within `longest_s` (default: `answer_s`)."""
+        """Wait for a condition. Returns whether it became true within `longest_s` (default: `answer_s`)."""
         deadline_s = self.now_s() + (self.timeouts.answer_s if longest_s is None else longest_s)
         while not condition():
             if self.now_s() > deadline_s:
@@ -214,8 +219,8 @@ class GrblSession:
         for attempt in range(TRIES):
             if attempt:
                 self.events.append(Event("line_repeated", f"{text}: {answer}; sent again"))
-                # If the end of the line was lost, this ends it, so that the next attempt is a line of its
-                # own.
+                # If the line end was lost, this byte ends the line, so that the next attempt is a separate
+                # line.
                 self.port.send(b"\n")
                 yield from self.pause(QUIET_S)
             self.answers.clear()
@@ -229,7 +234,7 @@ class GrblSession:
         raise TroubleError("error", f"the controller does not accept {text}: {answer}")
 
     def halt(self) -> Waiting:
-        """Stop the motors; returns whether they are at rest."""
+        """Stop the motors. Returns whether they are at rest."""
         self.is_stopping = True
         asked_s = self._clock.now_s()
         sent_s = asked_s - STOP_EVERY_S
@@ -250,8 +255,8 @@ class GrblSession:
     def reset(self) -> Waiting:
         """Reset the controller, and wait until it answers. Raises LinkLostError if it does not.
 
-        A damaged welcome line is tolerated, as a status report gives the same information. The controller may
-        be locked afterwards, which the caller checks.
+        A damaged welcome line is tolerated, because a status report gives the same information. The caller
+        checks whether the controller is locked afterwards.
         """
         for _ in range(TRIES):
             self.report, self.offset_deg = None, None
@@ -271,7 +276,7 @@ class GrblSession:
         raise LinkLostError(f"{self.port.name}: the controller does not answer after a reset")
 
     def settings(self, needed: Sequence[int]) -> Waiting:
-        """The settings of these numbers; a setting whose readings never agree is left out."""
+        """The settings with these numbers. A setting whose readings never agree is omitted."""
         for _ in range(TRIES):
             self.answers.clear()
             self.port.send(b"$$\n")

@@ -1,7 +1,7 @@
 """Start of a session with a GRBL controller: its state, its settings, and the zero of the motors.
 
-A stand is not moved unless the controller is idle, reports machine positions, and its motors are at zero.
-What would need a decision of the user is refused with the option that gives it.
+A stand is not moved unless the controller is idle, reports machine positions, and its motors are at zero. If
+a decision of the user is needed, the start is refused with a message that names the option.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ __all__ = ["NEAR_DEG", "Consent", "Ready", "prepared", "require_zero"]
 
 # Largest deviation of each motor from its target, deg, at which a pose counts as reached.
 NEAR_DEG: Final = 0.5
-# Settings of GRBL: reports in inches, soft limits, homing; and those of the first axis: highest rate,
-# deg/min, acceleration, deg/s^2, and travel, deg. The next numbers are those of the other axes.
+# Numbers of GRBL's settings: reports in inches, soft limits; and of the first axis: highest rate, deg/min,
+# acceleration, deg/s^2, and travel, deg. The settings of the other axes have the following numbers.
 IN_INCHES, SOFT_LIMITS = 13, 20
 FIRST_RATE, FIRST_ACCELERATION, FIRST_TRAVEL = 110, 120, 130
 # Only grblHAL has settings from this number on.
 FIRST_OF_HAL: Final = 300
-# Longest homing cycle, s.
+# Timeout of the homing cycle, s.
 HOMING_S: Final = 60.0
 # Remedies for states in which a run cannot start.
 STATES: Final = {
@@ -45,11 +45,11 @@ STATES: Final = {
 
 @dataclass(frozen=True)
 class Consent:
-    """What the user allows at the start.
+    """Actions that the user permits at the start.
 
     home        run the homing cycle ($H)
     unlock      unlock a controller that is locked by an alarm ($X)
-    start_here  take the position of the motors for zero
+    start_here  take the position of the motors at the start as zero
     unwind      move the motors to the zero of the controller first
     """
 
@@ -70,7 +70,7 @@ class Ready:
     position_deg  machine position of the motors
     offset_deg    offset of work coordinates
     limits        rates and accelerations of the motors
-    is_hal        whether it is grblHAL, whose tool offsets have all axes and whose G92 is stored
+    is_hal        whether the controller is grblHAL, whose tool offsets have all axes and whose G92 is stored
     """
 
     position_deg: Triple
@@ -118,7 +118,7 @@ def prepared(session: GrblSession, consent: Consent, blocks: Sequence[Block]) ->
 
 
 def require_zero(position_deg: Triple, consent: Consent) -> None:
-    """Raise ImucalError for motors that are not at zero, unless the user has said what to do."""
+    """Raise ImucalError for motors that are not at zero, unless an option says what to do."""
     if max(map(abs, position_deg)) <= NEAR_DEG or consent.home or consent.start_here or consent.unwind:
         return
     at = ", ".join(f"{angle:.1f}" for angle in position_deg)
@@ -129,7 +129,10 @@ def require_zero(position_deg: Triple, consent: Consent) -> None:
 
 
 def _await_rest(session: GrblSession) -> Waiting:
-    """Wait for a first report and for the end of a motion of an earlier run; refuse other states by name."""
+    """Wait for a first report and for the end of a motion of an earlier run.
+
+    Refuse other states with a message.
+    """
     yield from session.until(lambda: session.report is not None, session.timeouts.boot_s)
     moving = ("Run", "Jog", "Home")
     yield from session.until(
@@ -191,7 +194,7 @@ def _coordinates(session: GrblSession) -> Waiting:
 def _require_travel(
     settings: dict[int, float], travels: Sequence[int], blocks: Sequence[Block], letters: str
 ) -> None:
-    """Refuse a program that exceeds the travel that soft limits allow, before anything moves."""
+    """Refuse a program that exceeds the travel of the soft limits, before the first move."""
     if not settings.get(SOFT_LIMITS, 0.0):
         return
     angles = np.array([(0.0, 0.0, 0.0), *(block.angles_deg for block in blocks)])

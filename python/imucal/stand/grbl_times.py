@@ -1,8 +1,9 @@
 """Instants of reported motor positions.
 
-A position is taken at the latest the shortest time of a report before its report arrives. A report that is
-delivered late makes this bound late. Motors do not exceed their commanded rate, so later reports correct it:
-while the motors turn at this rate, one prompt report decides about all late ones before it.
+The latest possible instant of a position is the arrival of its report minus the shortest transmission time.
+If a report is delivered late, this bound is too late. Later reports correct it, because motors do not exceed
+their commanded rate. While the motors turn at this rate, a single prompt report corrects all late reports
+before it.
 """
 
 from __future__ import annotations
@@ -17,20 +18,20 @@ from imucal.stand.grbl_report import Triple
 
 __all__ = ["Instants", "one_way_s"]
 
-# Time, s, for which later reports may correct an instant, about ten reports.
+# Time, s, during which later reports may correct an instant: about ten reports.
 WITHIN_S: Final = 0.5
-# Bits on the line for each character of a report.
+# Number of transmitted bits per character of a report.
 BITS: Final = 10
-# Largest correction, s. A larger one is no delay: the motors exceed their commanded rate, because the feed is
-# overridden.
+# Largest correction, s. A larger correction would not be due to a delay, but to motors that exceed their
+# commanded rate because the feed is overridden.
 LARGEST_S: Final = 0.05
 
 
 def one_way_s(shortest_s: float, length: int, baud: int) -> tuple[float, float]:
     """Shortest times, s, from the query to the position, and from the position to the arrival of the report.
 
-    The characters of the report need the time that the baud rate tells, unless the line is not that slow, as
-    with USB; the rest of the shortest time between query and report is divided equally.
+    The transmission of the report takes the time given by the baud rate, unless the line is faster, as with
+    USB. The rest of the shortest time between query and report is divided equally.
     """
     sent_s = length * BITS / baud
     if sent_s > shortest_s:
@@ -47,17 +48,17 @@ class _Reading:
 
 
 class Instants:
-    """Positions of the last half second, and their instants once they are known."""
+    """Positions of the last half second, and their corrected instants."""
 
     def __init__(self) -> None:
         self._waiting: deque[_Reading] = deque()
 
     def add(self, latest_s: float, position_deg: Triple, rate_dps: float) -> None:
-        """A position that was taken at a host time or before, while the motors turned at most at a rate."""
+        """Add a position taken at `latest_s` or before, while the motors turned at most at `rate_dps`."""
         self._waiting.append(_Reading(latest_s, position_deg, rate_dps))
 
     def settled(self, now_s: float) -> list[Position]:
-        """Positions whose instants later reports do not change any more; all with an infinite time."""
+        """Positions whose instants later reports cannot change any more; all of them for an infinite time."""
         instants: deque[float] = deque()
         following: _Reading | None = None
         for reading in reversed(self._waiting):

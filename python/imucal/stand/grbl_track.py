@@ -1,8 +1,9 @@
 """Plausibility of reported motor positions, which have no checksum.
 
 A position is accepted if it is near the straight line of the commanded move, and not farther along it than
-the motors can have come since the last accepted position. Reports that do not fit are damaged, unless three
-in a row agree: then the motors are elsewhere, or the controller has restarted and counts from zero.
+the motors can have come since the last accepted position. Other reports are considered damaged, unless three
+consecutive ones agree. In this case the motors are elsewhere, or the controller has restarted and counts from
+zero.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from imucal.stand.grbl_start import NEAR_DEG
 
 __all__ = ["Track"]
 
-# Factor on the rate and additional angle, deg, for reports whose instants differ by a few milliseconds.
+# Factor on the rate, and additional angle, deg, by which motors may have moved farther than commanded. They
+# allow for errors of a few milliseconds in the instants of reports.
 RATE_FACTOR: Final = 1.5
 EXTRA_DEG: Final = 1.0
-# Number of consecutive implausible reports that must agree before they are believed.
+# Number of consecutive implausible reports that must agree to be accepted as true.
 AGREEING: Final = 3
 
 Found = Literal["accepted", "suspect", "elsewhere", "jumped"]
@@ -45,17 +47,20 @@ class Track:
 
     @property
     def rate_dps(self) -> float:
-        """Combined rate of the commanded move, deg/s; at rest the highest one."""
+        """Combined rate of the commanded move, deg/s; at rest, the maximum rate."""
         return self._rate_dps or self._max_rate_dps
 
     def command(self, target_deg: Sequence[float], rate_dps: float) -> None:
-        """A move from the last position; a combined `rate_dps`, deg/s, is not exceeded."""
+        """Set a move from the last position, which does not exceed the combined rate `rate_dps`, deg/s."""
         self._start, self._target = np.array(self.last_deg), np.array(target_deg)
         self._rate_dps = rate_dps
         self._suspects = []
 
     def judge(self, position_deg: Triple, instant_s: float) -> Found:
-        """Whether a reported position fits; `elsewhere` and `jumped` only if three reports agree."""
+        """Whether a reported position is plausible.
+
+        `elsewhere` and `jumped` require three reports that agree.
+        """
         passed_s = math.inf if self._last_s is None else instant_s - self._last_s
         if self._fits(position_deg, passed_s):
             self._suspects, self._last_s, self.last_deg = [], instant_s, position_deg
@@ -66,7 +71,7 @@ class Track:
         if len(self._suspects) < AGREEING:
             return "suspect"
         if self._fits(position_deg, math.inf):
-            # Ahead on the commanded path: the reports before were delayed or lost.
+            # The position is ahead on the commanded path, because earlier reports were delayed or lost.
             self._suspects, self._last_s, self.last_deg = [], instant_s, position_deg
             return "accepted"
         first_s, first_deg = self._suspects[0]
@@ -90,6 +95,6 @@ class Track:
         return length == 0.0 or before - EXTRA_DEG <= progress <= before + reach
 
     def _reachable(self, before: tuple[float, Triple], instant_s: float, position_deg: Triple) -> bool:
-        """Whether the motors can have come from an earlier position, an instant and angles, to this one."""
+        """Whether the motors can have reached this position from an earlier one (instant and angles)."""
         reach = RATE_FACTOR * self._max_rate_dps * max(instant_s - before[0], 0.0) + EXTRA_DEG
         return math.dist(before[1], position_deg) <= reach

@@ -1,13 +1,13 @@
-"""The journal of a run: all data are written to disk as they arrive, with checksums that detect damage.
+"""The journal of a run, to which all data are written as they arrive, with checksums that detect damage.
 
-A journal is a sequence of blocks. Each block has a head (magic, kind, number, length, and the CRC-32 of these
-and the payload) and a payload, little-endian:
+A journal is a sequence of blocks. Each block has a head (magic, kind, number, length, and the CRC-32 of head
+and payload) and a payload, little-endian:
 
     H  header, JSON: schema, column names of a sample, and information about the run
     S  samples: rows of float64, the columns of the header followed by the host time of arrival, s
     P  motor positions: rows of float64, host time, s, and three angles, deg
     E  event, JSON
-    D  progress, JSON: number of steps that are done, and the controller's position of the motors' zero, deg
+    D  progress, JSON: number of completed steps, and the controller's position of the motors' zero, deg
 
 Blocks are only appended, each with one write. If the process is killed, the file ends with complete blocks
 and at most one partial block. Data written before the last `sync` survive a power failure.
@@ -42,8 +42,8 @@ POSITION_COLUMNS: Final = 4
 class Journal:
     """A journal open for writing, for use in a `with` block. The file is locked while it is open.
 
-    Raises InputError if the file exists, because it may hold the only samples of an interrupted run, or if it
-    cannot be written.
+    Raises InputError if the file cannot be written, or if it exists, because it may contain the only copy of
+    the samples of an interrupted run.
     """
 
     def __init__(
@@ -69,7 +69,8 @@ class Journal:
             self._append(HEADER, json.dumps(header).encode())
             self.sync()
         except BaseException:
-            # A file without a header is useless and would block the next run.
+            # The file is removed, because a file without a header contains nothing and would block the next
+            # run.
             os.close(self._file)
             self.path.unlink(missing_ok=True)
             raise
@@ -78,7 +79,7 @@ class Journal:
     def continued(cls, logged: Logged) -> Journal:
         """The journal of an interrupted run, open for writing after its last complete block.
 
-        Raises InputError if another process is writing it, or if it cannot be written.
+        Raises InputError if another process is writing the journal, or if it cannot be written.
         """
         journal = cls.__new__(cls)
         journal.path, journal.columns = Path(logged.path), logged.columns
@@ -102,7 +103,7 @@ class Journal:
         os.close(self._file)
 
     def samples(self, rows: FloatArray, host_s: FloatArray | float) -> None:
-        """Append samples, (N, columns), with their host times of arrival, (N,), or one for all, s."""
+        """Append samples, (N, columns), with their host times of arrival, (N,), or one time for all, s."""
         if len(rows) == 0:
             return
         stamped = np.column_stack([rows, np.broadcast_to(host_s, len(rows))])
@@ -124,7 +125,7 @@ class Journal:
         self._append(EVENT, json.dumps({"host_s": host_s, "code": code, "message": message}).encode())
 
     def sync(self) -> int:
-        """Flush all data to the disk; returns the number of samples that are safe by then."""
+        """Flush all data to the disk. Returns the number of samples on the disk."""
         try:
             os.fsync(self._file)
         except OSError as error:
@@ -166,10 +167,10 @@ class Logged:
     host_s      (N,)    host time of arrival of each sample, s
     positions   (M, 4)  host time, s, and motor angles, deg
     events      events with host_s, code and message
-    steps_done  number of steps of the program that are done
+    steps_done  number of completed steps of the program
     zero_deg    controller's position of the motors' zero, deg; None if it is not known
     blocks_lost number of blocks that are missing between others
-    tail_bytes  number of bytes after the last complete block: a block that was being written
+    tail_bytes  number of bytes after the last complete block, which are a partially written block
     """
 
     path: str
@@ -190,7 +191,7 @@ class Logged:
 def read_journal(path: str | os.PathLike[str]) -> Logged:
     """Read all complete blocks of a journal; damaged blocks are skipped and counted.
 
-    Raises InputError if the file cannot be read, FormatError if it is no journal or has no header.
+    Raises InputError if the file cannot be read, FormatError if it is not a journal or has no header.
     """
     try:
         content = Path(path).read_bytes()
@@ -233,7 +234,7 @@ def _lock(file: int) -> None:
     try:
         import fcntl
     except ImportError:
-        # Windows has no fcntl; another recording process is not detected there.
+        # Windows has no fcntl, so another recording process is not detected there.
         return
     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 

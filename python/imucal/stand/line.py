@@ -1,4 +1,4 @@
-"""A unit on the production line: run, control run, calibration, verdict and export, in its own folder."""
+"""A unit on a production line: run, control run, calibration, verdict and export. Each unit has a folder."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 __all__ = ["Order", "Outcome", "calibrate_unit", "resume_unit"]
 
 SCHEMA: Final = "imucal.stand-result/1"
-# Largest number of folders for one serial number.
+# Maximum number of folders for one serial number.
 MOST_FOLDERS: Final = 10_000
 
 
@@ -47,11 +47,12 @@ class Order:
     exports       names of export formats
     gravity_mps2  local gravity
     control       motion of the control run; None: the poses of `program` in an order drawn with
-                  `control_seed`, along the path of `program`, the only one known to be free of obstacles
+                  `control_seed`, along the path of `program`, which is the only path known to be free of
+                  obstacles
     control_name  name of the control program in the result
     driver        name of the driver in the result
     require       worst verdict on the calibration with which the unit passes
-    resume        what the journal stores so that an interrupted run can be resumed
+    resume        data that the journal stores so that an interrupted run can be resumed
     """
 
     program: Program
@@ -94,8 +95,8 @@ class Outcome:
     folder   folder of all files
     calibration  path of the saved calibration, None if there is none
     exports  exported files by format
-    not_written  error message for each file that the verdict allows but that could not be written, by format
-                 or file name
+    not_written  error messages by format or file name, for files that the verdict permits but that could not
+                 be written
     sha256   hashes of the recordings by path
     date     time of the verdict, ISO 8601
     """
@@ -157,7 +158,7 @@ def calibrate_unit(
 
     Raises ImucalError if the equipment cannot start, and InputError for a program that does not determine all
     parameters and for exports that do not accept the unit's data. Failures after the first sample are
-    reported in the outcome and in result.json; the latter also after an interrupt.
+    reported in the outcome and in result.json. After an interrupt, result.json is also written.
     """
     require_determined(order.program, order.program_name)
     own = _folder_for(order, Path(folder))
@@ -182,7 +183,7 @@ def resume_unit(
     *,
     view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
 ) -> Outcome:
-    """Continue the interrupted run of a unit, do what follows it, and judge the unit, as `calibrate_unit`."""
+    """Continue the interrupted run of a unit, do the remaining runs, and judge the unit."""
     own, runs = interrupted.output.parent, dict[str, Done]()
     if interrupted.output.name == "control.csv":
         steps = len(order.program.steps)
@@ -204,7 +205,7 @@ def _taken_through(
     view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
     interrupted: Interrupted | None = None,
 ) -> Outcome:
-    """Do the runs, adding them to `runs` as they end, and judge the unit."""
+    """Do the runs, add each run to `runs` when it ends, and judge the unit."""
     programs = order.programs
     assessment: Assessment | None = None
     for name, seed in (("run", order.seed), ("control", order.control_seed)):
@@ -266,7 +267,7 @@ def _recorded(
 
 
 def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[str, Done]) -> Outcome:
-    """Save the calibration and the exports that the verdict allows."""
+    """Save the calibration and the exports that the verdict permits."""
     passed = assessment.judged and not assessment.reasons
     verdict = "passed" if passed else "failed" if assessment.judged else "no_result"
     if assessment.result is None:
@@ -275,7 +276,7 @@ def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[s
         assessment.result.calibration,
         provenance=dataclasses.replace(assessment.result.calibration.provenance, operator=order.operator),
     )
-    # The file name shows that the unit failed, so that its calibration is not delivered by mistake.
+    # The file name of a failed unit differs, so that its calibration is not delivered by mistake.
     path = own / ("calibration.json" if passed else "rejected.json")
     not_written: dict[str, str] = {}
     try:
@@ -297,7 +298,7 @@ def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[s
 
 
 def _require_exports(order: Order, columns: Sequence[str]) -> None:
-    """Refuse exports without raw counts for a unit that sends raw counts, before the run."""
+    """Refuse, before the run, exports that do not support raw counts if the unit sends raw counts."""
     if not any(column.endswith("_lsb") for column in columns):
         return
     unfit = [name for name in order.exports if not find_format(name).takes_counts]
@@ -311,7 +312,7 @@ def _require_exports(order: Order, columns: Sequence[str]) -> None:
 
 
 def _kept(outcome: Outcome) -> Outcome:
-    """Write result.json; if that fails, the verdict is still returned, with the error in `not_written`."""
+    """Write result.json. If this fails, the outcome is still returned, with the error in `not_written`."""
     paths = [done.output for done in outcome.runs.values() if done.output is not None]
     digests = {path: open_large(path).sha256 for path in paths}
     outcome = dataclasses.replace(outcome, sha256=digests)
@@ -323,7 +324,7 @@ def _kept(outcome: Outcome) -> Outcome:
 
 
 def _folder_for(order: Order, folder: Path) -> Path:
-    """Create a folder named by the serial number, with a number appended if it exists already."""
+    """Create a folder named by the serial number, with a number appended if the folder already exists."""
     name = re.sub(r"[^\w.+-]", "_", order.serial_number or "unit").lstrip(".") or "unit"
     try:
         folder.mkdir(parents=True, exist_ok=True)

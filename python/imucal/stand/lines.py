@@ -57,7 +57,7 @@ class LineDecoder:
             if row is not None:
                 rows.append(row)
             elif line.strip():
-                # The first line may be partial, as reading can start within it.
+                # The first line is not counted, because reading can start within a line.
                 self.damaged += not self._is_first
                 shown = line.strip()[:LONGEST_SHOWN].decode("ascii", "backslashreplace")
                 self.remark = f"a line is not {self._width} numbers: {shown}"

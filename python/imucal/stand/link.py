@@ -30,17 +30,20 @@ class Link(Protocol):
     name: str
     # Whether a lost connection can be opened again.
     comes_back: bool
-    # What a person has to do so that data arrive, in words; empty if nothing is known.
+    # Instruction for a person to make data arrive; empty if there is none.
     hint: str
 
     def open(self) -> None:
-        """Open the connection. Raises LinkLostError with the reason if that fails."""
+        """Open the connection. Raises LinkLostError with the reason on failure."""
 
     def read(self) -> bytes:
-        """Bytes that arrive within a short wait, possibly none. Raises LinkLostError at the end."""
+        """Bytes that arrive within a short wait, possibly none.
+
+        Raises LinkLostError at the end of the stream.
+        """
 
     def close(self) -> None:
-        """Close the connection; a second call does nothing."""
+        """Close the connection. A second call does nothing."""
 
 
 def serial_port(port: str, baud: int) -> Any:
@@ -74,7 +77,7 @@ def link_to(address: str, baud: int) -> Link:
 
 
 def host_and_port(address: str, form: str) -> tuple[str, int]:
-    """Host and port of an address. Raises InputError with its form if it has no port."""
+    """Host and port of an address. Raises InputError with the expected form if there is no port."""
     host, _, port = address.partition("://")[2].rstrip("/").rpartition(":")
     if not port.isdigit():
         raise InputError(f"the address {address!r} is not {form}")
@@ -92,7 +95,7 @@ class _Serial:
 
     def open(self) -> None:
         self._port = serial_port(self.name, self._baud)
-        # `read` waits for one byte and then takes all that are available.
+        # `read` waits for one byte and then takes all available bytes.
         self._port.timeout = WAIT_S
 
     def read(self) -> bytes:
@@ -142,7 +145,7 @@ class _Tcp:
 
 
 class _Udp:
-    """Datagrams of text or of packets; a datagram may end within a line, as its sender decides."""
+    """Datagrams of text or of packets. A datagram may or may not end with a line end."""
 
     comes_back = True
 
@@ -169,8 +172,8 @@ class _Udp:
             return b""
         except OSError as error:
             raise LinkLostError(f"{self.name} is lost: {error}") from None
-        # Apps send a line or a JSON message in a datagram without a line end. A packet ends with its
-        # checksum, and the line end after it is skipped.
+        # A line end is added, because apps send a line or a JSON message in a datagram without a line end.
+        # After a packet, which ends with its checksum, the decoder skips the line end.
         return data if data.endswith(b"\n") else data + b"\n"
 
     def close(self) -> None:
@@ -182,7 +185,7 @@ def own_address() -> str:
     """The address of this computer in its network."""
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            # Connecting a datagram socket sends nothing; it selects the interface that leads to other
+            # Connecting a datagram socket sends no data, but selects the interface that leads to other
             # networks.
             probe.connect(("192.0.2.1", 9))
             return str(probe.getsockname()[0])

@@ -1,4 +1,4 @@
-"""The live view of a run in a terminal; nothing is shown without one."""
+"""The live view of a run in a terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ __all__ = ["live_view", "recoverable"]
 
 # Interval between two updates of the view, s.
 EVERY_S: Final = 0.2
-# Groups of parameters; the view shows the largest standard deviation in each, in this unit.
+# Name and unit of each group of parameters, by prefix. The view shows the largest standard deviation of each
+# group.
 GROUPS: Final = {
     "accel_bias_": ("accelerometer bias", "m/s^2"),
     "accel_sensitivity_": ("accelerometer sensitivity", ""),
@@ -29,9 +30,10 @@ GROUPS: Final = {
 
 @contextmanager
 def live_view(name: str, *, prints_steps: bool = False) -> Iterator[Callable[[Moment], None] | None]:
-    """A function that shows the state of a run; None without a terminal.
+    """A context with a function that shows the state of a run; None without a terminal.
 
-    prints_steps  without a terminal, print a line for each step, because a person needs the instructions
+    prints_steps  whether to print a line for each step if there is no terminal, for persons who need the
+                  instructions
     """
     if not sys.stderr.isatty():
         yield _Steps().say if prints_steps else None

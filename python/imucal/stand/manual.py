@@ -1,9 +1,9 @@
-"""A person as the driver: instructions name the next pose, and the samples show when it was held.
+"""Driver for a person: instructions name the next pose, and the samples show when the pose was held.
 
 A pose is defined by the body direction that points up, because the rotation about the vertical is hard to
-control by hand. A pose is done when the unit has moved since the previous pose, is within 25 deg of the
-requested direction, and has been at rest for the hold time of the program. Sensors with uncalibrated errors
-of a few per cent are good enough for this.
+control by hand. A pose is complete when the unit has moved since the previous pose, is within 25 deg of the
+requested direction, and has been at rest for the hold time of the program. Uncalibrated sensors with errors
+of a few per cent are sufficiently accurate for this test.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ __all__ = ["ManualDriver", "pose_text", "ups_of"]
 NEAR_DEG: Final = 25.0
 # Averaging time of the samples in the test for rest, s.
 BIN_S: Final = 0.2
-# At rest, averaged up directions deviate from their mean by at most this angle, deg.
+# Largest deviation of averaged up directions from their mean at rest, deg.
 STILL_DEG: Final = 2.0
-# At rest, averaged rates deviate from their mean by at most this share of the largest change seen in a move.
+# Largest deviation of averaged rates from their mean at rest, as a share of the largest change during a move.
 STILL_SHARE: Final = 0.15
-# An axis within this angle of the vertical names the pose by itself, deg.
+# A pose is described by a single axis if this axis is within this angle of the vertical, deg.
 ALONE_DEG: Final = 12.0
 
 
@@ -59,7 +59,7 @@ class ManualDriver:
         self._off_deg = 180.0
 
     def start(self) -> None:
-        """Does nothing: a person needs no connection."""
+        """Does nothing, because a person needs no connection."""
 
     def poll(self) -> Status:
         """The requested pose, and the angle of the unit from it."""
@@ -79,7 +79,8 @@ class ManualDriver:
         """Update the state of the current pose with new samples."""
         rows = samples[:, self._picked].copy()
         rows[:, 0] /= self._ticks_per_s
-        # After a delay many samples can arrive at once, and may contain a whole hold, so they are split.
+        # Samples are split into short pieces, because after a delay many samples can arrive at once and may
+        # contain a whole hold.
         pieces = np.flatnonzero(np.diff(rows[:, 0] // BIN_S)) + 1
         for piece in np.split(rows, pieces):
             if len(piece) and self._step < len(self._holds):
@@ -100,19 +101,19 @@ class ManualDriver:
             self._window = self._window[-1:]
 
     def positions(self) -> Sequence[Position]:
-        """No readings, as there are no encoders."""
+        """Empty, because there are no encoders."""
         return ()
 
     def events(self) -> Sequence[Event]:
-        """No events: the samples show what the person does."""
+        """Empty, because the samples show the actions of the person."""
         return ()
 
     def progress(self) -> Progress | None:
-        """None: the run cannot be resumed."""
+        """None, because the run cannot be resumed."""
         return None
 
     def close(self) -> None:
-        """Does nothing: there are no motors."""
+        """Does nothing, because there are no motors."""
 
     def _bins(self) -> FloatArray:
         """Means of the window over intervals of `BIN_S`, (B, 6): specific force and angular rate."""
@@ -132,7 +133,7 @@ class ManualDriver:
         return not strays and (self._rates_span == 0.0 or rates <= STILL_SHARE * self._rates_span)
 
     def _is_moving(self) -> bool:
-        """Whether the up direction turns, or rates change by half of the largest change in a move."""
+        """Whether the up direction changes, or rates change by half of the largest change in a move."""
         bins = self._bins()
         span = float(np.ptp(bins[:, 3:], axis=0).max())
         turned = max(_angle_deg(row[:3], bins[0, :3]) for row in bins) > 2 * STILL_DEG

@@ -8,7 +8,7 @@
      "checksum": {"kind": "crc16-ccitt", "over": "all"}}
 
 A packet consists of the sync bytes, the fields, and the checksum in the same byte order. The checksum is
-computed over everything before it, or over the fields only. Bytes that match no packet are skipped and
+computed over all bytes before it, or over the fields only. Bytes that match no packet are skipped and
 counted.
 """
 
@@ -122,7 +122,7 @@ class PacketDecoder:
         self._size = len(form.sync) + self._layout.size
         self._whole = self._size + CHECKSUMS[form.checksum][0]
         self._left = b""
-        # Bytes before the first packet are not counted as skipped: reading can start within a packet.
+        # Bytes before the first packet are not counted as skipped, because reading can start within a packet.
         self._found = False
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
@@ -145,8 +145,9 @@ class PacketDecoder:
             is_whole = self._is_whole(data, at)
             inner = data.find(self.form.sync, at + 1, at + self._whole) if is_whole else -1
             if inner >= 0:
-                # A wrong packet passes a 16-bit CRC with a probability of 1/65536. If another packet starts
-                # inside and is valid, this match was part of one packet joined to the start of the next.
+                # Data that are not a packet pass a 16-bit CRC with a probability of 1/65536. So if another
+                # valid packet starts inside a match, the match consisted of a part of one packet and the
+                # start of the next one.
                 if len(data) - inner < self._whole:
                     break
                 is_whole = not self._is_whole(data, inner)
@@ -217,7 +218,8 @@ def _xor(data: bytes) -> int:
     return result
 
 
-# Size in bytes and function of each checksum. CRC check values for "123456789": 29b1, 31c3, 4b37, f4.
+# Size in bytes and function of each checksum. The check values of the CRCs for "123456789" are 29b1, 31c3,
+# 4b37, f4.
 CHECKSUMS: Final[dict[str, tuple[int, Callable[[bytes], int]]]] = {
     "crc32": (4, zlib.crc32),
     "crc16-ccitt": (2, lambda data: binascii.crc_hqx(data, 0xFFFF)),

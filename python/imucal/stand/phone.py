@@ -1,12 +1,12 @@
 """Phones as units: the HTTP push of Sensor Logger, and the remote access of phyphox.
 
-Both give messages in the form of Sensor Logger's push, one JSON object a line:
+Both links return messages in the form of Sensor Logger's push, one JSON object per line:
 
     {"payload": [{"name": "totalacceleration", "time": 1698501144401773000, "values": {"x": ..., "y": ...,
     "z": ...}},
                  {"name": "gyroscope", "time": ..., "values": {...}}]}
 
-with times in ns, m/s^2 and rad/s. Messages of phyphox are converted to it.
+with times in ns, m/s^2 and rad/s. Messages of phyphox are converted to this form.
 
 Sources: https://github.com/tszheichoi/awesome-sensor-logger (PUSHING.md, UNITS.md) and
 https://phyphox.org/wiki/index.php/Remote-interface_communication.
@@ -29,7 +29,7 @@ from imucal.stand.link import WAIT_S, Link, LinkLostError, host_and_port, own_ad
 
 __all__ = ["phone_link"]
 
-# Longest message of a phone, bytes: a batch of 10 s of all sensors has about 1 MB.
+# Longest accepted message of a phone, bytes. A batch of 10 s of all sensors has about 1 MB.
 LONGEST_MESSAGE: Final = 16 << 20
 # Timeout of a request to the phone, s.
 REQUEST_S: Final = 3.0
@@ -85,14 +85,15 @@ class _SensorLogger:
                 if not length.isdigit() or int(length) > LONGEST_MESSAGE:
                     self.send_error(413 if length.isdigit() else 411)
                     return
-                # A message is one line: strings of JSON contain no line ends.
+                # Line ends are replaced, so that a message is one line. This is valid, because strings of
+                # JSON contain no line ends.
                 messages.put(self.rfile.read(int(length)).replace(b"\n", b" ") + b"\n")
                 self.send_response(200)
                 self.send_header("Content-Length", "0")
                 self.end_headers()
 
             def log_message(self, *_: object) -> None:
-                """Requests are not printed: they would disturb the view."""
+                """Requests are not printed, because they would disturb the view."""
 
         try:
             self._server = http.server.ThreadingHTTPServer(self._address, Handler)
@@ -117,7 +118,7 @@ class _SensorLogger:
 
 
 class _Phyphox:
-    """The remote access of phyphox, which is asked for the samples after the last ones."""
+    """The remote access of phyphox, from which new samples are requested repeatedly."""
 
     comes_back = True
 
@@ -126,7 +127,7 @@ class _Phyphox:
         self.name = f"phyphox://{host}"
         self.hint = f"in phyphox, start the experiment, and keep remote access to http://{host} switched on"
         self._connection: http.client.HTTPConnection | None = None
-        # Buffers of each input: of t, x, y and z.
+        # Names of the buffers of t, x, y and z, by input.
         self._buffers: dict[str, tuple[str, ...]] = {}
         self._last = dict.fromkeys(PHYPHOX_INPUTS, 0.0)
         self._session = ""
@@ -150,7 +151,7 @@ class _Phyphox:
         given = self._get("/get?" + "&".join(self._requests()))
         session = str(_of(given, "status", {}).get("session", ""))
         if session != self._session:
-            # The measurement was cleared, and its time begins again.
+            # The measurement was cleared, so its time starts again.
             if self._session:
                 self._last = dict.fromkeys(PHYPHOX_INPUTS, 0.0)
                 self._session = session
@@ -174,7 +175,7 @@ class _Phyphox:
             self._connection = None
 
     def _requests(self) -> list[str]:
-        """The buffers with the time after which their values are wanted."""
+        """The parameters of a request: buffers, each with the time after which values are requested."""
         return [
             urllib.parse.quote(name) + f"={self._last[source]!r}%7C" + urllib.parse.quote(names[0])
             for source, names in self._buffers.items()
@@ -192,7 +193,7 @@ class _Phyphox:
 
 
 def _buffers(config: Any) -> dict[str, tuple[str, ...]]:
-    """The buffers of time, x, y and z of both sensors, from the configuration of the experiment."""
+    """The names of the buffers of t, x, y and z of both sensors, from the configuration of the experiment."""
     found: dict[str, tuple[str, ...]] = {}
     for item in _of(config, "inputs", []):
         outputs: dict[str, str] = {}
@@ -206,7 +207,7 @@ def _buffers(config: Any) -> dict[str, tuple[str, ...]]:
 
 
 def _of(given: Any, name: str, default: Any) -> Any:
-    """A field of a JSON object, if it has the type of the default."""
+    """A field of a JSON object if it has the type of the default; otherwise the default."""
     value = given.get(name) if isinstance(given, Mapping) else None
     kind = Sequence if isinstance(default, list) else Mapping
     return value if isinstance(value, kind) and not isinstance(value, str) else default

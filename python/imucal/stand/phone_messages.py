@@ -1,4 +1,4 @@
-"""Decoder for the messages of a phone: accelerometer and gyroscope, brought to one clock."""
+"""Decoder for the messages of a phone, which resamples accelerometer and gyroscope to one clock."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from imucal.io.streams import SAME_RATE, Stream, median_rate_hz, onto_clock
 
 __all__ = ["PhoneDecoder"]
 
-# Names of samples with gravity, and of the gyroscope. The first that arrives is used, as in files of the app.
+# Names of the accelerometer samples with gravity, and of the gyroscope samples. The name that arrives first
+# is used, as in files of the app.
 ACCEL: Final = ("totalacceleration", "accelerometeruncalibrated")
 GYRO: Final = ("gyroscope", "gyroscopeuncalibrated")
-# Number of samples of each sensor after which their rates are known.
+# Number of samples of each sensor from which the rates are determined.
 FIRST: Final = 50
 # Number of earlier samples that are kept, for the rate and for interpolation.
 KEPT: Final = 100
@@ -28,14 +29,15 @@ COLUMNS: Final = (
 
 
 class PhoneDecoder:
-    """Decodes messages, one a line, to rows of both sensors.
+    """Decodes messages, one per line, to rows of both sensors.
 
-    The slower sensor gives the clock, and at equal rates the gyroscope, as where files of both are read.
+    The slower sensor provides the clock; at equal rates, the gyroscope does. The rule is the same as for
+    separate files of both sensors.
     """
 
     columns = COLUMNS
     wraps_at: tuple[float | None, ...] = (None,) * len(COLUMNS)
-    # The network delivers messages unchanged.
+    # True, because the network protocol detects damaged data.
     is_checked = True
 
     def __init__(self) -> None:
@@ -82,12 +84,12 @@ class PhoneDecoder:
                     self.damaged += 1
                     return
                 known = self._samples[sensor]
-                # A message that arrives again, or late, gives nothing new.
+                # Samples of a message that arrives again or late are ignored.
                 if all(map(math.isfinite, sample)) and (not known or sample[0] > known[-1][0]):
                     known.append(sample)
 
     def _describe(self, names: set[str]) -> None:
-        """Say which sensor is missing."""
+        """Set the remark if a sensor is missing."""
         if all(self._samples.values()):
             self.remark = ""
         elif not self._samples["accel"] and "accelerometer" in names:

@@ -1,4 +1,4 @@
-"""Programs by name, and the control program made from a program's own poses."""
+"""Programs by name, and the control program with the poses of a program in another order."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PROGRAMS: Final[dict[str, Callable[[int], Program]]] = {
 
 
 def program_named(name: str | os.PathLike[str], seed: int) -> Program:
-    """A program of `PROGRAMS`, or one read from a file. Raises FormatError for an invalid file."""
+    """A program from `PROGRAMS` or from a file. Raises FormatError for an invalid file."""
     made = PROGRAMS.get(os.fspath(name))
     return Program.read(name) if made is None else made(seed)
 
@@ -36,11 +36,12 @@ def in_another_order(program: Program, seed: int) -> Program:
     The motors follow the path of the program forward and then backward, because no other path is known to be
     free of end stops and obstacles. The program ends in the pose of the first step.
 
-    seed  seed of the choice of the poses held on the way out; the motors pass the others without a hold
+    seed  seed of the choice of the poses held on the way out; the motors pass the other poses without a hold
     """
     check_seed(seed)
     steps = program.steps
-    # Hold one of each two neighbouring poses, to keep moves short: gyroscope drift grows with their duration.
+    # One of each two neighbouring poses is held, to keep moves short, because gyroscope drift grows with
+    # their duration.
     first = np.random.default_rng(seed).random(len(steps)) < 0.5
     on_way_out = np.ones(len(steps), dtype=bool)
     on_way_out[1::2] = first[1::2]
@@ -53,7 +54,7 @@ def in_another_order(program: Program, seed: int) -> Program:
     back = []
     for number in range(len(steps) - 1, 0, -1):
         x, y, z = (-turn for turn in steps[number].turn_deg)
-        # The last move needs a rest at its end to be used.
+        # The last pose is always held, because a move can only be used if a rest follows it.
         held = number == 1 or not on_way_out[number - 1]
         back.append(Step((x, y, z), steps[number].move_s, steps[number - 1].hold_s if held else 0.0))
     return dataclasses.replace(program, steps=(*out, *back))

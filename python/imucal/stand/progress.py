@@ -21,25 +21,25 @@ __all__ = ["Progress", "Prospect", "parse_target"]
 
 # Number of directions on the sphere for which coverage is evaluated.
 DIRECTIONS: Final = 200
-# A direction is covered if a rest has its vertical within this angle, deg.
+# A direction is covered if its angle from the vertical of a rest is below this angle, deg.
 NEAR_DEG: Final = 30.0
 # Largest share of one processor that the evaluation of samples may use.
 SHARE: Final = 0.2
-# Shortest time between two evaluations, s: the live view is not refreshed more often.
+# Shortest time between two evaluations, s. It is the refresh interval of the live view.
 EVERY_S: Final = 0.2
-# Number of latest chunks over which the arrival rate is computed.
+# Number of latest chunks from which the arrival rate is computed.
 RATE_OVER: Final = 50
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """Evaluation of the samples so far.
+    """Evaluation of the samples received so far.
 
     rests     number of rests
     coverage  share of all directions within 30 deg of the vertical of a rest
     sigma     predicted standard deviation of each parameter, None if it is not determined
     units     units of the parameters
-    missing   what the recording needs to determine the undetermined parameters, in words
+    missing   description of the motion that is needed to determine the undetermined parameters
     """
 
     rests: int = 0
@@ -121,7 +121,7 @@ class Progress:
             self._evaluating.join()
         if not wait and (self._clock.now_s() < self._next_s or not self._chunks):
             return
-        # Concatenated in this thread, which also appends to the list.
+        # The chunks are concatenated in this thread, because it also appends to the list.
         self._chunks = [np.concatenate(self._chunks)] if self._chunks else []
         rows = self._chunks[0] if self._chunks else np.zeros((0, len(self.columns)))
         if wait:

@@ -1,9 +1,9 @@
-"""One run: the driver moves the stand, samples from the source go to a journal, and a recording is written.
+"""Recording of a run: the driver moves the stand, and samples go to a journal and a recording.
 
     done = record(driver, source, "run.csv", steps=len(program.steps))
     done.state, done.samples
 
-However a run ends, the samples received until then are in the recording; after a crash they are in the
+Regardless of how a run ends, the samples received until then are in the recording, or after a crash in the
 journal next to it.
 """
 
@@ -41,7 +41,7 @@ GOOD: Final = ("completed", "target_reached")
 
 @dataclass(frozen=True)
 class Moment:
-    """The state of a run while it goes on; `acknowledged` samples are on disk and survive a crash."""
+    """The state of a run in progress; `acknowledged` samples are on disk and survive a crash."""
 
     status: Status
     steps: int
@@ -115,9 +115,9 @@ def record(
     silent_s  time without samples, s, after which the unit counts as lost
     resume    contents of the journal of an interrupted run, which is continued
 
-    Raises ImucalError if driver or source cannot start, or if the disk fails. The journal is removed once
-    `output` is written. It stays after an interrupt or a failure, whose message tells how to recover the
-    samples.
+    Raises ImucalError if driver or source cannot start, or if the disk fails. The journal is removed when
+    `output` has been written. After an interrupt or a failure the journal remains, and the error message
+    contains the command that recovers the samples.
     """
     require_ending(output)
     path = journal_of(output)
@@ -204,7 +204,7 @@ class _Run:
         self.synced_s = self.last_sample_s = self.clock.now_s()
 
     def execute(self) -> None:
-        """Run until the program is done, the targets are reached, or something fails."""
+        """Run until the program is complete, the targets are reached, or a failure occurs."""
         self.source.start()
         self.driver.start()
         self.last_sample_s = self.clock.now_s()
@@ -212,13 +212,14 @@ class _Run:
             self.read_samples()
             self.status = self.driver.poll()
             self.log_events()
-            # The evaluation uses up to a fifth of a processor, so it runs only for a live view or targets.
+            # The evaluation runs only for a live view or targets, because it uses up to a fifth of a
+            # processor.
             if self.watch is not None or self.targets:
                 self.progress.update()
             self.update_state()
             if self.watch is not None:
                 self.watch(self.moment())
-        # Samples that were still in transmission when the motors stopped.
+        # Read the samples that were still in transmission when the motors stopped.
         tail_s = self.clock.now_s() + TAIL_S
         while self.clock.now_s() < tail_s:
             self.read_samples()

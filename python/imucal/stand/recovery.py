@@ -18,7 +18,7 @@ STAND: Final = ("stand_1_deg", "stand_2_deg", "stand_3_deg")
 def recover(journal: str | os.PathLike[str], output: str | os.PathLike[str]) -> Logged:
     """Write the complete samples of a journal as a recording, .csv or .parquet, and return its contents.
 
-    Raises FormatError if the file is no journal, InputError if it has no samples or a file cannot be used.
+    Raises FormatError if the file is not a journal, InputError if it has no samples or a file cannot be used.
     """
     logged = read_journal(journal)
     if len(logged.samples) == 0:
@@ -35,7 +35,7 @@ def write_recording(logged: Logged, output: str | os.PathLike[str]) -> None:
     The angles are missing (NaN) where the stand moved while no position was reported.
     """
     columns = [(name, logged.samples[:, i]) for i, name in enumerate(logged.columns)]
-    # If the unit's samples include encoder columns, the positions are not added.
+    # The positions are not added if the unit's samples include encoder columns.
     if len(logged.positions) and not any(name.startswith("stand_") for name in logged.columns):
         columns += list(zip(STAND, joined_angles(logged).T, strict=True))
     write_columns(columns, output)

@@ -1,4 +1,4 @@
-"""What is needed to continue an interrupted run: its journal, its program, and a clock that goes on."""
+"""Data for continuing an interrupted run: journal, program, and a clock that continues its time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from imucal.stand.journal import Logged, read_journal
 __all__ = ["Interrupted", "interrupted_in", "program_from"]
 
 ENDING: Final = ".journal"
-# Difference between the monotonic clock and the time of day, s, above which the computer has restarted.
+# Difference between elapsed monotonic time and elapsed time of day, s, above which the computer has
+# restarted.
 RESTARTED_S: Final = 5.0
 
 
@@ -28,10 +29,10 @@ RESTARTED_S: Final = 5.0
 class Interrupted:
     """An interrupted run.
 
-    logged  contents of its journal
-    output  path of its recording
-    about   what the command has stored: its name, its options and its programs
-    clock   a clock that continues that of the run
+    logged  contents of the journal
+    output  path of the recording
+    about   data stored by the command: name, options and programs
+    clock   clock that continues the clock of the run
     """
 
     logged: Logged
@@ -41,14 +42,14 @@ class Interrupted:
 
     @property
     def progress(self) -> Progress:
-        """Number of steps that are done, and the zero of the motors."""
+        """Number of completed steps, and the zero of the motors."""
         return Progress(self.logged.steps_done, self.logged.zero_deg or (0.0, 0.0, 0.0))
 
 
 def interrupted_in(path: str | os.PathLike[str]) -> Interrupted:
-    """The interrupted run in a folder, or that of a journal.
+    """The interrupted run of the only journal in a folder, or of a given journal.
 
-    Raises InputError if there is none or more than one, or if it cannot be resumed.
+    Raises InputError if there is no journal or more than one, or if the run cannot be resumed.
     """
     given = Path(path)
     found = sorted(given.glob(f"*{ENDING}")) if given.is_dir() else [given]
@@ -77,7 +78,10 @@ def program_from(steps: Any) -> Program:
 
 
 def _clock_after(logged: Logged) -> Clock:
-    """The clock of the computer; if the computer has restarted, continued by the time of day."""
+    """The clock of the computer.
+
+    If the computer has restarted, the clock of the run is continued by the time of day.
+    """
     last_s = max([*logged.host_s[-1:].tolist(), *logged.positions[-1:, 0].tolist()], default=0.0)
     now_s = last_s + max(time.time() - Path(logged.path).stat().st_mtime, 0.0)
     shift_s = now_s - SYSTEM_CLOCK.now_s()
@@ -86,7 +90,7 @@ def _clock_after(logged: Logged) -> Clock:
 
 @dataclass(frozen=True)
 class _Shifted:
-    """The clock of the computer with another zero."""
+    """The clock of the computer, shifted by a constant."""
 
     shift_s: float
 

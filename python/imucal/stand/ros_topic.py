@@ -1,4 +1,4 @@
-"""A topic of ROS 2 with messages sensor_msgs/Imu as a link, where rclpy is installed."""
+"""Link to a ROS 2 topic with sensor_msgs/Imu messages; it needs rclpy."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from imucal.stand.link import WAIT_S, LinkLostError
 
 __all__ = ["TEMPLATE", "RosTopic"]
 
-# Columns of the lines that the link gives.
+# Columns of the lines that the link returns.
 TEMPLATE: Final = "time_ns," + ",".join(
     f"{sensor}_{axis}_{unit}" for sensor, unit in (("accel", "mps2"), ("gyro", "radps")) for axis in "xyz"
 )
 
 
 class RosTopic:
-    """Lines with the columns of `TEMPLATE`, one for each message."""
+    """Link that returns a line with the columns of `TEMPLATE` for each message."""
 
     comes_back = True
 
@@ -39,7 +39,7 @@ class RosTopic:
         self._node: Any = None
 
     def open(self) -> None:
-        """Subscribe to the topic. Raises LinkLostError if that fails."""
+        """Subscribe to the topic. Raises LinkLostError on failure."""
         if not self._rclpy.ok():
             self._rclpy.init()
         try:
@@ -48,7 +48,8 @@ class RosTopic:
                 self._message, self._topic, self._received, self._qos.qos_profile_sensor_data
             )
         except Exception as error:
-            # rclpy raises exceptions of its own for an invalid name.
+            # Any exception is caught, because rclpy has separate exception classes, for example for an
+            # invalid name.
             raise LinkLostError(f"{self.name} cannot be opened: {error}") from None
         threading.Thread(target=self._rclpy.spin, args=(self._node,), daemon=True).start()
 

@@ -1,4 +1,4 @@
-"""Conversion of the samples of a run, rows of numbers with column names, to a recording."""
+"""Conversion of the samples of a run (rows of numbers with column names) to a recording."""
 
 from __future__ import annotations
 

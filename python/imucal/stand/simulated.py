@@ -1,4 +1,4 @@
-"""A simulated stand with a unit, driver and source in one object, in real time or faster."""
+"""A simulated stand with a unit, in real time or faster. One object is both driver and source."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PAUSE_S: Final = 0.002
 class SimulatedStand:
     """Runs a program with a simulated unit; used as the driver and as the source of a recording.
 
-    speed   factor on real time; the samples do not depend on it
+    speed   speed relative to real time; the samples do not depend on it
     seed    seed of the noise
 
     The encoder readings are columns of the samples: stand_1_deg, stand_2_deg, stand_3_deg.
@@ -65,7 +65,7 @@ class SimulatedStand:
             self._started_s = self._clock.now_s()
 
     def read(self, wait_s: float) -> FloatArray:
-        """Samples up to the current time that were not read yet, (N, columns)."""
+        """Samples up to the current time that have not been read yet, (N, columns)."""
         until_s = self._clock.now_s() + wait_s
         while True:
             end = int(np.searchsorted(self._time_s, self._now_s(), side="right"))
@@ -92,10 +92,10 @@ class SimulatedStand:
         return Status("holding" if phase % 2 else "moving", phase // 2)
 
     def observe(self, samples: FloatArray) -> None:
-        """Not needed: the motion depends on time only."""
+        """Does nothing, because the motion depends on time only."""
 
     def positions(self) -> Sequence[Position]:
-        """No readings: encoder readings are columns of the samples."""
+        """Empty, because encoder readings are columns of the samples."""
         return ()
 
     def events(self) -> Sequence[Event]:
@@ -103,7 +103,7 @@ class SimulatedStand:
         return ()
 
     def progress(self) -> Progress | None:
-        """None: the run cannot be resumed."""
+        """None, because the run cannot be resumed."""
         return None
 
     def counts(self) -> dict[str, int]:
@@ -111,7 +111,7 @@ class SimulatedStand:
         return {"samples": self._given}
 
     def resume_after(self, logged: Logged) -> None:
-        """Raises InputError: a simulated run is repeated instead."""
+        """Raises InputError, because a simulated run can be repeated instead."""
         raise InputError("a simulated run cannot be resumed: run it again")
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Samples of a real unit: bytes are received in a thread and decoded, and lost samples are counted."""
+"""Samples of a real unit. Bytes are received in a thread and decoded, and lost samples are counted."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REOPEN_S: Final = 0.3
 TICKS_PER_S: Final = {f"time_{unit}": ticks for unit, ticks in units.TICKS_PER_S.items()}
 # Column name of a packet counter.
 SEQUENCE: Final = "sequence"
-# A counter has wrapped if it falls from above this share of its range to below one minus this share.
+# A counter has wrapped if it falls from above this share of its range to below 1 minus this share.
 WRAP_SHARE: Final = 0.9
 
 
@@ -47,17 +47,17 @@ class Decoder(Protocol):
 
     @property
     def remark(self) -> str:
-        """What was wrong with the last data that could not be decoded, in words; empty if nothing was."""
+        """A sentence on the last data that could not be decoded; empty if all data were decoded."""
 
 
 class StreamSource:
-    """Reads a link in a separate thread, so that no bytes are lost while the disk is slow.
+    """Reads a link in a separate thread, so that no bytes are lost while the main thread waits for the disk.
 
     rate_hz  sampling rate, Hz, for a unit that sends no time; with a column `sequence`, lost samples leave
              gaps in time
 
     Counters that wrap are continued. Times in text without a checksum are checked against the host clock, and
-    rows with a damaged one are left out. Raises InputError if the time of a sample cannot be determined.
+    rows with a damaged time are omitted. Raises InputError if the time of a sample cannot be determined.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class StreamSource:
         if rate_hz is not None and not rate_hz > 0:
             raise InputError(f"the sample rate is {rate_hz}: give a positive number, Hz")
         self._rate_hz = rate_hz
-        # The column that gives the time, and its ticks per second.
+        # The column from which the time is computed, and its ticks per second.
         timing = (
             (self._time, TICKS_PER_S[names[self._time]])
             if self._time is not None
@@ -123,7 +123,7 @@ class StreamSource:
         self._thread = threading.Thread(target=self._receive, daemon=True)
 
     def start(self) -> None:
-        """Open the link. Raises ImucalError if that fails."""
+        """Open the link. Raises ImucalError on failure."""
         try:
             self._link.open()
         except LinkLostError as error:
@@ -139,7 +139,7 @@ class StreamSource:
             while True:
                 if isinstance(arrived, Event):
                     self._events.append(arrived)
-                    # Numbered samples continue after the gap, and not as if no time had passed.
+                    # If the time is the number of the sample, it is advanced by the duration of the gap.
                     if arrived.code == "unit_link_back" and self._numbered and self._sequence is None:
                         self._resumed = ((self._numbered - 1) / (self._rate_hz or 1.0), self._last_sample_s)
                 else:
@@ -154,7 +154,7 @@ class StreamSource:
         return np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
 
     def resume_after(self, logged: Logged) -> None:
-        """Continue the time of an interrupted run, whose last sample the host clock dates."""
+        """Continue the time of an interrupted run after its last sample, by the host clock."""
         if len(logged.samples):
             self.continue_after(logged.samples[-1], float(logged.host_s[-1]))
 
@@ -184,12 +184,12 @@ class StreamSource:
 
     @property
     def hint(self) -> str:
-        """What a person has to do so that data arrive, in words; empty if nothing is known."""
+        """Instruction for a person to make data arrive; empty if there is none."""
         return self._link.hint
 
     @property
     def remark(self) -> str:
-        """What was wrong with the last data that could not be decoded, in words; empty if nothing was."""
+        """A sentence on the last data that could not be decoded; empty if all data were decoded."""
         return self._decoder.remark
 
     def close(self) -> None:
@@ -204,7 +204,8 @@ class StreamSource:
             try:
                 data = self._link.read()
                 if data:
-                    # Stamped here, because the recording may be waiting for the disk.
+                    # The host time is taken in this thread, because the main thread may be waiting for the
+                    # disk.
                     self._put(data)
             except LinkLostError as error:
                 if self._closed.is_set():
@@ -235,7 +236,7 @@ class StreamSource:
                 self._arrivals.append(arrived_s)
 
     def _checked(self, raw: tuple[float, ...], at_s: float) -> Sequence[Timed]:
-        """The row with the host time of its arrival, earlier ones that have waited for it, or nothing yet."""
+        """Rows now known to be intact, with host times of arrival: this row, waiting rows, or none."""
         if self._check is None:
             return [(raw, at_s)]
         was_void = self._check.is_void
@@ -290,7 +291,7 @@ class StreamSource:
         ticks = TICKS_PER_S[self._decoder.columns[self._time]]
         expected = last + elapsed_s * ticks
         turn = self._decoder.wraps_at[self._time]
-        # The clock of the unit has gone on, with any number of wraps, or it has begun again.
+        # Determine whether the clock of the unit has continued, with any number of wraps, or has restarted.
         shift = 0.0 if turn is None else turn * round((expected - raw[self._time]) / turn)
         goes_on = abs(raw[self._time] + shift - expected) < (1.0 + 1e-3 * elapsed_s) * ticks
         self._shift[self._time] = shift if goes_on else expected - raw[self._time]
@@ -304,7 +305,7 @@ class StreamSource:
         if turn is not None and last - self._shift[i] >= WRAP_SHARE * turn and raw <= (1 - WRAP_SHARE) * turn:
             self._shift[i] += turn
             return raw + self._shift[i]
-        # The host clock gives the duration of a restart, during which the unit's clock did not run.
+        # The duration of a restart is taken from the host clock, because the unit's clock did not run.
         if i == self._time:
             self._count["unit_restarts"] += 1
             self._events.append(

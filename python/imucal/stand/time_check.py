@@ -1,9 +1,10 @@
-"""Times that a unit sends as text without a checksum, checked against the clock of the host.
+"""Check, by the host clock, of times that a unit sends as text without a checksum.
 
-A digit that is lost or changed on the line makes a time that is ahead of the host clock, or after which the
-next one falls. So each row waits for the next one, which must continue it. If the next row continues the rows
-before instead, the waiting row is damaged; if later rows continue neither, the unit has restarted. Times may
-lag behind the host clock by any duration, because rows are delivered late; they cannot be ahead of it.
+If a digit is lost or changed on the line, the time is ahead of the host clock, or the next time is smaller.
+Therefore each row waits for the next row, which must continue it. If the next row continues the earlier rows
+instead, the waiting row is damaged. If later rows continue neither, the unit has restarted. Times may lag
+behind the host clock by any duration, because rows can be delivered late, but they cannot be ahead of the
+host clock.
 """
 
 from __future__ import annotations
@@ -17,20 +18,21 @@ __all__ = ["TimeCheck", "Timed"]
 # A row, and the host time of its arrival, s.
 Timed: TypeAlias = tuple[tuple[float, ...], float]
 
-# A time is ahead if it exceeds the host clock by more than this, s: the jitter of a busy host.
+# A time is ahead if it exceeds the host clock by more than this time, s, which allows for the jitter of a
+# busy host.
 SLACK_S: Final = 0.1
-# Relative error of the unit's clock that is no contradiction.
+# Largest accepted relative error of the unit's clock.
 RATE_ERROR: Final = 0.02
-# Time for which a row waits for the next one, s: longer than the interval of most units, and shorter than the
-# time for which a recording waits for its last samples.
+# Time for which a row waits for the next row, s. It is longer than the sampling interval of most units, and
+# shorter than the time for which a recording waits for its last samples.
 WAITS_S: Final = 0.1
-# Number of waiting rows, none of which continues another, after which the check ends.
+# Number of waiting rows, none of which continues another one, after which the check is switched off.
 MOST_WAITING: Final = 4
 
 
 @dataclass
 class _Waiting:
-    """A row that no row has continued yet. `fits`: it continues the rows that have passed."""
+    """A row that no later row has continued yet. `fits` is whether it continues the rows that have passed."""
 
     timed: Timed
     time_s: float
@@ -38,12 +40,12 @@ class _Waiting:
 
 
 class TimeCheck:
-    """Passes rows on, the damaged ones left out.
+    """Passes intact rows on and omits damaged ones.
 
     column   index of the time, or of the counter that gives it, in a row
-    ticks_per_s  its ticks per second
-    damaged  number of rows that were left out
-    is_void  the unit's time does not run like the host clock, so that all rows pass
+    ticks_per_s  ticks per second of this column
+    damaged  number of omitted rows
+    is_void  whether the check is switched off because the unit's time does not run like the host clock
     """
 
     def __init__(self, column: int, ticks_per_s: float) -> None:
@@ -51,7 +53,8 @@ class TimeCheck:
         self.damaged = 0
         self.is_void = False
         self._waiting: list[_Waiting] = []
-        # Time and arrival of the last row that passed, and the smallest difference of the two so far, s.
+        # Time and arrival of the last row that passed, s, and the smallest difference of arrival and time so
+        # far, s.
         self._last: tuple[float, float] | None = None
         self._least_s = math.inf
 
@@ -61,7 +64,7 @@ class TimeCheck:
         if self.is_void or not math.isfinite(time_s):
             return [(row, arrived_s)]
         new = _Waiting((row, arrived_s), time_s, fits=True)
-        # A row that fits is the first of those that wait.
+        # A row that fits can only be the first waiting row.
         first = self._waiting[0] if self._waiting and self._waiting[0].fits else None
         if first is not None and self._continues(first.time_s, first.timed[1], new):
             self._leave_out(self._waiting[1:], new)
@@ -73,7 +76,7 @@ class TimeCheck:
             if not before.fits and self._follows(before, new):
                 self._leave_out([w for w in self._waiting if w is not before and not w.fits], new)
                 rows = [] if first is None else self._accept([first])
-                # The first rows of the unit, or those after a restart.
+                # These are the first rows of the unit, or the first rows after a restart.
                 self._last, self._least_s = None, math.inf
                 return rows + self._accept([before])
         new.fits = False
@@ -85,13 +88,13 @@ class TimeCheck:
         return [waiting_row.timed for waiting_row in waiting]
 
     def overdue(self, now_s: float) -> list[Timed]:
-        """The row that has waited long enough for the next one, if there is one."""
+        """The row that has waited for the next row longer than `WAITS_S`, if any."""
         if not self._waiting or not self._waiting[0].fits or now_s - self._waiting[0].timed[1] < WAITS_S:
             return []
         return self._accept([self._waiting.pop(0)])
 
     def _continues(self, last_s: float, last_arrived_s: float, new: _Waiting) -> bool:
-        """Whether a row continues one whose delivery may have been late: the unit has gone on meanwhile."""
+        """Whether a row continues an earlier row, whose delivery may have been late."""
         late_s = max(last_arrived_s - last_s - self._least_s, 0.0)
         return _is_step(new.time_s - last_s, new.timed[1] - last_arrived_s + late_s)
 
@@ -107,7 +110,7 @@ class TimeCheck:
         for row in rows:
             arrived_s = row.timed[1]
             if self._last is not None:
-                # Clocks whose rates differ let the difference grow.
+                # The smallest difference may grow, because the rates of both clocks differ.
                 self._least_s += RATE_ERROR * max(arrived_s - self._last[1], 0.0)
             self._least_s = min(self._least_s, arrived_s - row.time_s)
             self._last = row.time_s, arrived_s

@@ -1,4 +1,4 @@
-"""The source of a unit's samples from its options: the address, and the format of the data."""
+"""Creation of the source of a unit's samples from its address and the format of its data."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def unit_source(
     address  as `link_to` takes it, or http://[HOST]:PORT to which Sensor Logger pushes,
     phyphox://HOST[:PORT], or
              ros2://TOPIC
-    columns  template of text lines (see `LineDecoder`)
+    columns  template of text lines, see `LineDecoder`
     packet   file that describes binary packets
     rate_hz  sampling rate of a unit that sends no time, Hz
 
@@ -43,7 +43,7 @@ def unit_source(
     source = StreamSource(
         _link(address, baud), _decoder(address, columns, packet), rate_hz=rate_hz, clock=clock
     )
-    # Checks the columns before anything moves, and not when the run is calibrated.
+    # The columns are checked here, so that an error appears before the run and not at its calibration.
     recording_of(source.columns, np.zeros((0, len(source.columns))), "the data of the unit")
     return source
 
@@ -71,6 +71,6 @@ def _decoder(address: str, columns: str | None, packet: str | os.PathLike[str] |
     if columns is not None:
         return LineDecoder(columns)
     if is_known or address.startswith("udp://"):
-        # Datagrams without a format are messages of a phone.
+        # Datagrams without a format are assumed to be messages of a phone.
         return PhoneDecoder()
     raise InputError("the format of the unit's data is needed: give either --columns or --packet")

@@ -1,4 +1,4 @@
-"""The verdict on a unit of the production line, with a code for each reason.
+"""The verdict on a unit of a production line, with a code for each reason.
 
 dead_axis           the output of an axis is constant, or contains only noise, although the unit was moved
 clipping            a sensor saturates during moves
@@ -44,15 +44,16 @@ OF_THE_UNIT: Final = {
     "accel_saturation": "clipping",
     "gyro_saturation": "clipping",
 }
-# An axis is dead if its standard deviation over the run is below this multiple of its noise. In moves a
-# working axis changes by hundreds of times its noise.
+# An axis is dead if its standard deviation over the run is below this multiple of its noise. A working axis
+# changes by hundreds of times its noise in moves.
 DEAD_FACTOR: Final = 4.0
 # The noise is estimated from the lower quartile of absolute differences, which is 0.3186 sigma for normal
 # noise.
 QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
-# Attitude difference to the stand's angles above which a motor is wrong or the unit came off, deg: larger
-# than any play of a mount, and larger than the errors of uncalibrated samples.
+# Difference between the attitude and the stand's angles above which a motor is wrong or the unit came off,
+# deg, for calibrated and for uncalibrated (raw) samples. It is larger than any play of a mount; for raw
+# samples it is also larger than their errors.
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (
@@ -78,8 +79,8 @@ class Reason:
 class Assessment:
     """The evaluation of a unit's recordings.
 
-    reasons  reasons why the unit does not pass, the gravest first; empty if it passes. A calibration with the
-             verdict incomplete passes unless good is required
+    reasons  reasons why the unit does not pass, the most serious first; empty if it passes. A calibration
+             with the verdict incomplete passes unless good is required
     judged   whether the unit was judged; False if the reasons concern the stand or the run (no result)
     result   the calibration, None if there is none
     """
@@ -148,7 +149,7 @@ def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
     if len(columns) < 2 or not np.isfinite(columns).all():
         return {}
     spread = np.std(columns, axis=0)
-    # Differences of consecutive samples contain all of white noise but little motion. Their lower quartile is
+    # Differences of consecutive samples contain the white noise but little motion. Their lower quartile is
     # from rests, where the stand does not vibrate.
     quiet = np.quantile(np.abs(np.diff(columns, axis=0)), QUIET_SHARE, axis=0)
     noise = quiet / QUIET_QUANTILE / np.sqrt(2.0)
@@ -164,7 +165,7 @@ def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
 
 
 def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
-    """The reason if the axes without a signal may work but were not moved; None if they are defective."""
+    """The reason if axes without a signal may only not have been moved; None if they are defective."""
     if len(dead) == len(AXES):
         return Reason(
             "no_motion",
@@ -193,7 +194,7 @@ def _excites(program: Program) -> list[bool]:
 
 
 def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
-    """A slip of the unit on its mount, or play; a slip alone would count as play, too."""
+    """Findings for a slip of the unit on its mount, or for play. A single slip is not reported as play."""
     rests = [
         (rest.first, rest.end, rest.start_s, rest.mean_specific_force, rest.excluded is None)
         for rest in result.rests
@@ -203,7 +204,7 @@ def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
 
 
 def _refused(error: InputError) -> Assessment:
-    """Reasons from the checks that refused the recordings, separated into faults of the unit and others."""
+    """Reasons from the checks that refused the recordings, as faults of the unit or other faults."""
     grave = [finding for finding in error.findings if finding.severity == "error"]
     unit = [Reason(OF_THE_UNIT[f.code], str(f)) for f in grave if f.code in OF_THE_UNIT]
     other = [Reason(f"data_{f.code}", str(f)) for f in grave if f.code not in OF_THE_UNIT]
