@@ -1,4 +1,4 @@
-"""The drawing of a pose with the characters of a terminal: the box of the pose card, and its axes."""
+"""Drawing of a pose with characters of a terminal: the same box as on the pose card, and its axes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ __all__ = ["draw"]
 
 # Colours of the axes x, y and z: red, green and blue, as in most programs that show axes.
 COLOURS: Final = ("bright_red", "bright_green", "dodger_blue1")
-# Bits of the eight dots of a Braille character, by column and row.
+# Bits of the eight dots of a Braille character, by column and row of the dot.
 DOTS: Final = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 BRAILLE: Final = 0x2800
-# Half of the edge of the drawn square, in units of the longest half edge of the box.
+# Half width of the drawn area, in units of the longest half edge of the box.
 REACH: Final = 2.0
-# A hidden axis is drawn with every dot of this number left blank.
+# A hidden axis is drawn with every third dot left blank.
 HIDDEN_STEP: Final = 3
 
 
@@ -31,16 +31,17 @@ class _Canvas:
         self.bits = np.zeros((lines, columns), dtype=int)
         self.style = np.full((lines, columns), "", dtype=object)
         self.letters: dict[tuple[int, int], tuple[str, str]] = {}
-        # A dot is about as wide as high: a cell is twice as high as wide.
+        # Both directions have the same scale, because a dot is about as wide as high (a cell is twice as high
+        # as wide).
         self.scale = min(2 * columns, 4 * lines) / (2.0 * REACH)
 
     def place(self, point: FloatArray) -> tuple[float, float]:
-        """Column and row of dots of a point of the world."""
+        """Column and row, in dots, of a point in the world frame."""
         right, up = float(RIGHT @ point), float(UP @ point)
         return self.columns + self.scale * right, 2.0 * self.lines - self.scale * up
 
     def line(self, start: FloatArray, end: FloatArray, style: str, every: int = 1) -> None:
-        """A line between two points of the world; with `every` 3, two of three dots."""
+        """Draw a line between two points in the world frame; every `every`-th dot is left blank."""
         (x1, y1), (x2, y2) = self.place(start), self.place(end)
         count = int(max(abs(x2 - x1), abs(y2 - y1))) + 1
         for i in range(count + 1):

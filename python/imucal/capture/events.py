@@ -1,4 +1,4 @@
-"""What a guided recording says, and what its views show."""
+"""Events of a guided recording, and the state that its views show."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Kind: TypeAlias = Literal["next", "hold", "taken", "refused", "warning", "info",
 
 @dataclass(frozen=True)
 class Event:
-    """One thing to say.
+    """A message to the person.
 
     time_s  time of the stream since its first sample, s
-    kind    next (pose to turn to), hold (still, counting), taken, refused (a pose that does not count),
-            warning (a fault of the data), info, finished
+    kind    next (pose to rotate to), hold (the unit is still and the time is counted), taken, refused (a pose
+            that does not count), warning (a fault of the data), info, finished
     code    stable identifier, such as moved_too_early or a finding code
     """
 
@@ -31,7 +31,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A pose that counts: its number from 1, the interval of its rest, s, and the body direction up, (3,)."""
+    """A pose that counts: number from 1, interval of its rest, s, and up direction in the body, (3,)."""
 
     number: int
     start_s: float
@@ -53,14 +53,16 @@ class Row:
 class Snapshot:
     """The state of a recording for the views.
 
-    state       waiting (for the unit to be still in a new pose), holding, taken (turn to the next), finished
+    state       waiting (for the unit to be still in a new pose), holding, taken (the person rotates to the
+                next pose), finished
     request     pose to hold next, in words
-    attitude    attitude of the unit in that pose, body to world, (3, 3); None if there is none
+    attitude    attitude of the unit in the requested pose, body to world, (3, 3); None without a request
     held_s      time for which the current pose has been held, s, of `hold_s`
     steadiness  0 (moving) to 1 (as steady as at the best rests)
     poses       number of poses that count, of `wanted`
     rows        predicted standard deviations by group
-    missing     what the recording does not determine yet, in words; None if it determines all
+    missing     description of the motion that is still missing; None if the recording determines all
+                parameters
     """
 
     state: Literal["waiting", "holding", "taken", "finished"] = "waiting"

@@ -1,7 +1,7 @@
-"""The recording of a capture on disk: a CSV file to which rows are appended, and that is valid at any time.
+"""The recording of a capture on disk: a CSV file to which rows are appended, and which is always valid.
 
-Next to OUT.csv, the file OUT.csv.capture says that the recording is not finished. It is removed at the end;
-as long as it is there, the same command continues the recording.
+The file OUT.csv.capture next to OUT.csv marks the recording as unfinished. It is removed at the end. While
+this file exists, the same command continues the recording.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ SCHEMA: Final = "imucal.capture/1"
 
 
 def marker_of(path: str | os.PathLike[str]) -> Path:
-    """The file that says that the recording at `path` is not finished."""
+    """The path of the file that marks the recording at `path` as unfinished."""
     return Path(f"{os.fspath(path)}.capture")
 
 
 class CaptureFile:
     """A recording to which rows are appended; for use in a `with` block. The file is locked while it is open.
 
-    existing  the rows of the file that is continued, (N, columns)
-    age_s     time since the last of them was written, s
+    existing  existing rows of a file that is continued, (N, columns)
+    age_s     time since the last existing row was written, s
 
-    Raises InputError if the file exists and is no unfinished recording with these columns and this `about`,
-    or if it cannot be written.
+    Raises InputError if the file exists and is not an unfinished recording with these columns and this
+    `about`, or if the file cannot be written.
     """
 
     def __init__(
@@ -79,12 +79,13 @@ class CaptureFile:
 
     def __exit__(self, *_: object) -> None:
         with suppress(OSError):
-            # An interrupt may have come between the writing of a row and its count.
+            # The file is truncated, because an interrupt may have occurred after a row was written but before
+            # it was counted.
             os.ftruncate(self._file, self._size)
             os.fsync(self._file)
         os.close(self._file)
         if not self._ends:
-            # A file without samples is of no use, and would be in the way of the next attempt.
+            # The files are removed, because a file without samples would block the next attempt.
             self.path.unlink(missing_ok=True)
             marker_of(self.path).unlink(missing_ok=True)
 
@@ -92,7 +93,7 @@ class CaptureFile:
         return len(self._ends)
 
     def append(self, rows: FloatArray) -> None:
-        """Append rows, (N, columns); reading the file returns every number bit for bit."""
+        """Append rows, (N, columns). Reading the file returns every number bit for bit."""
         if len(rows) == 0:
             return
         lines = [(",".join(map(_number, row)) + "\n").encode() for row in rows.tolist()]
@@ -120,12 +121,12 @@ class CaptureFile:
             raise self._unwritable(error) from error
 
     def finish(self) -> None:
-        """Note that the recording is finished."""
+        """Mark the recording as finished."""
         self.sync()
         marker_of(self.path).unlink(missing_ok=True)
 
     def _continue(self) -> None:
-        """Read the rows of the file, and cut a line off that was being written when the command ended."""
+        """Read the rows of the file, and remove a line that was incomplete when the command ended."""
         with self.path.open("rb") as file:
             content = file.read()
         if not content.startswith(self._header):
@@ -192,7 +193,7 @@ def _lock(file: int, path: Path) -> None:
     try:
         import fcntl
     except ImportError:
-        # Windows has no fcntl; a second process that records into the file is not detected there.
+        # Windows has no fcntl, so a second process that records into the file is not detected there.
         return
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -206,7 +207,10 @@ def _lock(file: int, path: Path) -> None:
 
 
 def _number(value: float) -> str:
-    """The shortest text that gives a number back; whole numbers without a point, NaN as an empty cell."""
+    """The shortest text that is read as the same number.
+
+    Integers have no decimal point, and NaN is an empty cell.
+    """
     if value != value:
         return ""
     return str(int(value)) if value.is_integer() and abs(value) < 2.0**53 else repr(value)

@@ -1,4 +1,4 @@
-"""The loop of a capture: samples go from the source to the file and to the session, events to the view."""
+"""The main loop of a capture, which passes samples to the file and the session, and events to the view."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ from imucal.stand.stream import StreamSource
 __all__ = ["Capture", "Command", "Ending"]
 
 Command: TypeAlias = Literal["undo", "finish", "stop"]
-# How a capture ended: all is recorded, the person ended it, the person interrupted it, or the stream ended.
+# How a capture ended: all poses are recorded, the person ended it, the person interrupted it, or the stream
+# ended.
 Ending: TypeAlias = Literal["finished", "ended_by_person", "stopped", "stream_ended"]
 
 # Longest wait for samples in one iteration, s.
 WAIT_S: Final = 0.05
-# Number of rows that the session sees before the next ones are written: at 100 Hz a third of a second.
+# Number of rows that the session processes before further rows are written: a third of a second at 100 Hz.
 ROWS_AT_ONCE: Final = 32
 # Interval between two flushes to the disk, s.
 SYNC_S: Final = 0.5
-# Time without a sample after which the unit counts as silent, s of the computer, and between its reminders.
+# Time without a sample after which a message says that the unit is silent, and interval between repetitions
+# of the message, s of the computer's clock.
 SILENT_S: Final = 1.0
 SILENT_AGAIN_S: Final = 10.0
-# Shortest time between two messages about damaged data, s of the computer.
+# Shortest time between two messages about damaged data, s of the computer's clock.
 DAMAGED_AGAIN_S: Final = 2.0
 UNIT_SILENT: Final = "check the cable, the supply and the connection of the unit"
-# Counts of a source that mean damaged or lost data, and their names.
+# Counts of a source that mean damaged or lost data, each with its description.
 DAMAGED: Final = {
     "lines_damaged": "lines do not have the expected columns",
     "packets_damaged": "packets are damaged",
@@ -47,8 +49,8 @@ DAMAGED: Final = {
 class Capture:
     """One capture.
 
-    say       called with each event
-    commands  what the person wants; filled by the view
+    say       callback for each event
+    commands  commands of the person, which the view puts into this queue
     """
 
     source: StreamSource
@@ -59,7 +61,7 @@ class Capture:
     commands: queue.SimpleQueue[Command] = field(default_factory=queue.SimpleQueue)
 
     def run(self) -> Ending:
-        """Record until the end. The source is closed, and the file stays open."""
+        """Record until the end. The source is then closed, while the file stays open."""
         try:
             if len(self.file.existing):
                 self._tell(self.session.resume(self.file.existing))
@@ -76,14 +78,15 @@ class Capture:
         self._synced_s = self._damaged_s = now_s
         self._damaged: dict[str, int] = {}
         self._received_s = self.session.snapshot.time_s
-        # Rows that are in the file, and that the session has not seen yet.
+        # Rows that are in the file but have not been processed by the session.
         pending = np.zeros((0, len(self.session.samples.columns)))
         has_ended = False
         while True:
             rows = self.source.read(0.0 if len(pending) else WAIT_S)
             now_s = self.clock.now_s()
             if len(rows):
-                # The disk comes first: the session may be slower than the unit for a while.
+                # Rows are written to the disk first, because the session may temporarily be slower than the
+                # unit.
                 self.file.append(rows)
                 self._received_s = float(self.session.samples.times_s(rows[-1:])[0])
                 self._back(now_s)
@@ -109,7 +112,7 @@ class Capture:
                 return "ended_by_person" if command == "finish" else "stopped"
 
     def _link_events(self) -> bool:
-        """Say what has happened to the connection; whether the stream has ended for good."""
+        """Report events of the connection. Returns whether the stream has ended permanently."""
         for event in self.source.events():
             if event.code == "unit_link_lost" and not self.source.comes_back:
                 return True
@@ -136,7 +139,7 @@ class Capture:
             self.say(event)
 
     def _silence(self, now_s: float) -> None:
-        """Say that no samples arrive."""
+        """Report that no samples arrive."""
         silent_s = now_s - self._heard_s
         due_s = SILENT_S if self._silent_said_s == math.inf else self._silent_said_s + SILENT_AGAIN_S
         if silent_s < due_s:
@@ -163,7 +166,7 @@ class Capture:
             self._say("info", "back", text)
 
     def _damage(self, now_s: float) -> None:
-        """Say that data are damaged or lost."""
+        """Report that data are damaged or lost."""
         counts = {name: count for name, count in self.source.counts().items() if name in DAMAGED}
         new = {name: count - self._damaged.get(name, 0) for name, count in counts.items()}
         worst = max(new, key=lambda name: new[name], default=None)

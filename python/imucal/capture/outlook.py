@@ -1,4 +1,4 @@
-"""What a recording determines so far: the predicted standard deviations by group, and what is missing."""
+"""Prediction for an unfinished recording: standard deviations by group, and the missing motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from imucal.units import units_of
 __all__ = ["Outlook", "outlook_of"]
 
 NOT_YET: Final = "not determined yet"
-# SI unit: unit of datasheets.
+# Units in which standard deviations are shown, by SI unit.
 SHOWN_IN: Final = {"1": "ppm", "m/s^2": "mg", "rad/s": "deg/h"}
 NAMES: Final = {
     "accel_sensitivity": "accelerometer sensitivity",
@@ -28,10 +28,10 @@ NAMES: Final = {
 
 @dataclass(frozen=True)
 class Outlook:
-    """Prediction for a calibration of the recording so far.
+    """Prediction for a calibration from the samples recorded so far.
 
-    worst    largest standard deviation of each group; None if one of the group is not determined
-    missing  what the recording lacks, in words; None if it determines all parameters
+    worst    largest standard deviation of each group; None if a parameter of the group is not determined
+    missing  description of the missing motion; None if the recording determines all parameters
     before   `worst` before the last pose
     absent   groups of a sensor that the recording does not have
     """
@@ -42,11 +42,11 @@ class Outlook:
     absent: Collection[str] = ()
 
     def reaches(self, targets: Mapping[str, float]) -> bool:
-        """Whether every group with a target is within it."""
+        """Whether every group with a target is within its target."""
         return not self._above(targets)
 
     def short_of(self, targets: Mapping[str, float]) -> str:
-        """The groups that are above their targets, in words."""
+        """A text that lists the groups that are above their targets."""
         return "; ".join(
             f"{NAMES[group]} {_shown(size)}, wanted {_target(target, size)}"
             for group, (size, target) in self._above(targets).items()
@@ -61,7 +61,7 @@ class Outlook:
         }
 
     def change(self, before: Outlook) -> str:
-        """What a pose has added to the predicted standard deviations, in words."""
+        """A text on the change of the predicted standard deviations by a pose."""
         parts = []
         for group, size in self.worst.items():
             old = before.worst.get(group)
@@ -88,7 +88,7 @@ class Outlook:
 
 
 def outlook_of(recording: Recording, gravity_mps2: float, before: Outlook | None = None) -> Outlook:
-    """The prediction for a recording; `before` is that without its last pose."""
+    """The prediction for a recording; `before` is the prediction without its last pose."""
     earlier = {} if before is None else before.worst
     absent = () if recording.angular_rate is not None else ("gyro_sensitivity", "gyro_bias")
     try:

@@ -1,4 +1,4 @@
-"""The view of a capture as lines of text: for pipes, logs, screen readers, and simple terminals."""
+"""The view of a capture as lines of text, for pipes, logs, screen readers, and simple terminals."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from imucal.capture.loop import Command
 
 __all__ = ["RINGING", "PlainView", "line_of"]
 
-# Words with which a line begins, by the kind of its event.
+# First word of a line, by the kind of its event.
 WORDS: Final = {
     "next": "NEXT",
     "hold": "HOLD",
@@ -25,27 +25,27 @@ WORDS: Final = {
 }
 # Commands that a person types, followed by Enter.
 TYPED: Final[dict[str, Command]] = {"u": "undo", "undo": "undo", "q": "finish", "finish": "finish"}
-# Kinds of events that ring the bell: a person looks at the unit, and not at the terminal.
+# Kinds of events that ring the bell, because the person looks at the unit and not at the terminal.
 RINGING: Final = ("taken", "finished")
 
 
 def line_of(event: Event) -> str:
-    """An event as a line: time of the stream, kind and text."""
+    """An event as a line of text: time of the stream, kind and text."""
     return f"[{event.time_s:7.2f} s] {WORDS[event.kind]}: {event.text}"
 
 
 class PlainView:
     """Prints each event, and reads commands from a terminal.
 
-    write  prints a line
-    ring   rings the bell of a terminal
+    write  function that prints a line
+    ring   function that rings the bell of the terminal
     """
 
     def __init__(self, write: Callable[[str], None], ring: Callable[[], None]) -> None:
         self._write, self._ring = write, ring
 
     def say(self, event: Event) -> None:
-        """Print an event; a pose that is taken rings the bell."""
+        """Print an event, and ring the bell for events of the kinds in `RINGING`."""
         self._write(line_of(event))
         if event.kind in RINGING:
             self._ring()

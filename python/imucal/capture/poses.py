@@ -1,7 +1,7 @@
-"""Poses to hold by hand, their order, and how they are described.
+"""Poses to hold by hand: their order and their descriptions.
 
-A pose is the unit vector, in the axes of the sensor, that points up. The rotation about the vertical does not
-matter: gravity does not show it.
+A pose is defined by the up direction, a unit vector in the axes of the sensor. The rotation about the
+vertical is arbitrary, because gravity does not depend on it.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from imucal.arrays import FloatArray
 
 __all__ = ["angle_deg", "attitude_with", "next_pose", "pose_words", "standard_poses", "turn_words"]
 
-# Two rests whose up directions differ by less are the same pose, deg. Faces and edges of a box differ by 45
-# deg.
+# Two rests are the same pose if their up directions differ by less than this angle, deg. Adjacent faces and
+# edges of a box differ by 45 deg.
 SAME_DEG: Final = 20.0
 # Largest angle between a requested and a held up direction for the requested pose to count as held, deg.
 NEAR_DEG: Final = 30.0
-# A next pose closer to the current one is asked for only if no other is left, deg: short rotations determine
-# the gyroscope's sensitivity less well.
+# A pose closer to the current one than this angle, deg, is requested only if no other pose is left, because
+# short rotations determine the gyroscope's sensitivity less well.
 SHORT_TURN_DEG: Final = 60.0
-# The six faces, so that each rotation is by 90 deg about another axis than the one before.
+# The six faces, in an order in which each rotation is by 90 deg about another axis than the previous
+# rotation.
 FACES: Final = ((0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, -1), (-1, 0, 0), (0, -1, 0))
-# An axis whose component of the up direction is smaller is not named in the description of a pose.
+# Minimum component of the up direction along an axis for the axis to be named in the description of a pose.
 NAMED_SHARE: Final = 0.3
 
 
@@ -39,14 +40,15 @@ def standard_poses() -> list[FloatArray]:
     for group in (edges, corners):
         left = list(group)
         while left:
-            # The pose that is farthest from the two before it makes long rotations about changing axes.
+            # The next pose is the one farthest from the previous two, which gives long rotations about
+            # changing axes.
             near = [max(float(pose @ before) for before in ordered[-2:]) for pose in left]
             ordered.append(left.pop(int(np.argmin(near))))
     return [pose / np.linalg.norm(pose) for pose in ordered]
 
 
 def next_pose(poses: Sequence[FloatArray], is_held: Sequence[bool], current: FloatArray | None) -> int | None:
-    """Index of the pose to ask for next; None if all were held."""
+    """Index of the pose to request next; None if all poses were held."""
     left = [number for number, held in enumerate(is_held) if not held]
     if not left or current is None:
         return left[0] if left else None
@@ -55,7 +57,7 @@ def next_pose(poses: Sequence[FloatArray], is_held: Sequence[bool], current: Flo
 
 
 def pose_words(up: FloatArray) -> str:
-    """A pose in words: `+x up`, or `+x and -z up, on an edge`."""
+    """Description of a pose: `+x up`, or `+x and -z up, on an edge`."""
     named = [i for i in np.argsort(-np.abs(up), kind="stable") if abs(up[i]) >= NAMED_SHARE]
     names = [f"{'+' if up[i] > 0 else '-'}{'xyz'[i]}" for i in sorted(named)]
     if len(names) == 1:
@@ -72,7 +74,7 @@ def turn_words(current: FloatArray, following: FloatArray) -> str:
     if size < 1e-6:
         return f"by {angle:.0f} deg"
     main = int(np.argmax(np.abs(axis)))
-    # Only a rotation about one axis of the sensor is easy to say.
+    # The axis is only named if it is close to an axis of the sensor.
     about = f" about the {'xyz'[main]} axis" if abs(axis[main]) > 0.9 * size else ""
     return f"by {angle:.0f} deg{about}"
 
@@ -84,7 +86,7 @@ def angle_deg(a: FloatArray, b: FloatArray) -> float:
 
 
 def attitude_with(up: FloatArray, before: FloatArray) -> FloatArray:
-    """The attitude, body to world, nearest to `before` whose up direction is `up`."""
+    """The attitude, body to world, that is nearest to `before` and has the up direction `up`."""
     raised = before @ up
     axis = np.array([raised[1], -raised[0], 0.0])
     sine, cosine = float(np.linalg.norm(axis)), float(raised[2])

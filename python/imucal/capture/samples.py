@@ -1,4 +1,4 @@
-"""The samples of a recording that grows."""
+"""Storage for the samples of a growing recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["Samples"]
 
-# Rows for which memory is reserved at first; it doubles when it is full.
+# Number of rows for which memory is reserved initially. The memory is doubled when it is full.
 FIRST_ROWS: Final = 1 << 14
 
 

@@ -1,4 +1,4 @@
-"""The view of a capture in the full screen of a terminal."""
+"""The full-screen view of a capture in a terminal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["CaptureScreen"]
 
 # Interval between two updates of the screen, s.
 EVERY_S: Final = 0.1
-# Longest time that the recording needs to end, s: a calibration of what was recorded may be under way.
+# Timeout for the end of the recording, s. A calibration of the recorded samples may have to finish first.
 ENDS_WITHIN_S: Final = 30.0
 # Colours of the large text, by the state of the recording.
 COLOURS: Final = {"waiting": "white on dark_blue", "holding": "black on yellow", "taken": "black on green"}
@@ -35,9 +35,9 @@ MESSAGE_STYLES: Final = {
     "taken": "green",
     "finished": "bold green",
 }
-# Time for which a refusal is shown in the large text, s of the stream.
+# Time for which a refusal is shown in the large text, s of the stream's time.
 REFUSED_S: Final = 3.0
-# Words of a refusal in the large text, by code.
+# Large text of a refusal, by code.
 REFUSALS: Final = {
     "moved_too_early": "TOO EARLY",
     "repeated": "SAME POSE",
@@ -50,15 +50,15 @@ REFUSALS: Final = {
     "silent": "NO DATA",
     "unit_link_lost": "UNPLUGGED",
 }
-# A font of pyfiglet with letters of six lines, which can be read from two metres.
+# Font of pyfiglet with letters of six lines, which are readable from two metres.
 FONT: Final = "big"
 
 
 class CaptureScreen(App[None]):
-    """Shows what to do in large letters, the next pose, steadiness, what the poses add, and the messages.
+    """Shows the instruction in large letters, the next pose, steadiness, predictions, and messages.
 
-    ending  how the capture ended; None while it goes on
-    error   the exception with which it ended, or None
+    ending  how the capture ended; None during the capture
+    error   exception with which the capture ended, or None
     """
 
     CSS = """
@@ -124,7 +124,7 @@ class CaptureScreen(App[None]):
         except BaseException as error:
             self.error = error
         self._has_ended.set()
-        # A signal may have ended the screen already.
+        # A signal may already have ended the screen.
         with suppress(RuntimeError):
             self.call_from_thread(self.exit)
 
@@ -152,7 +152,7 @@ class CaptureScreen(App[None]):
         self.query_one("#steadiness", ProgressBar).update(progress=100.0 * snapshot.steadiness)
 
     def _large(self, snapshot: Snapshot) -> Text:
-        """What to do, in large letters."""
+        """The instruction in large letters."""
         words, style = (
             {
                 "waiting": "ROTATE",
@@ -171,7 +171,7 @@ class CaptureScreen(App[None]):
         return Text(large, style=style, no_wrap=True)
 
     def _pose(self, snapshot: Snapshot) -> Text:
-        """The drawing of the next pose, with its words."""
+        """The drawing of the next pose with its description."""
         if snapshot.attitude is None:
             return Text("put the unit down" if snapshot.state == "finished" else "waiting for data")
         size = self.query_one("#pose", Static).size
@@ -180,7 +180,7 @@ class CaptureScreen(App[None]):
 
 
 def _numbers(snapshot: Snapshot) -> Table:
-    """Poses, and what they determine."""
+    """Table with the number of poses and the predicted standard deviations."""
     table = Table(box=None, pad_edge=False, title_justify="left", show_header=True)
     table.add_column(f"pose {snapshot.poses} of {snapshot.wanted}, {snapshot.samples} samples")
     for name in ("before", "after the pose", "target"):

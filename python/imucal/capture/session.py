@@ -1,12 +1,14 @@
-"""The engine of a guided recording: it has no terminal, and is driven by samples with their own time stamps.
+"""The engine of a guided recording.
+
+It is independent of a terminal, and its clock is the time of the samples.
 
     session = Session(columns, Order())
     for rows in stream:
         for event in session.feed(rows): ...
         session.snapshot
 
-A pose counts if the compiled library finds a rest of at least `hold_s` in a direction that no earlier pose
-has. The poses that count follow from the samples alone, so that a recording can be continued from its file.
+A pose counts if the compiled library detects a rest of at least `hold_s` in a direction that no earlier pose
+has. These poses depend on the samples only, so a recording can be continued from its file.
 """
 
 from __future__ import annotations
@@ -41,37 +43,38 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Order", "Session"]
 
-# Interval between two looks at the recording, s of its own time.
+# Interval between two evaluations of the recording, s of the recording's time.
 EVERY_S: Final = 0.25
-# Number of samples up to which a look every `EVERY_S` takes a small part of a processor; with more samples,
-# looks become rarer in proportion.
+# Number of samples up to which an evaluation every `EVERY_S` takes a small share of a processor. With more
+# samples, the interval is extended in proportion.
 SAMPLES_OF_EVERY: Final = 200_000
-# Number of poses without and with targets. Nine is the number of an accelerometer's parameters.
+# Default number of poses without and with targets. Nine is the number of parameters of an accelerometer.
 POSES: Final = 18
 POSES_WITH_TARGETS: Final = 9
-# Pauses shorter than this are part of a rotation and no attempt at a pose, s.
+# Minimum duration of a rest that counts as an attempt at a pose, s. Shorter rests are pauses in a rotation.
 ATTEMPT_S: Final = 0.6
-# A repeated pose is refused after this time at rest, s.
+# Time at rest after which a repeated pose is refused, s.
 REPEATED_S: Final = 0.7
-# A pose that is held on after it was taken is remarked after this time, and again after the second one, s.
+# Time after which a message says that a taken pose is still held, and interval between repetitions of the
+# message, s.
 STAYS_S: Final = 1.5
 STAYS_AGAIN_S: Final = 8.0
-# Samples are missing where a time step is longer than this, s, and than this number of usual steps.
+# Samples are missing if a time step exceeds both `GAP_S`, s, and `GAP_STEPS` median time steps.
 GAP_S: Final = 0.05
 GAP_STEPS: Final = 5.0
-# The ends of a rest move by up to this time as the recording grows, s.
+# Maximum change of the ends of a rest while the recording grows, s.
 ENDS_MOVE_S: Final = 0.5
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is wanted.
+    """Requirements on a guided recording.
 
     hold_s        time for which a pose is held, s
     poses         number of poses; None: 18, or 9 with targets
-    targets       largest standard deviation by group, as `imucal.plan` takes them
-    directions    body directions that point up, in order; None: the faces, edges and corners of a box
-    gravity_mps2  local gravity
+    targets       largest permitted standard deviation by group, in the form of `imucal.plan`
+    directions    up directions in the body frame, in order; None: the faces, edges and corners of a box
+    gravity_mps2  local gravity, m/s^2
     """
 
     hold_s: float = 3.0
@@ -98,7 +101,7 @@ class Order:
 
 
 class Session:
-    """A guided recording; `columns` are those of the samples."""
+    """A guided recording; `columns` are the column names of the samples."""
 
     def __init__(self, columns: Sequence[str], order: Order) -> None:
         if not any(name in TICKS_PER_S for name in columns):
@@ -118,7 +121,7 @@ class Session:
         self._directions = list(order.directions or standard_poses())
         self._outlook = Outlook()
         self._next_look_s = 0.0
-        # The rest that went on at the last look, and what was said about it.
+        # The rest in progress at the last evaluation, and the messages that were sent about it.
         self._before: Held | None = None
         self._said: set[str] = set()
         self._reminded_s = -np.inf
@@ -129,10 +132,11 @@ class Session:
     # ---------------------------------------------------------------------------------------------
 
     def feed(self, rows: FloatArray) -> list[Event]:
-        """Add samples, (N, columns), and return what is to be said; nothing is added once `done`."""
+        """Add samples, (N, columns), and return the new messages. Nothing is added after `done`."""
         events: list[Event] = []
         while len(rows) and not self.done:
-            # Split at the times of the looks, so that the result does not depend on how samples arrive.
+            # Samples are split at the times of the evaluations, so that the result does not depend on how
+            # they arrive.
             times_s = self.samples.times_s(rows)
             due = np.flatnonzero(times_s >= self._next_look_s)
             count = int(due[0]) + 1 if len(due) else len(rows)
@@ -167,7 +171,10 @@ class Session:
         return [*events, *self._ask(now_s, None)]
 
     def undo(self) -> tuple[int, list[Event]]:
-        """Drop the last pose and everything after the one before it; the number of rows that are kept."""
+        """Drop the last pose and all samples after the pose before it.
+
+        Returns the number of kept rows, and messages.
+        """
         now_s = self.snapshot.time_s
         if not self.poses:
             return len(self.samples), [Event(now_s, "info", "nothing_to_undo", "there is no pose to drop")]
@@ -210,7 +217,7 @@ class Session:
         return events
 
     def _holding(self, current: Held, now_s: float) -> list[Event]:
-        """What is to be said while the unit is still."""
+        """Messages while the unit is still."""
         held_s = current.duration_s
         mine = self._of(current)
         if mine is not None:
@@ -239,7 +246,7 @@ class Session:
         return []
 
     def _left(self, rest: Held, now_s: float) -> list[Event]:
-        """What is to be said when the unit has left a rest."""
+        """Messages after the unit has left a rest."""
         if self._of(rest) is not None or self._same(rest.up) is not None or rest.duration_s < ATTEMPT_S:
             return []
         if self._has_gap(rest.end_s, now_s):
@@ -292,7 +299,7 @@ class Session:
 
     @property
     def _round(self) -> list[Pose]:
-        """The poses of the current round; a second one begins when all directions were held."""
+        """The poses of the current round. A new round begins when all directions were held."""
         start = len(self.poses) // len(self._directions) * len(self._directions)
         return self.poses[start:]
 
@@ -306,17 +313,18 @@ class Session:
         return next((pose for pose in known if angle_deg(pose.up, up) < SAME_DEG), None)
 
     def _update_ends(self, sight: Sight) -> None:
-        """The ends of rests move a little as the recording grows."""
+        """Update the ends of the poses, because the ends of rests change slightly as samples arrive."""
         for i, pose in enumerate(self.poses):
             rest = next((r for r in sight.rests if r.start_s < pose.end_s and pose.start_s < r.end_s), None)
             if rest is not None:
                 self.poses[i] = dataclasses.replace(pose, start_s=rest.start_s, end_s=rest.end_s)
 
     def _ask(self, now_s: float, current: FloatArray | None) -> list[Event]:
-        """Ask for the next pose."""
+        """Request the next pose."""
         is_held = [any(angle_deg(pose.up, up) < NEAR_DEG for pose in self._round) for up in self._directions]
         asked = next_pose(self._directions, is_held, current)
-        # Directions between those of the list can cover all of it before the round is complete.
+        # None occurs if poses between the listed directions cover the whole list before the round is
+        # complete.
         self._asked = 0 if asked is None else asked
         up = self._directions[self._asked]
         self._attitude = attitude_with(up, self._attitude)
@@ -384,7 +392,7 @@ class Session:
         )
 
     def _first(self, what: str) -> bool:
-        """Whether this is said for the first time about the current rest."""
+        """Whether this message is the first of its kind about the current rest."""
         if what in self._said:
             return False
         self._said.add(what)

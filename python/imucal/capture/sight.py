@@ -1,4 +1,4 @@
-"""One look at a recording that grows: its rests, whether the unit is still now, and findings.
+"""One evaluation of a growing recording: its rests, whether the unit is at rest now, and findings.
 
 Rests and findings are those of the compiled library, as in `imucal inspect` and `imucal calibrate`.
 """
@@ -18,19 +18,19 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Held", "Sight", "look"]
 
-# Shortest rest to see while recording, s. It is shorter than that of a calibration, so that a pose that is
-# left too early, and a pose that has just begun, are seen.
+# Minimum duration of a rest during recording, s. It is shorter than for a calibration, so that poses that
+# were left too early or have just begun are detected.
 LIVE_REST_S: Final = 0.3
-# The unit is still now if a rest ends at most this time before the last sample, s: the ends of rests are
-# found with a resolution of 0.05 s, and one block is trimmed.
+# The unit counts as at rest now if a rest ends at most this time before the last sample, s. The time allows
+# for the resolution of the ends of rests, 0.05 s, and for one trimmed block.
 NOW_S: Final = 0.2
-# Window of the display of steadiness, s; that of the detection of rests.
+# Window of the displayed steadiness, s. It is the same as in rest detection.
 WINDOW_S: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A rest: times of its first and last sample, s, and the unit vector up in the body, (3,)."""
+    """A rest: times of its first and last sample, s, and the up direction in the body frame, (3,)."""
 
     start_s: float
     end_s: float
@@ -44,11 +44,11 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """The recording until now.
+    """The state of the recording at its last sample.
 
     now_s       time of the last sample since the start, s
     rests       the rests in order of time
-    current     the rest that goes on now, which is the last of `rests`, or None
+    current     the rest in progress, which is the last of `rests`, or None
     findings    findings of the checks
     steadiness  0 (moving) to 1 (as steady as at the best rests)
     """
@@ -61,7 +61,7 @@ class Sight:
 
 
 def look(recording: Recording, gravity_mps2: float) -> Sight:
-    """Find the rests of a recording, and check it."""
+    """Detect the rests of a recording, and check its data."""
     seen = _core.inspect(recording, gravity_mps2, LIVE_REST_S, grows=True)
     time_s = recording.time_s - recording.time_s[0]
     now_s = float(time_s[-1])
@@ -71,7 +71,7 @@ def look(recording: Recording, gravity_mps2: float) -> Sight:
         first, end = np.searchsorted(recording.time_s, [start_s, end_s + 1e-9])
         up = force[first : max(end, first + 1)].mean(axis=0)
         size = float(np.linalg.norm(up))
-        # Without gravity there is no direction; the checks say so.
+        # Without gravity there is no up direction, which the checks report.
         if size > 0 and np.isfinite(size):
             rests.append(Held(start_s - recording.time_s[0], end_s - recording.time_s[0], up / size))
     current = rests[-1] if rests and rests[-1].end_s >= now_s - NOW_S else None
@@ -80,7 +80,10 @@ def look(recording: Recording, gravity_mps2: float) -> Sight:
 
 
 def _force(recording: Recording) -> FloatArray:
-    """Specific force with zero at its centre, (N, 3): unsigned counts are centred at half of their range."""
+    """Specific force, (N, 3).
+
+    Unsigned counts are shifted by half of their range, so that zero force is at zero.
+    """
     force = np.asarray(recording.specific_force, dtype=np.float64)
     if recording.accel_unit == "lsb" and len(force) and np.nanmin(force) >= 0:
         bits = int(np.ceil(np.log2(np.nanmax(force) + 1.0)))
@@ -89,7 +92,7 @@ def _force(recording: Recording) -> FloatArray:
 
 
 def _steadiness(recording: Recording, time_s: FloatArray, seen: _core.Inspection) -> float:
-    """Ratio of the standard deviation that a rest may have to that of the last window, at most 1."""
+    """Ratio of the largest standard deviation of a rest to that of the last window, at most 1."""
     if seen.threshold is None:
         return 0.0
     first = int(np.searchsorted(time_s, time_s[-1] - WINDOW_S))

@@ -1,4 +1,4 @@
-"""Faults of the data while they arrive: findings of the checks, shaking, and rotations that are too fast."""
+"""Detection of faults while data arrive: findings of the checks, shaking, and rotations that are too fast."""
 
 from __future__ import annotations
 
@@ -15,45 +15,50 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Watch"]
 
-# Warnings of the checks that a person can act on while recording; all others wait for the calibration, which
-# sees the whole recording. Errors are always said, except those below.
+# Warnings of the checks that a person can act on during recording. Other warnings are left to the
+# calibration, which uses the whole recording. Errors are always reported, with the exceptions below.
 SAID_WARNINGS: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
-# Findings that are said again when their count has grown; other errors are repeated after a while.
+# Findings that are reported again when their count has grown. Other errors are repeated after `REMINDED_S`,
+# s.
 GROWING: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 REMINDED_S: Final = 20.0
-# An axis counts as stuck only after this number of rests: before, it may not have been rotated yet.
+# Number of rests from which on an axis can be reported as stuck. Before, the axis may not have been rotated
+# yet.
 RESTS_OF_STUCK: Final = 3
 # Shortest time between two messages with the same code, s.
 AGAIN_S: Final = 2.0
-# The unit shakes if it is not still for this time, s, without being rotated.
+# Time without a rest and without a rotation after which the unit counts as shaking, s.
 SHAKES_S: Final = 1.5
-# Share of the samples of that time that must have arrived to say so.
+# Minimum share of the samples in this time that must have arrived for the unit to count as shaking.
 ENOUGH_SHARE: Final = 0.8
-# Largest change of the vertical within that time, deg, for motion that is no rotation.
+# Change of the vertical in this time, deg, above which the motion counts as a rotation.
 SHAKEN_DEG: Final = 10.0
-# Largest ratio of the mean of the angular rate to its rms for motion that is no rotation.
+# Ratio of the mean of the angular rate to its rms above which the motion counts as a rotation.
 SHAKEN_SHARE: Final = 0.35
 # Angular rate above which a rotation is too fast, deg/s: the smallest range of common gyroscopes.
 FAST_DPS: Final = 250.0
-# Largest range of common gyroscopes is 2000 deg/s; a hand does not rotate a unit faster than this, deg/s.
+# Angular rate, deg/s, above which the unit of the data must be wrong. The largest range of common gyroscopes
+# is 2000 deg/s, and a hand does not rotate a unit faster.
 LARGEST_DPS: Final = 2200.0
 # Time over which the fastest rotation is searched, s.
 RECENT_S: Final = 0.5
-# The ends of a rest that goes on are not final within this time, s.
+# Time at both ends of a rest, s, that is not evaluated, because the ends of a rest in progress are not final.
 BLOCK_S: Final = 0.1
-# At the beginning a wrong unit cannot be told from a fast rotation, s.
+# Duration of the beginning, s, in which a wrong unit cannot be distinguished from a fast rotation.
 FIRST_S: Final = 1.5
-# The largest reading of the gyroscope in a rotation must be at least this share of the mean rate of the
-# vertical, of rotations with at least this mean rate, deg/s. The errors of a sensor are a few per cent.
+# Minimum ratio of the largest reading of the gyroscope in a rotation to the mean rate of the vertical, and
+# minimum mean rate, deg/s, of rotations for which it is tested. The errors of a sensor are only a few per
+# cent.
 LEAST_SHARE: Final = 0.5
 LEAST_MEAN_DPS: Final = 15.0
-# Mean rate of the vertical between two rests above which a rotation is too fast, deg/s. It serves gyroscopes
-# in raw counts, whose scale is not known yet: a smooth rotation reaches twice its mean rate.
+# Mean rate of the vertical between two rests above which a rotation is too fast, deg/s. It is used for
+# gyroscopes in raw counts, whose scale is not known yet. The peak rate of a smooth rotation is twice its mean
+# rate.
 FAST_MEAN_DPS: Final = 150.0
 
 
 class Watch:
-    """Remembers what was said, so that each fault is said when it begins or goes on, and not all the time."""
+    """Reports each fault when it begins and at intervals while it continues, but not at each evaluation."""
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
@@ -62,11 +67,11 @@ class Watch:
         self._forgets_gap = False
 
     def forget_gaps(self) -> None:
-        """A gap that was made on purpose, by undo or by an interruption, is not said."""
+        """Do not report the next gap, because it was caused by undo or by an interruption."""
         self._forgets_gap = True
 
     def look(self, sight: Sight, recording: Recording) -> list[Event]:
-        """What is new since the last look."""
+        """Messages about faults that are new since the last evaluation."""
         events = self._findings(sight)
         if sight.current is None and self._shakes(sight, recording):
             events += self._say(sight.now_s, "refused", "shaking", SHAKING)
@@ -100,7 +105,7 @@ class Watch:
         return events
 
     def _shakes(self, sight: Sight, recording: Recording) -> bool:
-        """Whether the unit has not been still for a while although it is not rotated."""
+        """Whether the unit has not been at rest for `SHAKES_S` although it is not rotated."""
         time_s = recording.time_s - recording.time_s[0]
         since_s = sight.rests[-1].end_s if sight.rests else 0.0
         if sight.now_s - since_s < SHAKES_S:
@@ -119,7 +124,7 @@ class Watch:
         return float(np.linalg.norm(rate.mean(axis=0))) < SHAKEN_SHARE * rms
 
     def _rotation(self, sight: Sight, recording: Recording) -> list[Event]:
-        """Rotations that are too fast, and those that the gyroscope does not measure as they were."""
+        """Messages about rotations that are too fast, or that the gyroscope does not measure correctly."""
         time_s = recording.time_s - recording.time_s[0]
         has_rate = recording.angular_rate is not None and recording.gyro_unit != "lsb"
         if has_rate:
@@ -136,7 +141,7 @@ class Watch:
         if len(sight.rests) <= max(self._rests_seen, 1):
             return []
         before, after = sight.rests[-2:]
-        # The vertical cannot rotate faster than the unit.
+        # The mean rate of the vertical is a lower bound of the rate of the unit.
         mean = angle_deg(before.up, after.up) / max(after.start_s - before.end_s, 1e-3)
         if has_rate:
             fastest = _fastest_dps(recording, time_s, before.end_s, after.start_s)

@@ -3,10 +3,10 @@
     0  good, incomplete   1  bad input, or no result          2  finished, but the verdict is poor
     130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP: no file is incomplete
 
-A reader that closes standard output early changes neither the files that are written nor the exit code.
+If a reader closes standard output early, the written files and the exit code are not affected.
 
 Commands raise ImucalError for all foreseen errors, which are printed on stderr as a message. Other exceptions
-are bugs, whose message explains how to show the traceback.
+are bugs; their message explains how to show the traceback.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ COMPLETE = "_IMUCAL_COMPLETE"
 # Messages longer than this number of characters are broken at "; " into one item per line.
 MOST_ON_A_LINE = 300
 
-# Commands by task, in the order of the help: name, and first sentence of the command's own help.
+# Commands by task, in the order of the help: name, and first sentence of the help of the command.
 TASKS: Final[dict[str, dict[str, str]]] = {
     "Start here": {
         "demo": "Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",
@@ -74,11 +74,12 @@ TASKS: Final[dict[str, dict[str, str]]] = {
         "simulate": "Simulate a unit: on a stand, turned by hand, or at rest.",
     },
 }
-# Commands whose module and function have another name, as theirs means something else in Python.
+# Commands whose module and function have another name, because the name of the command has another meaning in
+# Python.
 OTHER_NAMES = {"import": "import_calibration", "help": "help_command"}
-# Commands whose module has a group, `app`, instead of a function.
+# Commands whose module contains a group, `app`, instead of a function.
 GROUPS = ("demo", "fleet", "limits", "stand")
-# Words that people try, and the commands that do what they mean.
+# Words that users may try, each with the command that does the intended task.
 OTHER_WORDS: Final = {
     "batch": "fleet run",
     "record": "capture",
@@ -167,7 +168,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _unwritable(error)
     if code == INTERRUPTED:
         return _say(f"{ended.what}, no file is incomplete", ended.code)
-    # An error after a signal, such as that of a closed terminal, does not change the exit code of the signal.
+    # After a signal, the exit code is that of the signal, even if an error followed, such as that of a closed
+    # terminal.
     return code if ended.by is None else ended.code
 
 
@@ -175,7 +177,7 @@ def _run(arguments: list[str]) -> int:
     try:
         if COMPLETE in os.environ:
             _complete(os.environ[COMPLETE])
-        # `app.main` would print an empty line at an interrupt.
+        # `app.main` is not used, because it would print an empty line at an interrupt.
         with app.make_context(app.name, arguments) as context:
             app.invoke(context)
     except Exit as end:
@@ -185,7 +187,7 @@ def _run(arguments: list[str]) -> int:
     except (SystemExit, OSError):
         raise
     except BaseException as error:
-        # A panic of the compiled library is a BaseException.
+        # BaseException is caught, because a panic of the compiled library is not an Exception.
         return _failed(error, arguments)
     return 0
 
@@ -198,7 +200,7 @@ def _complete(instruction: str) -> NoReturn:
 
 
 def _unwritable(error: OSError) -> int:
-    """Handle an OSError; commands convert all but those of standard output to ImucalError."""
+    """Handle an OSError of standard output. Commands convert all other OSErrors to ImucalError."""
     if error.filename is None and error.strerror is not None:
         # Otherwise the interpreter would flush standard output again at exit, and fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

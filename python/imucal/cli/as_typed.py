@@ -1,4 +1,4 @@
-"""Options in messages, as they are typed on the command line.
+"""Conversion of options in messages to the form that is typed on the command line.
 
 The library writes an option as the argument of a Python function, `min_rest_s=0.45` or `axes='frd'`. A
 command prints the same text with `--min-rest-s 0.45` and `--axes frd`.
@@ -12,7 +12,7 @@ from typing import Any, Final
 
 __all__ = ["as_typed", "document_as_typed"]
 
-# Arguments of imucal.read, calibrate and their like that are options of commands with another name.
+# Arguments of Python functions, such as imucal.read, whose command line options have other names.
 RENAMED: Final = {"gravity_mps2": "gravity", "effects": "effect", "noise_mps2": "noise"}
 ARGUMENTS: Final = (
     *RENAMED,
@@ -39,7 +39,8 @@ ARGUMENTS: Final = (
     "time_unit",
     "topic",
 )
-# Values in quotes or brackets, and plain ones; `...` stands for a value that the reader chooses.
+# Matches values in quotes or brackets, and plain values. `...` is excluded, because it stands for a value
+# that the reader chooses.
 VALUE: Final = r"'[^']*'|\"[^\"]*\"|\[[^]]*\]|(?!\.\.\.)[\w+-][\w.+/^-]*(?<!\.)"
 ASSIGNED: Final = re.compile(rf"(?<![\w.-])({'|'.join(ARGUMENTS)})( = |=)({VALUE})")
 # Fields of documents that contain messages.
@@ -59,7 +60,7 @@ def _option(found: re.Match[str]) -> str:
     if value == "True":
         return option
     bare = value[1:-1] if value[0] in "'\"[" else value
-    # The shell would split a value with spaces or interpret other characters.
+    # Other values are quoted, because the shell would split at spaces or interpret special characters.
     return f"{option} {bare}" if re.fullmatch(r"[\w.,=+/^-]+", bare) else f"{option} '{bare}'"
 
 

@@ -18,7 +18,7 @@ __all__ = ["show_calibration"]
 def show_calibration(
     out: Output, result: CalibrationResult, saved: Path | None, require: str, *, verbose: bool = False
 ) -> None:
-    """Parameters, figures, findings and verdict; a poor verdict ends the command with its exit code.
+    """Print parameters, figures, findings and verdict. A poor verdict ends the command with exit code 2.
 
     saved  path of the calibration file, if one was written
     """

@@ -1,4 +1,4 @@
-"""The reason codes of findings, verdicts and refusals: what each means, its usual cause, and what to do.
+"""The reason codes of findings, verdicts and refusals, each with its meaning, usual cause, and remedy.
 
 `imucal help CODE` prints an entry, and docs/codes.md is the list of all.
 """
@@ -18,7 +18,7 @@ class Code(NamedTuple):
     cure: str
 
 
-# Heading of a group: its codes.
+# Codes by heading of their group.
 CODES: Final[dict[str, dict[str, Code]]] = {
     "The recording cannot be used as it is": {
         "empty": Code(
@@ -407,7 +407,7 @@ def code_text(code: str) -> str | None:
 
 
 def _plain(text: str) -> str:
-    """Text without the marks of Markdown."""
+    """Text without Markdown markup."""
     return re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text).replace("`", "")
 
 

@@ -1,4 +1,4 @@
-"""Details that `--verbose` adds to the output: rest detection, convergence, residuals, candidates."""
+"""Details that `--verbose` adds to the output: rest detection, convergence, residuals, and candidates."""
 
 from __future__ import annotations
 

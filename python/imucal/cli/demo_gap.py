@@ -54,7 +54,7 @@ def gap(
         runs = [
             imucal.simulate("random", seed=2 * seed + k, rate_hz=RATE_HZ, effects=[hidden]) for k in (0, 1)
         ]
-        # Without the stand's angles, which most users do not have.
+        # The angles of the stand are removed, because most users do not have them.
         run, control = (
             replace(made.recording, stand_rad=None, name=f"{name}.csv")
             for name, made in zip(("run", "control"), runs, strict=True)
@@ -77,7 +77,7 @@ def gap(
 
 
 def _hidden(seed: int) -> EffectValues:
-    """A random effect with a random size, determined by the seed."""
+    """A random effect with a random size, both determined by the seed."""
     import numpy as np
 
     from imucal.document.whole import check_seed

@@ -13,10 +13,10 @@ from typing import Any, Final
 __all__ = ["INTERRUPTED", "Ended", "as_interrupts"]
 
 INTERRUPTED: Final = 128 + signal.SIGINT
-# Handled signals; Windows has no SIGHUP.
+# Names of the handled signals. Windows has no SIGHUP.
 HANDLED: Final = ("SIGTERM", "SIGHUP")
-# Further signals within this time, s, are ignored: a closing terminal and its shell both send SIGHUP, and the
-# second must not interrupt the stopping of the motors.
+# Further signals within this time, s, are ignored. A closing terminal and its shell both send SIGHUP, and the
+# second signal must not interrupt the stopping of the motors.
 GRACE_S: Final = 5.0
 
 
@@ -52,7 +52,8 @@ def as_interrupts() -> Iterator[Ended]:
     """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt."""
     ended = Ended()
     numbers = []
-    # Signals interrupt the main thread only. Signals that are already ignored, as with nohup, stay ignored.
+    # Handlers are only set in the main thread, because signals interrupt only this thread. Signals that are
+    # already ignored, as with nohup, stay ignored.
     if threading.current_thread() is threading.main_thread():
         known = [getattr(signal, name) for name in HANDLED if hasattr(signal, name)]
         numbers = [number for number in known if signal.getsignal(number) == signal.SIG_DFL]

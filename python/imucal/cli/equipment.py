@@ -30,7 +30,7 @@ DYNAMIXEL = "Dynamixel motors"
 EXTERNAL = "External driver"
 START = "Start of the motors"
 UNIT = "The unit's data"
-# Drivers that the options under each heading apply to.
+# Drivers to which the options under each heading apply.
 OF_PANEL = {
     SIMULATED: ("simulated",),
     GRBL: ("grbl",),
@@ -155,7 +155,7 @@ class Equipment:
     ] = None
 
     def to_dict(self) -> dict[str, Any]:
-        """The options as in a journal, from which `stand resume` opens the same equipment."""
+        """The options for a journal, with which `stand resume` opens the same equipment."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
 
@@ -178,7 +178,7 @@ class Equipment:
         """The driver and the source for a run; `seed` is the seed of simulated noise.
 
         resume  where an interrupted run continues
-        clock   clock of the run, by default that of the computer
+        clock   clock of the run; default: the clock of the computer
         """
         self._require_own_options()
         if resume is not None and self.driver not in RESUMED:
@@ -242,7 +242,7 @@ class Equipment:
         raise InputError(f"there is no driver {self.driver!r}: give one of {', '.join(DRIVERS)}")
 
     def _require_own_options(self) -> None:
-        """Refuse options of another driver, which would otherwise be ignored silently."""
+        """Refuse options of other drivers, which would otherwise be ignored silently."""
         declared = get_type_hints(type(self), include_extras=True)
         for field in fields(self):
             given = declared[field.name].__metadata__[0]

@@ -1,4 +1,7 @@
-"""Examples in help texts: long commands are broken with a backslash, so that they can be copied and run."""
+"""Formatting of examples in help texts.
+
+Long commands are broken with a backslash, so that they can be copied.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,10 @@ __all__ = ["pasteable"]
 EXAMPLE: Final = "Example: "
 # Marks a paragraph that the help formatter must not re-wrap.
 KEPT_AS_IT_IS: Final = "\b\n"
-# Width of an example, characters: the help is 80 columns wide and indented by two.
+# Width of an example, characters. The help is 80 columns wide and indented by two.
 WIDTH: Final = 76
 INDENT: Final = "    "
-# A word as a shell splits it; a quoted word may contain spaces.
+# Matches a word of a shell command. A quoted word may contain spaces.
 WORD: Final = re.compile(r"(?:'[^']*'|\S)+")
 
 

@@ -1,4 +1,4 @@
-"""The exports of makers and apps on the page of formats: which export, which command, what is lost."""
+"""The section of docs/formats.md on exports of makers' programs and apps: export, command, and lost data."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Export:
     """An export of a maker's program or an app.
 
     name     maker, program and kind of file
-    choose   what to choose there
-    command  how imucal reads the file
-    lost     what the recording does not have, and what to know about the data
+    choose   export to choose in the program
+    command  command with which imucal reads the file
+    lost     data that the recording lacks, and remarks about the data
     """
 
     name: str

@@ -1,6 +1,7 @@
-"""Error messages of commands that end without a result, and the JSON document for scripts.
+"""Error messages of commands that end without a result, and the JSON document of the error for scripts.
 
-If a command with --json fails, the document describes the error, so that scripts do not read an old result.
+If a command with --json fails, the JSON document describes the error, so that scripts do not read an old
+result.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from imucal.errors import ImucalError, NotEnoughMotionError
 
 __all__ = ["TRACEBACK", "command_offered", "is_fault", "message_of", "no_result_told", "refusal_told"]
 
-# Environment variable that makes a bug end with its traceback, if it is set.
+# Environment variable. If it is set, a bug ends the command with a traceback.
 TRACEBACK: Final = "IMUCAL_TRACEBACK"
-# A model of fewer parameters in a message, and the commands that have the option --model.
+# Matches a model with fewer parameters in a message. `WITH_MODEL` are the commands with the option --model.
 OFFERED: Final = re.compile(r"\bmodel='(\w+)'")
 WITH_MODEL: Final = ("calibrate", "gap")
 
@@ -40,7 +41,7 @@ def message_of(error: BaseException) -> str:
 def command_offered(error: BaseException, arguments: Sequence[str]) -> str:
     """The command that estimates fewer parameters, if the error offers a model; otherwise empty.
 
-    arguments   those of the command that ended with the error
+    arguments   arguments of the command that ended with the error
     """
     offered = OFFERED.search(str(error)) if isinstance(error, NotEnoughMotionError) else None
     if offered is None or not arguments or arguments[0] not in WITH_MODEL:
@@ -61,10 +62,11 @@ def _foreseen(error: BaseException) -> str | None:
     if isinstance(error, MemoryError):
         return "not enough memory: give a shorter recording"
     if isinstance(error, OSError) and error.strerror is not None:
-        # Only errors of standard output arrive here; others were converted to ImucalError.
+        # This is an error of standard output, because other OSErrors have been converted to ImucalError.
         what = "standard output cannot be written" if error.filename is None else error.filename
         return f"{what}: {error.strerror}"
-    # An error of the command line parser; its class has no stable import path.
+    # Errors of the command line parser are recognised by this method, because their class has no stable
+    # import path.
     if hasattr(error, "format_message"):
         return str(error.format_message())
     return None
@@ -92,8 +94,8 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
     except (Exit, SystemExit):
         raise
     except BaseException as error:
-        # If the result is already written, an interrupt keeps it; an ImucalError, for a file that could not
-        # be written, replaces it.
+        # If the result has already been written, an interrupt does not replace it. An ImucalError, which
+        # means that a file could not be written, replaces it.
         is_told = Output.documents > before and (path == "-" or not isinstance(error, ImucalError))
         if path is not None and not is_told and not _is_read(path, options.values()):
             _write(path, error)
@@ -107,8 +109,9 @@ def refusal_told(arguments: Sequence[str]) -> Iterator[None]:
         yield
     except Exception as error:
         path = _json_in(arguments)
-        # If the value of --json is missing, the next word, possibly a data file, is taken for it. So only a
-        # missing file or an earlier result is overwritten.
+        # If the value of --json is missing, the parser takes the next word, possibly a data file, as its
+        # value. Therefore the document is only written if the file does not exist or contains an earlier
+        # result.
         if path is not None and hasattr(error, "format_message") and _may_be_replaced(path):
             words = [part for word in arguments for part in word.split("=", 1)]
             if not _is_read(path, words):
@@ -131,7 +134,7 @@ def _is_read(path: str, given: Iterable[Any]) -> bool:
     named = [os.path.realpath(value) for value in values if isinstance(value, (str, Path))]
     # The journal of an interrupted run, OUTPUT.journal, may contain samples.
     journals = [f"{name}.journal" for name in named]
-    # One occurrence is --json itself.
+    # One occurrence is the value of --json.
     return [*named, *journals].count(os.path.realpath(path)) > 1
 
 
@@ -148,12 +151,12 @@ def _json_in(arguments: Sequence[str]) -> str | None:
 
 
 def _may_be_replaced(path: str) -> bool:
-    """Whether `path` does not exist, is no regular file, or contains an earlier result with a verdict."""
+    """Whether `path` does not exist, is not a regular file, or contains an earlier result with a verdict."""
     if not Path(path).is_file():
         return True
     try:
         with Path(path).open("rb") as file:
-            # Reads only files that start like a JSON object, as a recording may be large.
+            # Only files that start like a JSON object are read completely, because a recording may be large.
             document = json.load(file) if file.read(1) == b"{" and file.seek(0) == 0 else None
     except (OSError, ValueError, RecursionError):
         return False

@@ -1,4 +1,4 @@
-"""Arguments and options of the commands that judge a store: which units, and a table as CSV."""
+"""Shared arguments and options of the commands on a store: selection of units, and a table as CSV."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def selection_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def store_of(path: Path, **outputs: str | Path | None) -> Fleet:
-    """The store of a command, whose outputs would not overwrite it.
+    """The store of a command. Raises InputError if an output would overwrite the store.
 
     outputs   output files by the name of their option, without its dashes
     """

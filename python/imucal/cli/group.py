@@ -1,4 +1,4 @@
-"""Command groups that load a command when it is used, and write a JSON document also when it fails."""
+"""Command groups that load a command when it is used, and write a JSON document even if it fails."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ __all__ = ["Command", "Commands", "Lazy"]
 
 # Maximum length of the summary of a command in the list of commands, characters.
 LONGEST_SUMMARY = 200
-# The help is as wide as the terminal, but lines of more than this number of characters are hard to read.
+# Maximum width of the help, characters, even in a wider terminal, because longer lines are hard to read.
 WIDEST_HELP = 110
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": WIDEST_HELP}
-# Headings of options that several commands have; they come after those of the command's own options.
+# Headings of options that several commands have. They come after the headings of the other options.
 OPTIONS: Final = "Options"
 LAST_PANELS: Final = ("Output", "Files of other programs")
 
@@ -30,10 +30,10 @@ LAST_PANELS: Final = ("Output", "Files of other programs")
 class Lazy(NamedTuple):
     """A command whose module is loaded when it is used.
 
-    module     its module
+    module     module of the command
     attribute  the function of a command, or a group
     summary    first sentence of its help, for the list of commands
-    task       heading of the list of commands under which it stands
+    task       heading under which the command is listed
     """
 
     module: str
@@ -43,7 +43,7 @@ class Lazy(NamedTuple):
 
 
 class _Help(click.Command):
-    """Writes the arguments of a command, and then its options in groups."""
+    """Command whose help lists the arguments, and then the options in groups."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         rows = [
@@ -60,7 +60,7 @@ class _Help(click.Command):
             if record is not None and not isinstance(item, Argument):
                 panel = item.panel if isinstance(item, Option) else None
                 panels.setdefault(panel or OPTIONS, []).append(record)
-        # `sorted` keeps the order of panels with the same key.
+        # `sorted` is stable, so panels with the same key keep their order.
         for panel in sorted(
             panels, key=lambda name: LAST_PANELS.index(name) + 1 if name in LAST_PANELS else 0
         ):
@@ -71,9 +71,10 @@ class _Help(click.Command):
 
 
 class Command(_Help):
-    """A command of an annotated function; with --json, it writes also the error with which it ends.
+    """A command made from an annotated function. With --json, it also writes the error with which it ends.
 
-    function   its docstring is the help, its annotated parameters those of the command line
+    function   function of the command: its docstring is the help, and its annotated parameters are the
+               command line parameters
     """
 
     def __init__(self, function: Callable[..., None], name: str | None = None) -> None:
@@ -97,12 +98,12 @@ class Command(_Help):
 
 
 class Commands(_Help, click.Group):
-    """A group of commands. Its own function, if it has one, also runs without a subcommand.
+    """A group of commands. If the group has a function, it also runs without a subcommand.
 
     lazy         commands by name, in the order of the list of commands
-    function     the command without a subcommand, or None, if `start` or the help is shown then
+    function     function that runs without a subcommand; None if `start` or the help is shown instead
     start        text that is shown without a subcommand instead of the help
-    other_words  words that people try, and the commands that do what they mean
+    other_words  words that users may try, each with the command that does the intended task
     """
 
     def __init__(
@@ -136,7 +137,7 @@ class Commands(_Help, click.Group):
         return [*self._lazy, *self.commands]
 
     def get_command(self, ctx: click.Context | None, cmd_name: str) -> click.Command | None:
-        """The command of this name, for which its module is loaded, or None."""
+        """The command with this name, whose module is loaded, or None."""
         if cmd_name in self._lazy:
             lazy = self._lazy[cmd_name]
             found = getattr(importlib.import_module(lazy.module), lazy.attribute)
@@ -150,7 +151,7 @@ class Commands(_Help, click.Group):
             tasks.setdefault(lazy.task, []).append((name, lazy.summary))
         for name, item in self.commands.items():
             tasks.setdefault("Commands", []).append((name, item.get_short_help_str(LONGEST_SUMMARY)))
-        # One width for the names of all tasks.
+        # The column of names has the same width for all tasks.
         widest = max((len(name) for rows in tasks.values() for name, _ in rows), default=0)
         for task, rows in tasks.items():
             with formatter.section(task):
@@ -159,7 +160,7 @@ class Commands(_Help, click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command of the first word; for a word that people try, an error that names the command."""
+        """The command of the first word. The error for one of `other_words` names the intended command."""
         if args and args[0] in self._other_words and not ctx.resilient_parsing:
             offered = f"{ctx.command_path} {self._other_words[args[0]]}"
             raise click.UsageError(f"there is no command {args[0]!r}: use `{offered}`")
@@ -174,11 +175,11 @@ class Commands(_Help, click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the group's own function and the command."""
-        # Also needed for a group, because `imucal demo` runs without a subcommand.
+        # This is also needed for a group, because `imucal demo` runs without a subcommand.
         with no_result_told(ctx.params):
             return super().invoke(ctx)
 
     def subcommand(self, function: Callable[..., None]) -> Callable[..., None]:
-        """A decorator that adds a function as a command of its name."""
+        """A decorator that adds a function as a command with the function's name."""
         self.add_command(Command(function))
         return function

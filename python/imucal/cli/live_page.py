@@ -1,4 +1,4 @@
-"""The page of a fleet while its run goes on, written again and again by a process of its own."""
+"""The page of a fleet during a run, which a separate process writes repeatedly."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Final
 
 __all__ = ["RELOAD_S", "LivePage"]
 
-# The browser loads the page again after this time, s, and it is written no more often.
+# Interval, s, at which the browser reloads the page, and minimum interval between two writes of the page.
 RELOAD_S: Final = 10.0
-# Largest share of the time in which the page is written: a page of 100,000 units takes a minute of one
-# processor, which the run lacks meanwhile.
+# Maximum share of the time during which the page is being written, because writing takes a processor from the
+# run. A page of 100,000 units takes a minute.
 SHARE: Final = 0.2
 
 
@@ -33,20 +33,20 @@ class LivePage:
         self._started_s = self._next_s = time.monotonic()
 
     def step(self) -> None:
-        """Called after each unit: starts to write the page if it is time."""
+        """Start to write the page if it is due. Called after each unit."""
         now_s = time.monotonic()
         if self._process is not None and self._process.poll() is not None:
             self._process = None
             self._next_s = self._started_s + max(RELOAD_S, (now_s - self._started_s) / SHARE)
         if self._process is None and now_s >= self._next_s:
             self._started_s = now_s
-            # Its output is dropped: a store without a calibration has no page yet.
+            # Output is discarded, because the command fails while the store has no calibration.
             self._process = subprocess.Popen(
                 [*self._words, "--reload", f"{RELOAD_S:g}"],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                # Ctrl-C in a terminal ends the run, which ends this process.
+                # With a separate session, Ctrl-C in a terminal reaches only the run, which ends this process.
                 start_new_session=True,
             )
 

@@ -69,7 +69,7 @@ Control = Annotated[
     option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
 ]
 Gravity = Annotated[float, option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
-# Gravity and clock of a calibration, where normal values are assumed without them.
+# Options for gravity and clock of a calibration. Without them, standard values are assumed.
 GravityOption = Annotated[
     float | None,
     option(
@@ -161,7 +161,7 @@ class UnitSystem(str, Enum):
 
     @property
     def units(self) -> Units:
-        """The function that gives the scale of a parameter."""
+        """The function that returns the scale of a parameter."""
         import imucal.units
 
         return imucal.units.datasheet if self is UnitSystem.datasheet else imucal.units.si

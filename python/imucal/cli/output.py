@@ -1,4 +1,4 @@
-"""Output of commands: tables for people, a JSON document for scripts, and options for both."""
+"""Output of commands: text and tables for people, and a JSON document for scripts."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ __all__ = [
 # Exit codes: no result (also for bad input), and a verdict that is poor or worse than required.
 NO_RESULT = 1
 POOR_VERDICT = 2
-# Bytes of a file name that Linux, macOS and Windows allow.
+# Maximum length of a file name, bytes, on Linux, macOS and Windows.
 LONGEST_FILE_NAME = 255
-# Codes of styles in a terminal (ECMA-48, SGR), and the styles of verdicts and severities.
+# Codes of text styles in a terminal (ECMA-48, SGR), and styles of verdicts and severities by name.
 BOLD = "1"
 STYLES = {
     "good": "1;32",
@@ -71,7 +71,7 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
             continue
         _require_place(option, Path(path))
         real = os.path.realpath(path)
-        # Writing to a device or a pipe overwrites nothing.
+        # Devices and pipes are permitted, because writing to them overwrites nothing.
         if real in taken and (Path(real).is_file() or not Path(real).exists()):
             raise InputError(
                 f"{taken[real]} and {option} are both {path}, so one would overwrite the other: give two "
@@ -115,11 +115,12 @@ class Output:
     units       units of parameters and figures
     """
 
-    # Number of documents written in this process; if it is 0, the file of --json may be from an earlier run.
+    # Number of documents written in this process. If it is 0, the file of --json may be from an earlier run.
     documents: ClassVar[int] = 0
 
     def __init__(self, json_path: str | None, units: UnitSystem = UnitSystem.datasheet) -> None:
-        # Characters that the console cannot encode must not end the command with an error.
+        # Characters that the console cannot encode are escaped, so that they do not end the command with an
+        # error.
         for output in (sys.stdout, sys.stderr):
             if isinstance(output, io.TextIOWrapper):
                 output.reconfigure(errors="backslashreplace")
@@ -155,7 +156,7 @@ class Output:
             printed = printed.replace(
                 highlighted, self._styled(highlighted, STYLES.get(highlighted, BOLD)), 1
             )
-        # Flushed, so that messages on standard error stay in order.
+        # Output is flushed, so that it stays in order with messages on standard error.
         print(printed, file=self._stream, flush=True)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -227,7 +228,7 @@ class Output:
         self.line(judgement.count)
 
     def verdict(self, verdict: str, reasons: Sequence[str], require: str = "incomplete") -> None:
-        """The verdict with its reasons; one that is poor, or worse than required, ends with its exit code."""
+        """Print the verdict with its reasons. If it is poor or worse than required, end with exit code 2."""
         self.line("; ".join((f"verdict: {verdict}", *reasons)), verdict)
         if verdict == "poor" or (verdict == "incomplete" and require == "good"):
             raise Exit(POOR_VERDICT)

@@ -23,7 +23,7 @@ import click
 __all__ = ["Argument", "Declared", "Option", "argument", "call_with", "option", "parameters_of"]
 
 _TYPES: Final[dict[Any, Any]] = {str: click.STRING, int: click.INT, float: click.FLOAT}
-# Metavars of options with these endings, which give the unit of their value; and those of types.
+# Metavars of options by suffix of the name, which states the unit of the value; and metavars by type.
 _ENDINGS: Final = {
     "_s": "S",
     "_hz": "HZ",
@@ -37,7 +37,7 @@ _MISSING: Final = inspect.Parameter.empty
 
 
 class Declared:
-    """What `option` and `argument` say about a parameter, beyond its name, type and default."""
+    """The declaration of a parameter by `option` or `argument`, in addition to its name, type and default."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class Declared:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Arguments that the parser's options and arguments have in common."""
+        """Settings that options and arguments of the parser have in common."""
         return {
             "metavar": self.metavar,
             "is_eager": self.is_eager,
@@ -80,11 +80,11 @@ def option(
     callback: Callable[[Any], None] | None = None,
     is_eager: bool = False,
 ) -> Any:
-    """An option, `--name`; of a flag also `--name/--no-name`.
+    """An option `--name`, or a flag `--name/--no-name`.
 
     panel       group of options to which it belongs
-    completion  gives the values that start with the typed text, for shells
-    callback    is called with the value before the command runs
+    completion  function that returns the values that start with the typed text, for shell completion
+    callback    function that is called with the value before the command runs
     is_eager    whether the callback is called before other options are checked
     """
     return Declared(names, help, metavar, panel, completion, callback, is_eager)
@@ -100,7 +100,8 @@ class Argument(click.Argument):
 
     def __init__(self, *declarations: Any, help: str, **settings: Any) -> None:
         super().__init__(*declarations, **settings)
-        # click 8.2 has no help of arguments, and newer ones write it in a section of another name.
+        # The help is stored separately, because click 8.2 has no help of arguments, and newer versions write
+        # it in a section with another name.
         self.described = help
 
 
@@ -113,12 +114,12 @@ class Option(click.Option):
 
 
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
-    """The parser's parameters for the annotated parameters of a function, in their order."""
+    """The parser's parameters for the annotated parameters of a function, in the same order."""
     return [_parameter(name, *rest) for name, *rest in _signature(function)]
 
 
 def call_with(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function with values as the parser gives them: empty lists become defaults, texts enums."""
+    """The function for values of the parser: empty lists are replaced by defaults, and texts by enums."""
     kinds = {name: (kind, default) for name, kind, _, default in _signature(function)}
 
     def called(**values: Any) -> Any:
@@ -177,7 +178,7 @@ def _parameter(name: str, kind: Any, declared: Declared, default: Any) -> click.
 
 
 def _metavar(name: str, kind: Any) -> str | None:
-    """The word for the value of an option in the help; None for one of several given values."""
+    """The word for the value of an option in the help; None for an option with a fixed set of values."""
     if kind in (int, float):
         for ending, metavar in _ENDINGS.items():
             if name.endswith(ending):

@@ -102,7 +102,7 @@ class Reading:
             return use(iter([self.one(paths)]))
 
     def each(self, paths: Sequence[Path]) -> list[Recording]:
-        """The recordings in these files; those with one file per sensor are taken in pairs."""
+        """The recordings in these files. If each sensor has a separate file, files are read in pairs."""
         from imucal.io import files_per_recording
 
         size = files_per_recording(self.format, paths)

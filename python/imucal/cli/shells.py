@@ -13,7 +13,8 @@ from imucal.errors import InputError
 
 __all__ = ["install_completion", "show_completion"]
 
-# File of the script in the home folder, and the shell's start file with the lines that load it.
+# By shell: file of the completion script in the home folder, start file of the shell, and line that loads the
+# script.
 PLACES: Final[dict[str, tuple[str, str | None, str]]] = {
     "bash": (".bash_completions/imucal.sh", ".bashrc", "source {path}"),
     "zsh": (".zfunc/_imucal", ".zshrc", "fpath+=~/.zfunc; autoload -Uz compinit; compinit"),
@@ -27,7 +28,7 @@ def show_completion(context: click.Context, complete: str) -> None:
 
 
 def install_completion(context: click.Context, complete: str) -> None:
-    """Write the script for the current shell, and load it in the shell's start file, if this needs a line.
+    """Write the script for the current shell, and add a line that loads it to the start file if necessary.
 
     Raises InputError for another shell, or if a file cannot be written.
     """
@@ -45,7 +46,7 @@ def install_completion(context: click.Context, complete: str) -> None:
 
 
 def _add_line(file: Path, line: str) -> None:
-    """Add the line at the end of a file that does not have it."""
+    """Add the line at the end of a file unless the file contains it."""
     text = file.read_text(encoding="utf-8", errors="surrogateescape") if file.exists() else ""
     if line not in text.splitlines():
         with file.open("a", encoding="utf-8", errors="surrogateescape") as end:

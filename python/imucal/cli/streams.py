@@ -1,7 +1,7 @@
-"""Standard streams of a command whose reader is gone, and text for a terminal.
+"""Standard streams of a command whose reader may close them, and text for a terminal.
 
-A closed standard output changes what is printed, not what is done: all files are written, and the exit code
-is that of the verdict.
+A closed standard output only affects the printed text. All files are written, and the exit code is that of
+the verdict.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ STANDARD_ERROR = 2
 
 @contextmanager
 def standing_streams() -> Iterator[None]:
-    """Inside this block all standard streams are open, and a reader that goes away raises no error.
+    """Inside this block all standard streams are open, and a reader that closes them causes no error.
 
-    Streams that a caller has replaced, as notebooks and tests do, are left alone.
+    Streams that a caller has replaced, as notebooks and tests do, are not changed.
     """
     _open_closed_descriptors()
     before: tuple[Any, Any] = sys.stdout, sys.stderr
@@ -49,7 +49,7 @@ def printable(text: str) -> str:
 
 
 def _open_closed_descriptors() -> None:
-    """Open the null device for each closed standard stream; the next file would otherwise get its number."""
+    """Open the null device for each closed standard stream, whose number the next file would get."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
@@ -70,7 +70,7 @@ def _text_of(descriptor: int) -> io.TextIOWrapper:
 
 
 class _Standing(io.RawIOBase):
-    """A standard stream that discards everything after its reader has gone away."""
+    """A standard stream that discards all output after its reader has closed it."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 __all__ = ["table_lines"]
 
-# Between two columns.
+# Text between two columns.
 GAP = "  "
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Stage", "working"]
 
-# The display appears after this time, s. Commands that take less do not load rich.
+# Time after which the display appears, s. Shorter commands do not load rich.
 DELAY_S = 1.0
 
 
@@ -83,7 +83,7 @@ def working(stage: str, steps: int | None = None) -> Iterator[Stage]:
         yield current
     finally:
         timer.cancel()
-        # The timer may be starting the display right now.
+        # Wait for the timer, which may just be starting the display.
         timer.join()
         current.stop()
 

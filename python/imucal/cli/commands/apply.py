@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["apply"]
 
-# Temperatures may exceed the calibrated range by this share of it before a warning, as extrapolation is then
-# safe.
+# Share of the calibrated temperature range by which temperatures may exceed it without a warning, because
+# such a small extrapolation is safe.
 BEYOND: Final = 0.05
 
 
@@ -101,7 +101,7 @@ def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
 
 
 class _Empty:
-    """The number of samples that are empty for a given reason, and the index of the first."""
+    """The number of samples that are empty for a given reason, and the index of the first such sample."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -158,7 +158,8 @@ class _Corrected:
         for raw in pieces:
             if start_s is None and len(raw):
                 start_s = float(raw.time_s[0])
-            # Effects that need the whole recording take no start time; the recording is then a single piece.
+            # If effects need the whole recording, there is a single piece and the start time must not be
+            # given.
             corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
             missing, lost = empty_samples(raw, corrected)
             no_temperature = np.zeros_like(lost)

@@ -29,7 +29,7 @@ __all__ = ["capture"]
 UNIT = "The unit's data"
 POSES = "The poses"
 CALIBRATION = "The calibration"
-# Findings with which the calibration refuses a recording unless their samples are excluded.
+# Findings for which the calibration refuses a recording unless the affected samples are excluded.
 SATURATED = ("accel_saturation", "gyro_saturation")
 # Schema of the document of --json.
 SCHEMA = "imucal.capture-result/1"
@@ -228,7 +228,7 @@ def _order(
 
 
 def _calibrated(recording: Recording, known: Mapping[str, Any]) -> tuple[CalibrationResult, str]:
-    """The calibration of a recording, and the option with which `imucal calibrate` gives it, too."""
+    """The calibration of a recording, and the option with which `imucal calibrate` gives the same result."""
     import imucal
 
     try:

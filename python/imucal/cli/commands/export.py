@@ -161,7 +161,7 @@ def export(
     if output is not None:
         out.line(f"{output}: {form.title}")
     if form.is_binary:
-        # A binary file has no place for its header.
+        # The header of a binary file is printed, because the file cannot contain it.
         print(printable(exported.text.rstrip()), file=sys.stderr)
     for reason in reasons:
         print(printable(f"warning: this calibration is {verdict}: {reason}"), file=sys.stderr)

@@ -8,7 +8,7 @@ from imucal.cli.group import Commands, Lazy
 
 __all__ = ["app"]
 
-# Commands by the module in which they are, each with the first sentence of its help.
+# Commands by module, each with the first sentence of its help.
 MODULES: Final = {
     "fleet_run": {"run": "Calibrate the recordings of many units into a store; only new ones are computed."},
     "fleet_store": {
@@ -33,7 +33,7 @@ MODULES: Final = {
         "certificate": "Write the certificate of a unit.",
     },
 }
-# Commands whose functions have another name, as theirs is one of Python.
+# Commands whose functions have another name, because the name of the command is a built-in of Python.
 OTHER_NAMES: Final = {"list": "list_units"}
 
 app = Commands(

@@ -82,7 +82,7 @@ def gap(
 
 @contextmanager
 def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor | None]:
-    """Processes on this computer, or those of a Dask scheduler."""
+    """An executor with processes on this computer, or with the workers of a Dask scheduler."""
     if scheduler is not None:
         try:
             from distributed import Client
@@ -109,6 +109,7 @@ def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor |
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
-    # Forked processes would inherit the threads of Arrow and of the display.
+    # Processes are spawned, because forked processes would inherit the state of Arrow's and the display's
+    # threads.
     with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as executor:
         yield executor

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["drift", "outliers", "spc"]
 
-# Lines of a table in the terminal; --json and --csv have all.
+# Maximum number of lines of a table in the terminal. --json and --csv contain all lines.
 MOST_LINES = 30
 
 

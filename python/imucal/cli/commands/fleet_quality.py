@@ -21,8 +21,8 @@ __all__ = ["By", "capability", "grr"]
 LimitsOption = Annotated[
     Path | None, option("--limits", metavar="LIMITS", help="Limits file, as of `imucal limits template`.")
 ]
-# Indices below these, and fewer categories, make the verdict poor: AIAG manuals Statistical Process Control
-# and Measurement Systems Analysis.
+# Minimum Ppk, and minimum number of distinct categories. Smaller values make the verdict poor. The numbers
+# are from the AIAG manuals Statistical Process Control and Measurement Systems Analysis.
 LEAST_PPK = 1.0
 LEAST_CATEGORIES = 5
 

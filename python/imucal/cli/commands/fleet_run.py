@@ -47,7 +47,8 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 SCHEMA: Final = "imucal.fleet-run/1"
-# A watched folder is looked at after this time, s. A file whose size has not changed since then is complete.
+# Interval, s, at which a watched folder is checked. A file whose size has not changed in this time is
+# complete.
 WATCH_S: Final = 2.0
 
 
@@ -196,7 +197,7 @@ def _write_page(out: Output, page: Path, fleet: Fleet, limits: Limits | None) ->
     try:
         write_fleet_page(page, fleet, limits=limits)
     except InputError as error:
-        # A run without a result still has its counts.
+        # The error is only printed, because the counts of the run are still valid.
         out.line(f"{page} is not written: {error}")
         return
     out.line(f"{page}: {page.stat().st_size / 1e6:.1f} MB")
@@ -205,7 +206,7 @@ def _write_page(out: Output, page: Path, fleet: Fleet, limits: Limits | None) ->
 def _jobs(
     out: Output, recordings: list[str], names: str | None, part: tuple[int, int] | None
 ) -> tuple[Iterable[Job], int]:
-    """The jobs and their number; says how serial numbers follow from paths before anything runs."""
+    """The jobs and their number. The rule for serial numbers is printed before anything runs."""
     from imucal.fleet.manifest import count_of_manifest, is_manifest, jobs_of_manifest, shard
     from imucal.fleet.naming import files_of, naming_of
 
@@ -223,7 +224,7 @@ def _jobs(
 
 
 class _Teller:
-    """Counts units on the display, and prints one line for each without a result."""
+    """Counts units on the display, and prints one line for each unit without a result."""
 
     def __init__(self, stage: Stage, live: LivePage | None) -> None:
         self._live = live
@@ -254,7 +255,7 @@ def _watched(
     given: dict[str, Any],
     live: LivePage | None,
 ) -> Tally:
-    """Take the files of a folder as they come, until the user interrupts."""
+    """Process the files of a folder as they appear, until the user interrupts."""
     from imucal.fleet.job import path_text
     from imucal.fleet.naming import files_of, naming_of
     from imucal.fleet.run import Tally as NewTally
@@ -270,7 +271,8 @@ def _watched(
             before = found
             if ready:
                 folders = {str(Path(name).parent) for name in ready}
-                # A control recording belongs to a run that may have come before.
+                # All files in the same folder are included, because the run of a new control recording may
+                # have appeared earlier.
                 together = [name for name in found if str(Path(name).parent) in folders]
                 new = {path_text(name) for name in ready}
                 jobs = [

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["export", "list_units", "merge", "query", "show"]
 
 SCHEMA: Final = "imucal.fleet-rows/1"
-# Lines of a table in the terminal; --json and --csv have all.
+# Maximum number of lines of a table in the terminal. --json and --csv contain all lines.
 MOST_LINES: Final = 50
 LISTED: Final = (
     *("serial", "date", "station", "operator", "batch", "role", "verdict", "code", "message", "reasons"),
@@ -142,7 +142,7 @@ def _write(
     short: tuple[str, ...] | list[str],
     units: UnitSystem = UnitSystem.datasheet,
 ) -> Output:
-    """Write rows as CSV, as JSON, and some of their columns as a table."""
+    """Write rows as CSV and as JSON, and print some of their columns as a table."""
     readable = [tuple(_plain(value) for value in row) for row in rows]
     write_table(csv, names, readable)
     out = Output(json, units)
@@ -158,7 +158,7 @@ def _write(
 
 
 def _plain(value: Any) -> Any:
-    """A value of SQLite for text: bytes, of which arrays consist, by their length."""
+    """A value of SQLite for text. Bytes, which contain arrays, are represented by their length."""
     return f"{len(value)} bytes" if isinstance(value, bytes) else value
 
 

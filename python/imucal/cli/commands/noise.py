@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["noise"]
 
-# Columns of the table of white noise, and their units: SI unit of the density: (factor, unit) of each column.
-# The density is two-sided and equals the random walk of the integral; a one-sided density is larger by
-# sqrt(2).
+# Columns of the table of white noise, and (factor, unit) of each column by SI unit of the density. The
+# density is two-sided and equals the random walk of the integral. A one-sided density is larger by a factor
+# of sqrt(2).
 WHITE_NOISE = ("two-sided (filters)", "one-sided (datasheets)", "random walk")
 WHITE_NOISE_UNITS = {
     "rad/s/sqrt(Hz)": (
@@ -85,7 +85,7 @@ def noise(
         loaded = reading.one(recording)
     with working("identifying the noise"):
         found = imucal.noise(loaded, min_rest_s=min_rest_s, cut_steps=cut_steps)
-    # Before any file is written, because these conversions refuse raw counts.
+    # Converted before any file is written, because these conversions refuse raw counts.
     yaml = None if kalibr is None else kalibr_yaml(found, rostopic=rostopic)
     profile = None if unit_profile is None else unit_of_noise(found, name=unit_profile.stem)
     if report is not None:

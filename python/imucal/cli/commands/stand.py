@@ -74,7 +74,8 @@ def run(
         [program, *equipment.files],
         {"--output": output, "the journal": journal_of(output), "--json": json},
     )
-    # Only this output is protected, because the samples of a unit cannot be recreated.
+    # Existing recordings are protected, unlike other outputs, because the samples of a unit cannot be
+    # recreated.
     if output.exists() and not force:
         raise InputError(f"{output} exists: give another file, or --force to overwrite it")
     targets = [parse_target(text) for text in target_sigma or ()]

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 __all__ = ["calibrate", "end_unit", "view_for"]
 
 EXIT = {"passed": 0, "failed": POOR_VERDICT, "no_result": NO_RESULT}
-# Number of possible seeds of a drawn control program.
+# Number of possible seeds of a random control program.
 SEEDS = 2**31
-# Moves of a drawn control program.
+# Number of moves of a random control program.
 CONTROL_MOVES = 20
 
 
