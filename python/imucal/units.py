@@ -109,7 +109,7 @@ DATASHEET: Final[dict[str, tuple[float, str]]] = {
     "rad/s/s/sqrt(Hz)": (3600.0 * 60.0 / _DEG, "deg/h/sqrt(h)"),
     "m/s^2/s/sqrt(Hz)": (1e6 * 60.0 / _G, "ug/sqrt(h)"),
 }
-# Parameters that are shown in another unit than other quantities with the same SI unit.
+# Matches parameters that are shown in a different unit than other quantities with the same SI unit.
 _SENSITIVITY: Final = re.compile(r"(?:accel|gyro)_sensitivity_([xyz])([xyz])")
 _DIAGONAL: Final = (1e6, "ppm")
 _OFF_DIAGONAL: Final = (1e3, "mrad")

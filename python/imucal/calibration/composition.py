@@ -60,7 +60,8 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
     files    the files of both, for the origin of the result
 
     The body frame is that of `second`, and the raw units and axes are those of `first`. If only one of the
-    two has a gyroscope, the result has that gyroscope. The result has no covariance if `second` has none.
+    two has a gyroscope, the result has that gyroscope. The result has no covariance if `second` has no
+    covariance.
 
     Raises InputError if `second` expects raw counts, if both were estimated on the same recordings or belong
     to different units, and if an effect of `first` cannot be expressed as a function of the true values.

@@ -31,7 +31,7 @@ from imucal.recording.recording import Recording, require_sensors, samples_of_bo
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
 # Convergence criterion: the largest change of a sample in an iteration, relative to the magnitude of its
-# terms. It is 16 rounding errors of float64.
+# terms: 16 rounding errors of float64.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
 
 # Inputs of a field besides rate and force, each with the column of a recording from which it is computed.

@@ -18,8 +18,8 @@ class Imported:
     program   the program that wrote the files
     formula   correction that the other program computes
     files     the files
-    missing   what the files do not state: "covariance", "temperature", "noise", "gravity", or triads and
-              parameters such as "gyroscope", "accel_bias" or "gyro_scale", which have neutral values here
+    missing   parts that the files do not state: "covariance", "temperature", "noise", "gravity", or triads
+              and parameters such as "gyroscope", "accel_bias" or "gyro_scale", which have neutral values here
     notes     further remarks about the file
     """
 

@@ -1,7 +1,8 @@
 """The references of a calibration, local gravity and the clock of the time stamps, and their uncertainty.
 
 Every parameter is determined relative to gravity and to the time stamps. The data cannot reveal an error of
-either, because it changes all scales of a sensor by the same factor (docs/model.md (38)).
+gravity or of the clock, because such an error changes all scales of a sensor by the same factor
+(docs/model.md (38)).
 """
 
 from __future__ import annotations

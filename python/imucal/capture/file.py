@@ -207,7 +207,7 @@ def _lock(file: int, path: Path) -> None:
 
 
 def _number(value: float) -> str:
-    """The shortest text that is read as the same number.
+    """The shortest text from which exactly this number is read.
 
     Integers have no decimal point, and NaN is an empty cell.
     """

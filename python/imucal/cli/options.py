@@ -49,7 +49,7 @@ __all__ = [
     "writing_option",
 ]
 
-# Heading in the help of options for what a command prints and writes.
+# Heading in the help of the options for printed and written output.
 OUTPUT: Final = "Output"
 # Heading of the options for gravity and the clock.
 REFERENCES: Final = "Gravity and clock"

@@ -139,7 +139,7 @@ def _signature(function: Callable[..., Any]) -> list[tuple[str, Any, Declared, A
 
 
 def _annotated(hint: Any) -> Any:
-    """The annotation itself: Python 3.10 wraps that of a parameter whose default is None in Optional."""
+    """The annotation without Optional, which Python 3.10 adds to a parameter whose default is None."""
     if hasattr(hint, "__metadata__"):
         return hint
     return next(item for item in typing.get_args(hint) if hasattr(item, "__metadata__"))

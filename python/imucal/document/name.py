@@ -37,7 +37,7 @@ def require_name(name: object, what: str) -> str:
 
 
 def shown(text: str, *, keep: str = "") -> str:
-    """The text with an escape, such as that of JSON, for each character that cannot be printed.
+    """The text with an escape sequence, in the form of JSON, for each character that cannot be printed.
 
     keep   characters that are not escaped, such as a line break
     """

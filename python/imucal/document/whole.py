@@ -14,7 +14,7 @@ LARGEST_COUNT: Final = 2**31 - 1
 
 
 def is_whole(value: Any) -> bool:
-    """Whether this is an integer: NumPy integers are, floats are not, whatever their value."""
+    """Whether this is an integer: True for NumPy integers; False for floats, even with an integral value."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 

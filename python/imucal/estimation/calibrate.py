@@ -104,9 +104,10 @@ def calibrate(
                        included in the standard deviations of the result. Texts NAME, NAME=VALUE or
                        NAME=VALUE+-SIGMA, or a mapping from names to None, the value, or (value, sigma). NAME
                        is accel_ or gyro_ with bias, scale or misalignment, for all axes, or with axes
-                       (accel_misalignment_xy). The default of VALUE is that of a perfect sensor. The default
-                       of SIGMA is the spread in `unit`, or else that of MEMS sensors (docs/model.md (40)).
-                       Biases are in the raw unit, scales relative to the nominal scale, misalignments in rad
+                       (accel_misalignment_xy). The default of VALUE is the value of a perfect sensor. The
+                       default of SIGMA is the spread in `unit`, or else the spread of MEMS sensors
+                       (docs/model.md (40)). Biases are in the raw unit, scales relative to the nominal scale,
+                       misalignments in rad
     joint              estimate all parameters in one fit; if False, and without effects and held parameters,
                        first fit the accelerometer and then the gyroscope
     unit               profile of the unit, its name, or the path of its file. Bias instabilities and random
@@ -217,7 +218,7 @@ def result_of(
     """The result of a calibration by the compiled library.
 
     own    the user-defined effects that were estimated
-    found  the evaluation on `judges`, if there is one
+    found  the evaluation on `judges`, or None without control recordings
     """
     names = _names(outcome, own)
     raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)

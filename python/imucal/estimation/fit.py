@@ -227,7 +227,7 @@ class Diagnosis:
     code        "traded_off", "flat" or "at_bound"
     parameters  their names
     value       the number that exceeded the threshold of the diagnosis
-    message     what is wrong
+    message     description of the problem
     way_out     the motion to add
     """
 

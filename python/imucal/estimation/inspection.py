@@ -56,7 +56,7 @@ class Inspection:
     """The inspection of one recording.
 
     accel_unit, gyro_unit   units of the samples; None for a sensor that the recording does not have
-    findings      all findings of the checks; those of severity "error" prevent a calibration
+    findings      all findings of the checks; findings of severity "error" prevent a calibration
     rests         the rests, in order of time
     threshold     how the rests were detected; None without samples
     explanation   why this threshold was chosen, or why there is no rest

@@ -67,7 +67,7 @@ def argument_note(column: str) -> str:
 
 
 def c_field(effect: FormulaEffect, literal: Callable[[float], str], sign: str, *, single: bool) -> Field:
-    """The field as C expressions, as those of the catalogue (`imucal.exporting.c_fields.FIELDS`).
+    """The field as C expressions, in the form of `imucal.exporting.c_fields.FIELDS`.
 
     literal   function that writes a number
     sign      name of the generated C function for `sign`, see `has_sign`

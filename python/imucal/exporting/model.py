@@ -53,8 +53,8 @@ def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calib
     """The calibration for raw samples in the columns of the recordings, before axis remapping (`axes`).
 
     Firmware and other programs correct such samples. The body frame of the corrected samples stays the same,
-    or is also along the columns (`with_body`). The result has no covariance, because the covariance is that
-    of the parameters after axis remapping.
+    or is also along the columns (`with_body`). The result has no covariance, because the known covariance is
+    for the parameters after axis remapping.
     """
     if calibration.axes == UNCHANGED:
         return calibration

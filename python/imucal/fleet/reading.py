@@ -22,7 +22,7 @@ __all__ = ["ABOUT_COLUMNS", "batches_of", "conditions", "documents", "measuremen
 
 # Number of rows that are in memory at once.
 ROWS_AT_ONCE: Final = 10_000
-# Columns of a table of measurements before those of figures and parameters.
+# Columns of a table of measurements that come before the figures and parameters.
 ABOUT_COLUMNS: Final = (
     *(
         "serial",

@@ -15,8 +15,8 @@ class SessionStep:
     accelerometer_mps2      change of the accelerometer's bias on x, y and z, m/s^2; None if not significant
     gyroscope_radps         change of the gyroscope's bias, rad/s; None if not significant
     p_value                 the smaller p-value of the two changes
-    temperature_change_k    mean temperature of the control recordings minus that of the calibration
-                            recordings, K; None without temperatures
+    temperature_change_k    mean temperature of the control recordings minus mean temperature of the
+                            calibration recordings, K; None without temperatures
     chi2_per_dof            chi2 per degree of freedom of the control recordings without effects
     chi2_per_dof_own        chi2 per degree of freedom of the control recordings with biases fitted to them
     """

@@ -12,8 +12,8 @@ from imucal.gap.remainder import Remainder
 
 __all__ = ["described"]
 
-# chi2 per degree of freedom above which a calibration is a poor fit. The value is that of the compiled
-# library.
+# chi2 per degree of freedom above which a calibration is a poor fit. The compiled library uses the same
+# value.
 POOR_CHI2_PER_DOF: Final = 100.0
 
 Described = tuple[Remainder, Mapping[str, Any] | None, list[str]]

@@ -3,8 +3,8 @@
     corrected = raw + S raw - b
 
 Each array has the three biases, then S column by column; S of the accelerometer is lower triangular
-(calib_bias.hpp of basalt-headers, getBiasAndScale and getCalibrated). The order of the entries is that of
-`imucal.exporting.basalt`.
+(calib_bias.hpp of basalt-headers, getBiasAndScale and getCalibrated). `imucal.exporting.basalt` defines the
+order of the entries.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ def chosen(table: Table, columns: str | Sequence[str] | None, *, has_rate: bool)
     """The table with renamed columns, and with the other columns whose names are canonical.
 
     Without `columns`, names that state sensor, axis and unit in other words are also recognised; `has_rate`
-    is that of `by_header`.
+    has the same meaning as in `by_header`.
     """
     if columns is None:
         return by_header(table, has_rate=has_rate)

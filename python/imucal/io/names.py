@@ -44,7 +44,7 @@ def is_canonical(name: str) -> bool:
 
 
 def triad_part(name: str) -> tuple[str, str, str] | None:
-    """("accel", "x", "mps2") for accel_x_mps2; None for a name that is no triad column."""
+    """("accel", "x", "mps2") for accel_x_mps2; None for a name that is not a triad column."""
     match = TRIAD_NAME.fullmatch(name)
     if match is None:
         return None

@@ -28,7 +28,8 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
     low = {name.strip().lower() for name in names}
     text = "\n".join(preamble).lower()
     if {"acc_x", "gyr_x"} <= low and ("sampletimefine" in low or "packetcounter" in low):
-        # Movella DOT writes deg/s and microseconds, MT Manager rad/s and 100 us, under the same names.
+        # Movella DOT (deg/s, microseconds) and MT Manager (rad/s, 100 us) use the same names for different
+        # units.
         if "devicetag" in text or "outputrate" in text or "xsens dot" in text or "movella dot" in text:
             return Program("Movella DOT", "mps2", "dps", {"sampletimefine": "us"})
         # MT Manager and the programs for MTw write comments above the header.

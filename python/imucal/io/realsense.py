@@ -74,7 +74,7 @@ def read_realsense(path: str | os.PathLike[str]) -> Recording:
 
 
 def _stream(file: str, kind: str, lines: list[bytes], names: list[str]) -> tuple[Stream, int]:
-    """The samples of a stream, and the number of lines that were left out."""
+    """The samples of a stream, and the number of skipped lines."""
     columns = _columns(lines, names)
     count = 0
     if columns is None:

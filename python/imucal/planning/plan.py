@@ -81,7 +81,7 @@ def plan(
                gyro_bias, gyro_sensitivity and the names in `effects`. The shortest program is found; for
                "faces", the smallest number of rounds. Without targets the optimal program is the D-optimal
                one in `minutes`, which has the most information on all parameters
-    minutes    maximum duration of the optimal program; by default that of the stand limits, or 3
+    minutes    maximum duration of the optimal program; default: the maximum in the stand limits, or 3
     effects    names of further effects that the program must determine
     model, hold  parameters that have a prior, as in `calibrate`; the default standard deviations of
                the priors are the spread of `unit`

@@ -94,7 +94,7 @@ class Plan:
         return document
 
     def summary(self) -> str:
-        """Duration, largest standard deviation of each group, and what is missing, as plain text."""
+        """Duration, largest standard deviation of each group, and the missing motion, as plain text."""
         return _summary(self)
 
 

@@ -60,7 +60,7 @@ def move_signals(signals: MoveSignals, *, has_effects: bool = True, is_hand_move
     """The signal of the accelerometer in one move, and the signal predicted from the gyroscope.
 
     The axis is the one whose residual after the move is the largest. Lower panel: measured minus predicted.
-    With `is_hand_moved`, the range of the lower panel is that of the residuals at the rests, because during
+    With `is_hand_moved`, the range of the lower panel is set by the residuals at the rests, because during
     the move the accelerometer also measures the acceleration of the hand.
 
     Raises ImucalError without plotly.

@@ -33,7 +33,7 @@ INTERVAL_95: Final = 1.96
 def waterfall_steps(gap: Gap) -> dict[str, list[tuple[str, float]]]:
     """Share of the gap that each effect and law closes, and the remaining share, by kind of residual.
 
-    Shares are those of control or held-out residuals. Kinds without a gap are left out.
+    Shares are computed from control or held-out residuals. Kinds without a gap are omitted.
     """
     closers = [(str(e["name"]), e.get("closed") or {}) for e in gap.effects]
     closers += [(law.name, law.closed) for law in gap.laws]

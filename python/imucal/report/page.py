@@ -1,8 +1,9 @@
 """Writing of a self-contained HTML page.
 
 The page contains everything it needs, including plotly.js. Its content security policy forbids the browser to
-load anything else, so it looks the same for every recipient and does not reveal that it was opened. Without
-JavaScript the text and tables of all tabs are shown one after the other, as on paper.
+load anything from elsewhere. The page therefore looks the same for every recipient, and opening it is not
+visible to anyone else. Without JavaScript the text and tables of all tabs are shown one after the other, as
+on paper.
 """
 
 from __future__ import annotations

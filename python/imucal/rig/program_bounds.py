@@ -50,7 +50,7 @@ class Timed(Protocol):
 
 
 class Fault(NamedTuple):
-    """The first field of a program that is out of bounds: its path and what is wrong with it."""
+    """The first field of a program that is out of bounds: its path and the reason."""
 
     path: str
     reason: str

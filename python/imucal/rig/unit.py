@@ -161,7 +161,7 @@ class Unit:
         Every figure is drawn from a normal distribution around the perfect sensor. Its standard deviation is
         a typical tolerance, or a third of a maximum tolerance. Off-diagonal entries of both sensitivities are
         drawn in the frame of the package and rotated to the body frame, in which the accelerometer's
-        sensitivity is symmetric. Noise, quantisation and filters are those of the profile.
+        sensitivity is symmetric. Noise, quantisation and filters are taken from the profile.
 
         profile  a name of `unit_names()`, or the path of a unit file
         """

@@ -1,9 +1,9 @@
 """Joins the clocks of the unit and of the host, and interpolates motor angles to the instants of the samples.
 
-Samples arrive with varying delays, but never early. The relation of both clocks is therefore the lower edge
-of the points (unit time, host time of arrival): the straight line below all points with the smallest sum of
-distances to the points. This line is an edge of the lower convex hull. Samples that were delayed at the start
-or while the computer was busy lie above the line and do not change it.
+Samples arrive with varying delays, but never early. The relation between the clocks is therefore the lower
+edge of the points (unit time, host time of arrival): the straight line below all points with the smallest sum
+of distances to the points. This line is an edge of the lower convex hull. Samples that were delayed at the
+start or while the computer was busy lie above the line and do not change it.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ class GrblDriver:
     port       name of the serial port
     baud       baud rate
     axes       axis letters of the three motors, outermost motor first
-    consent    what the user allows at the start
+    consent    actions that the user permits at the start
     resume_hold  end a feed hold, or a hold after a safety door was closed, without waiting for the user
     resume     continue an interrupted run
     open_port  function that opens the serial port with a name and a baud rate; raises LinkLostError on
@@ -441,7 +441,7 @@ class GrblDriver:
         raise TroubleError("error", f"the controller does not confirm the target {_text(target)} deg")
 
     def _marked(self, target: Triple) -> Triple:
-        """The target, displaced slightly if its offset equals that of a restarted controller."""
+        """The target, displaced slightly if its offset equals the offset of a restarted controller."""
         assert self._ready is not None
         x, y, z = (round(angle, ANGLE_DECIMALS - 1) for angle in target)
         if _near((x, y, z), self._ready.offset_deg, MARK_DEG / 2) or not any((x, y, z)):

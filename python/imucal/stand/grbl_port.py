@@ -91,7 +91,8 @@ class GrblPort:
         try:
             with self._writing:
                 port.write(data)
-        # pyserial passes on other exceptions for a lost device, such as those of termios.
+        # Any exception is caught, because for a lost device pyserial also raises exceptions of other modules,
+        # such as termios.
         except Exception as error:
             self._lost = str(error)
             raise LinkLostError(f"{self.name} is lost: {error}") from None

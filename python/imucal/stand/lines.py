@@ -2,8 +2,8 @@
 
     time_us,accel_x_lsb,accel_y_lsb,accel_z_lsb,gyro_x_lsb,gyro_y_lsb,gyro_z_lsb,-,temp_degc*
 
-`-` marks a number to ignore. The checksum is that of NMEA 0183: `*` and two hexadecimal digits, the exclusive
-or of all characters before the `*`, without a leading `$`.
+`-` marks a number to ignore. The checksum has the form of NMEA 0183: `*` and two hexadecimal digits, the
+exclusive or of all characters before the `*`, without a leading `$`.
 """
 
 from __future__ import annotations

@@ -102,7 +102,8 @@ class _Serial:
         try:
             first: bytes = self._port.read(1)
             return first + self._port.read(self._port.in_waiting) if first else b""
-        # pyserial passes on other exceptions for a lost or closed port, such as those of termios.
+        # Any exception is caught, because for a lost or closed port pyserial also raises exceptions of other
+        # modules, such as termios.
         except Exception as error:
             raise LinkLostError(f"{self.name} is lost: {error}") from None
 

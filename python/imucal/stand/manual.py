@@ -35,7 +35,7 @@ ALONE_DEG: Final = 12.0
 
 
 class ManualDriver:
-    """Guides a person through the poses of a program; `columns` are those of the unit's samples."""
+    """Guides a person through the poses of a program; `columns` are the columns of the unit's samples."""
 
     def __init__(self, program: Program, columns: Sequence[str]) -> None:
         self._holds = [(up, step.hold_s) for up, step in zip(ups_of(program), program.steps, strict=True)]

@@ -31,7 +31,9 @@ def program_named(name: str | os.PathLike[str], seed: int) -> Program:
 
 
 def in_another_order(program: Program, seed: int) -> Program:
-    """The poses of a program in another order on the same path, some held on the way out, others on return.
+    """The poses of a program in another order on the same path.
+
+    Some poses are held on the way out, the others on the way back.
 
     The motors follow the path of the program forward and then backward, because no other path is known to be
     free of end stops and obstacles. The program ends in the pose of the first step.

@@ -38,7 +38,7 @@ def unit_source(
     packet   file that describes binary packets
     rate_hz  sampling rate of a unit that sends no time, Hz
 
-    Raises InputError if the format is not given, or does not contain what a recording needs.
+    Raises InputError if the format is not given, or lacks columns that a recording needs.
     """
     source = StreamSource(
         _link(address, baud), _decoder(address, columns, packet), rate_hz=rate_hz, clock=clock

@@ -32,8 +32,8 @@ class Ageing:
     units           number of units
     slope, std      mean slope over the units, per month, and its standard deviation
     spread          standard deviation of the slope over the units, without measurement noise
-    p_value         under the null hypothesis that the mean slope is zero (all units), or equal to that of all
-                    other units (group)
+    p_value         p-value under the null hypothesis that the mean slope is zero (all units), or equal to the
+                    mean slope of all other units (group)
     q_value         p-value corrected for the number of parameters and groups
     is_significant  whether the false discovery rate is at most 1 %
     """
@@ -105,7 +105,7 @@ def _mean_of(slopes: FloatArray, stds: FloatArray) -> tuple[float, float, float]
 
     The spread is the moment estimate of DerSimonian and Laird (Controlled Clinical Trials 7, 1986), and units
     are weighted by spread and noise together. The mean is not robust: if a third of the units drifts, the
-    mean is a third of their slope, whereas a robust mean would be that of the majority.
+    mean is a third of their slope, whereas a robust mean would be the slope of the majority.
     """
     weight = 1.0 / stds**2
     total = weight.sum()

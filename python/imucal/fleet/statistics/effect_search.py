@@ -29,8 +29,8 @@ __all__ = ["EffectEvidence", "FleetGap", "MeanParameter", "effect_search", "sear
 SCHEMA: Final = "imucal.fleet-gap/1"
 # Probability that any effect is reported as significant if there is no effect.
 FALSE_ALARM: Final = 0.001
-# Maximum difference of the statistic from that of the best effect at which an effect is a rival: 5 nats,
-# which is 10 in chi2.
+# Maximum difference between the statistics of an effect and of the best effect at which the effect is a
+# rival: 5 nats, which is 10 in chi2.
 RIVAL_WITHIN: Final = 10.0
 # Maximum number of effects that are accepted one after the other.
 MOST_ROUNDS: Final = 3

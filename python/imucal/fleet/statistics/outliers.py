@@ -4,7 +4,7 @@
 
 S is the covariance of the true values of the units, C_i that of the measurement of unit i. Mean and S come
 from the minimum covariance determinant (MCD) with a deterministic start (Hubert, Rousseeuw and Verdonck,
-Journal of Computational and Graphical Statistics 21, 2012), with the measuring noise taken off.
+Journal of Computational and Graphical Statistics 21, 2012), with the measurement noise subtracted.
 """
 
 from __future__ import annotations
