@@ -1,18 +1,19 @@
-//! Search for the missing effect. All candidate effects are scored, and the effect with the largest evidence is added
-//! to the model. This step is repeated until noise explains the residuals (docs/model.md (23), (24)).
+//! Search for the missing effect. All candidate effects are scored, and the candidate with the largest evidence is
+//! added to the model. This step is repeated until no candidate explains the remaining residuals significantly better
+//! than noise (docs/model.md (23), (24)).
 //!
-//! * `evidence`: evidence of a model, with priors at the typical sizes of effects, and the scatter of each kind of
-//!   residual.
+//! * `evidence`: evidence of a model. The width of each prior is a multiple of the effect's typical size, and the
+//!   scatter of each kind of residual is estimated.
 //! * `forward_search`, `score`, `revise`: steps of the forward search.
-//! * `generic`, `pattern`: hypotheses about variations that no effect of the catalogue describes. They compete with the
-//!   selected effects.
+//! * `generic`, `pattern`: hypotheses about variations of a bias or scale that no effect of the catalogue describes.
+//!   These hypotheses compete with the selected effects.
 //! * `predict`: cross-validation of a candidate on held-out rests and moves.
 //! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
-//! * `forward_search::beside_patterns`: effects of the catalogue are judged with generic hypotheses in the model, so
-//!   that they are found even if an unknown variation is present as well.
+//! * `forward_search::beside_patterns`: scores effects of the catalogue with generic hypotheses in the model. Effects
+//!   are therefore found even if an unknown variation is present as well.
 //! * `detect`: detection limit of each effect.
-//! * `fits`, `acceptance`: an effect is accepted if it does not make the prediction of control recordings, or of
-//!   held-out rests and moves, worse.
+//! * `fits`, `acceptance`: an effect is accepted unless it makes the prediction of unseen data significantly worse.
+//!   Unseen data are control recordings or, without them, held-out rests and moves.
 //! * `mount`, `clock`: faults of the data that prevent conclusions about effects.
 //! * `verdict`, `remainder`: conclusion of a search, and the part of the gap that the accepted effects do not explain.
 //! * `session`: biases that changed between the calibration recordings and the control recordings.
@@ -85,25 +86,26 @@ pub struct Search {
     /// The generic hypothesis with the largest log Bayes factor, if it explains the residuals better than the selected
     /// effects.
     pub generic: Option<GenericFinding>,
-    /// Effects with a large log Bayes factor on these recordings that do not predict held-out rests and moves.
+    /// Effects with a large log Bayes factor on these recordings that do not improve the prediction of held-out rests
+    /// and moves.
     pub not_predictive: Vec<NotPredictive>,
     /// Magnitude and standard deviation, rad/s, of an estimated constant rate that differs significantly from the
-    /// Earth's rate. If it is set, `earth_rate` was removed from the candidates.
+    /// Earth's rate. `None` if no such rate was found; otherwise `earth_rate` was removed from the candidates.
     pub not_the_earth: Option<(f64, f64)>,
-    /// Name of each effect that is not observable in these recordings, and the data that it requires.
+    /// Name of each effect that is not observable in these recordings, and the data that would make it observable.
     pub not_observable: Vec<(String, String)>,
     /// Detection limit of each effect: the name, the smallest rms size per parameter that is detected with 90 %
-    /// probability, and the unit of this size. The limit is relative to the final model; for effects in the final model
-    /// it is relative to the model without effects.
+    /// probability, and the unit of this size. Limits refer to an effect added to the final model. For effects that are
+    /// already in the final model, they refer to the effect added to the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
-    /// Residuals that each effect of typical size would cause.
+    /// For each effect, the residuals that it would cause at its typical size.
     pub traces: Vec<Trace>,
-    /// The kind of residual at rests whose scatter under the final model exceeds noise most, if the excess is
-    /// significant. If effects were selected, only residuals of their sensors are tested.
+    /// Of all kinds of residuals at rests, the kind whose scatter under the final model exceeds noise most; `None` if
+    /// no excess is significant. If effects were selected, only residuals of the sensors of these effects are tested.
     pub scattering_rests: Option<Scattering>,
-    /// Whether accelerometer samples inside moves are not used. This is the case if the unit was moved by hand, so that
-    /// the specific force contains more than gravity, or if the noise of the accelerometer is far below a step of its
-    /// converter.
+    /// Whether the search ignores accelerometer samples inside moves. It does so if the unit was moved by hand, because
+    /// the specific force then contains accelerations besides gravity. It also does so if the accelerometer noise is
+    /// far below the quantisation step.
     pub is_hand_moved: bool,
     /// The final fit of the search, as start values for later fits with the selected effects.
     pub warm_start: WarmStart,
@@ -130,14 +132,15 @@ pub struct Score {
     pub rivals: Vec<String>,
 }
 
-/// Residuals that an effect of typical size causes after the base parameters are refitted.
+/// Residuals that remain, if an effect of typical size is present, after the base parameters are refitted without the
+/// effect.
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// Name of the effect.
     pub name: String,
-    /// Kind of residual, and the rms of these residuals divided by their noise.
+    /// Each kind of residual, and the rms of its residuals divided by their standard deviations from noise.
     pub times_noise: Vec<(&'static str, f64)>,
-    /// Share (0 to 1) of the chi2 due to the effect that a refit of the base parameters removes.
+    /// Share (0 to 1) of the effect's chi2 that the refit of the base parameters removes.
     pub taken_up: f64,
 }
 
@@ -146,9 +149,9 @@ pub struct Trace {
 pub struct NotPredictive {
     /// Name of the effect.
     pub name: String,
-    /// Log Bayes factor on the data of the fit, nats.
+    /// Log Bayes factor on the data that the model was fitted to, nats.
     pub log_bayes_factor: f64,
-    /// Increase of the log predictive density of held-out rests and moves, nats.
+    /// Increase of the log predictive density of held-out rests and moves if the effect is added, nats.
     pub gain: f64,
     /// Standard deviation of `gain`, nats.
     pub gain_std: f64,
@@ -159,18 +162,19 @@ pub struct NotPredictive {
 pub struct GenericFinding {
     /// The sensor parameter that varies: a bias or a scale of the gyroscope or the accelerometer.
     pub block: Block,
-    /// Covariance kernel of the variation: the quantity that it depends on, and the form of the dependence.
+    /// Covariance kernel of the variation. The kernel states which quantity the variation depends on, and in which
+    /// form.
     pub kernel: Kernel,
     /// Log Bayes factor relative to the model without the variation, nats.
     pub log_bayes_factor: f64,
-    /// Upper bound of the p-value of the variation, that is, of the probability that noise alone leads to a Bayes
-    /// factor at least as large.
+    /// Upper bound of the p-value of the variation. The p-value is the probability that noise alone leads to a Bayes
+    /// factor of at least this size.
     pub p_value: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
     /// Indices of the rests with the largest deviations, in descending order.
     pub rests: Vec<usize>,
-    /// Rms variation of the parameter on `axis`, SI units.
+    /// Rms deviation of the parameter on the sensor axis `axis`, SI units.
     pub rms: f64,
 }
 
@@ -181,8 +185,8 @@ pub struct Linearised {
     pub residual: Vec<f64>,
     /// Derivatives with respect to the base parameters, with one row per residual and one column per parameter.
     pub base: Vec<Vec<f64>>,
-    /// Name of each effect and derivatives with respect to its parameters, shaped like `base`. An effect with a time
-    /// constant has one entry for each trial value of the time constant.
+    /// Name of each effect, and the derivatives with respect to the effect's parameters in the same layout as `base`.
+    /// An effect with a time constant has one entry for each trial value of the time constant.
     pub candidates: Vec<(String, Vec<Vec<f64>>)>,
     /// Kind of each residual, as a number.
     pub groups: Vec<usize>,

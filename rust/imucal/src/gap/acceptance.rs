@@ -14,20 +14,23 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 
 /// Relative increase of chi2 per degree of freedom on unseen data below which two predictions count as equally good.
 const SAME: f64 = 0.005;
-/// Relative increase of chi2 per degree of freedom on unseen data above which a prediction is worse. The threshold is
-/// higher if there are so few unseen rests and moves that this increase is not significant.
+/// Relative increase of chi2 per degree of freedom on unseen data above which a prediction is worse. With so few unseen
+/// rests and moves that an increase of this size is not significant, a larger threshold is used.
 const MAY_BE_CHANCE: f64 = 0.1;
-/// Log Bayes factor, nats, below which an effect must improve the prediction of unseen data; 8 nats are odds of 3000
-/// to 1.
+/// Log Bayes factor, nats, below which an effect is accepted only if it improves the prediction of unseen data. 8 nats
+/// are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
-/// Minimum improvement of the prediction in that case, in standard deviations.
+/// Minimum decrease of chi2 of unseen data, in standard deviations of the decrease, that counts as an improvement of
+/// the prediction. It decides about effects with a log Bayes factor below [`CERTAIN_NATS`].
 const LEAST_IMPROVEMENT: f64 = 0.5;
-/// Minimum ratio of chi2 of unseen residuals to its expected value for shares of their excess to be given.
+/// Minimum ratio of chi2 of unseen residuals to the expected value of chi2. Below this ratio the excess over noise is
+/// too small for [`EffectShare::closed`] to be computed.
 const LEAST_EXCESS: f64 = 1.5;
 /// p-value of an effect's parameters in the final fit above which the effect is removed: 1 % is 2.6 standard deviations
 /// of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
-/// Threshold for a significant change of chi2, in standard deviations.
+/// Number of standard deviations, under the null hypothesis, above which an increase of chi2 of unseen data is
+/// significant.
 const SIGNIFICANT: f64 = 3.0;
 
 /// A figure of merit on unseen data: control recordings, or held-out rests and moves.
@@ -35,11 +38,11 @@ const SIGNIFICANT: f64 = 3.0;
 pub struct UnseenFigure {
     /// The quantity that measures the quality of the prediction.
     pub metric: Metric,
-    /// Value of the metric without effects, in the unit of `metric`.
+    /// Value of `metric` without effects, in its unit.
     pub before: f64,
-    /// Value of the metric with the accepted effects, in the unit of `metric`.
+    /// Value of `metric` with the accepted effects, in its unit.
     pub after: f64,
-    /// Expected value of the metric if sensor noise is the only error, in the unit of `metric`.
+    /// Expected value of `metric` if sensor noise is the only error, in its unit.
     pub floor: f64,
 }
 
@@ -55,7 +58,7 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// Name of the figure in JSON documents.
+    /// Name of the metric in JSON documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::Chi2PerDof => "chi2_per_dof",
@@ -68,7 +71,7 @@ impl Metric {
 /// An effect that the search selected and that was rejected.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refusal {
-    /// The fit with the effect does not converge to an acceptable solution.
+    /// The fit with the effect fails.
     NotFitted {
         /// Name of the effect.
         name: String,
@@ -84,7 +87,7 @@ pub enum Refusal {
         /// chi2 per degree of freedom of unseen data with the effect.
         after: f64,
     },
-    /// The parameters of the effect do not differ significantly from zero beside the other accepted effects.
+    /// The parameters of the effect do not differ significantly from zero in the fit with all accepted effects.
     NotSignificant {
         /// Name of the effect.
         name: String,
@@ -98,15 +101,16 @@ pub enum Refusal {
 pub struct EffectShare {
     /// Name of the effect.
     pub name: String,
-    /// Decrease of chi2 by the effect, added after those before it, divided by the excess of chi2 over noise without
-    /// effects: of the norms at rest, the gravity directions after moves, and the mean rates at rest. `None` if these
-    /// residuals hardly exceed their noise without effects, or are not judged.
+    /// For each kind of residual: decrease of chi2 when the effect is added to the effects accepted before it, divided
+    /// by the excess of chi2 over noise without effects. The kinds are norms at rest, gravity directions after moves,
+    /// and mean rates at rest. `None` if chi2 of the kind without effects is below 1.5 times its expected value, or if
+    /// the kind is not evaluated.
     pub closed: [Option<f64>; 3],
 }
 
 /// Decrease of chi2 of unseen data by effects.
 pub(super) struct Removed {
-    /// Share of chi2, at most 1.
+    /// Decrease divided by chi2 without the effects, at most 1.
     pub(super) share: f64,
     /// Decrease divided by its standard deviation.
     pub(super) significance: f64,
@@ -129,7 +133,8 @@ impl Fits<'_> {
         let path = path.as_slice();
         let must_improve = |name: &String| {
             let effect = Effect::<f64>::find(name);
-            // Effects inside moves and effects of the stand hardly change unseen rests and whole moves.
+            // Effects that act only inside moves, and effects of the stand, hardly change the residuals of unseen rests
+            // and of whole moves, so these residuals cannot confirm them.
             let is_of_rests =
                 effect.is_none_or(|own| own.sensor != Sensor::Encoder) && !is_unobservable_hand_held(name);
             is_of_rests && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)
@@ -141,8 +146,8 @@ impl Fits<'_> {
                 Ok(fit) => fit,
                 Err(error) => {
                     accepted.refused.push(Refusal::NotFitted { name: name.clone(), error });
-                    // Effects that were selected after this one describe what it leaves, so without it they would be
-                    // given a part of its residuals.
+                    // The effects selected after this effect were selected for the residuals that remain with it in the
+                    // model. Without it they would explain a part of its residuals, so they are not tried.
                     break;
                 }
             };
@@ -155,7 +160,7 @@ impl Fits<'_> {
             accepted.path.push(name.clone());
             accepted.fit = fit;
         }
-        // Effects that do not improve the prediction one by one may improve it together.
+        // Effects that do not improve the prediction when they are added one by one may improve it together.
         if accepted.path.len() < path.len()
             && let Ok(fit) = unless_it_fails(self.with(path))?
             && fit.unseen_chi2(before) < accepted.fit.unseen_chi2(before)
@@ -165,7 +170,8 @@ impl Fits<'_> {
         self.significant(accepted)
     }
 
-    /// Share of the gap that each accepted effect closes. The fits were made when the effects were accepted.
+    /// Share of the gap that each accepted effect closes. No new fits are usually needed, because the same models were
+    /// fitted when the effects were accepted.
     pub(super) fn shares(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Vec<EffectShare>, Error> {
         let sums = |fit: &Fit| fit.unseen_items().map(|items| items.into_iter().flatten().sum::<f64>());
         let counts = before.unseen_items().map(|items| items.into_iter().flatten().count());
@@ -185,7 +191,7 @@ impl Fits<'_> {
         Ok(shares)
     }
 
-    /// Removes accepted effects whose parameters do not differ from zero, one after the other.
+    /// Removes, one after the other, accepted effects whose parameters do not differ significantly from zero.
     fn significant(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
         loop {
             let chances = accepted.path.iter().filter_map(|name| Some((name.clone(), accepted.fit.chance_of(name)?)));
@@ -208,7 +214,8 @@ pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<F
     }
 }
 
-/// Expected value of a figure of merit if sensor noise is the only error, and the number of residuals it is based on.
+/// Expected value of a metric if sensor noise is the only error, and the number of residuals from which the metric is
+/// computed.
 struct Floor {
     value: f64,
     count: usize,
@@ -229,10 +236,11 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure of merit on unseen data that improves most from this fit to the fit `after`.
+    /// The figure of merit on unseen data whose relative improvement from this fit to the fit `after` is largest.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
-            // Without accepted effects the figure is that of the recordings as they are.
+            // Without accepted effects the figure is computed with the biases of the calibration, even if the biases
+            // have changed since.
             let is_same = std::ptr::eq(own, other);
             let chi2 = |control: &Control| match is_same {
                 true => control.evaluation.figures.chi2_per_dof,
@@ -283,9 +291,9 @@ impl Fit {
         let change: Vec<f64> = items.flat_map(|(own, other)| changes(&own, &other)).collect();
         let (sum, count) = (change.iter().sum::<f64>(), change.len() as f64);
         let variance = change.iter().map(|value| (value - sum / count).powi(2)).sum::<f64>() / count;
-        // Under the null hypothesis the change of chi2 has two parts. Parameter errors shift the residuals of all rests
-        // and moves together, which gives a chi2 with as many degrees of freedom as there are parameters. In addition
-        // each rest and move changes independently.
+        // Under the null hypothesis the change of chi2 has two parts. First, parameter errors shift the residuals of
+        // all rests and moves together. This part is a chi2 variable with as many degrees of freedom as there are
+        // parameters. Second, each rest and each move changes independently.
         let shared = 2.0 * self.outcome.names.len() as f64;
         let together = SIGNIFICANT * shared.sqrt();
         let all = SIGNIFICANT * (shared + if change.is_empty() { 0.0 } else { count * variance }).sqrt();
@@ -293,7 +301,7 @@ impl Fit {
     }
 
     /// p-value of the parameters of an effect under the hypothesis that they are zero; `None` if the effect is not in
-    /// the model, or its covariance is singular. A time constant is not tested.
+    /// the model, or if the covariance of its parameters is singular. The time constant of an effect is not tested.
     fn chance_of(&self, name: &str) -> Option<f64> {
         let effect = self.outcome.effects.iter().find(|effect| effect.name == name)?;
         let first = self.outcome.names.iter().position(|own| effect.parameter_names.first() == Some(own))?;
@@ -304,8 +312,9 @@ impl Fit {
         chi2.is_finite().then(|| p_value(chi2, count))
     }
 
-    /// Largest share of chi2 that the accepted effects remove from one kind of unseen residuals, and the largest
-    /// significance of the decrease, in standard deviations of the changes of single rests and moves.
+    /// Largest share of chi2 that the effects of this fit remove from one kind of unseen residuals, relative to the fit
+    /// `before`, and the largest significance of such a decrease. The standard deviation of the decrease is estimated
+    /// from the changes of the single rests and moves.
     pub(super) fn removed(&self, before: &Self) -> Removed {
         let mut removed = Removed { share: 0.0, significance: 0.0 };
         for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {
@@ -322,8 +331,8 @@ impl Fit {
         removed
     }
 
-    /// p-value of the residuals of unseen data under noise and the uncertainty of the calibration: of the kind of
-    /// residuals that exceeds noise most, corrected for the number of kinds.
+    /// p-value of the residuals of unseen data under sensor noise and the uncertainty of the calibration. It is the
+    /// smallest p-value of all kinds of residuals, corrected for the number of kinds (Bonferroni).
     pub(super) fn unseen_chance(&self, is_as_recorded: bool) -> f64 {
         if let Some(control) = &self.control {
             let evaluation = if is_as_recorded { &control.evaluation } else { control.judged() };
@@ -332,7 +341,8 @@ impl Fit {
             return (least * groups.count() as f64).min(1.0);
         }
         let kinds = self.unseen_items().map(|items| items.into_iter().flatten().collect::<Vec<f64>>());
-        // Errors of the parameters of each fold add to the noise of what it predicts.
+        // Each fold is predicted with estimated parameters, so the errors of these parameters add to the noise of the
+        // residuals.
         let residuals = self.outcome.rests.len() + 2 * self.outcome.moves.len();
         let floor = 1.0 + self.outcome.names.len() as f64 / residuals.max(1) as f64;
         let chance = |(items, size): (&Vec<f64>, usize)| p_value(items.iter().sum::<f64>() / floor, size * items.len());
@@ -340,8 +350,9 @@ impl Fit {
         (3.0 * least).min(1.0)
     }
 
-    /// Kinds of residuals that exceed twice their noise: of the control recordings, or of the calibration recordings if
-    /// there are none.
+    /// Of the norms at rest and the directions after moves, the kinds of residuals that exceed noise significantly and
+    /// by more than a factor of two. The residuals are those of the control recordings, or of the calibration
+    /// recordings if there are no control recordings.
     pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
         const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];
         let groups = match &self.control {
@@ -380,7 +391,7 @@ impl Fit {
     }
 }
 
-/// Differences of the values that are present in both lists.
+/// Differences `own - other` at the places where both lists have a value.
 fn changes(own: &[Option<f64>], other: &[Option<f64>]) -> Vec<f64> {
     own.iter().zip(other).filter_map(|(own, other)| Some((*own)? - (*other)?)).collect()
 }

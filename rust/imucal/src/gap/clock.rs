@@ -1,5 +1,6 @@
 //! Faults of the clock and excess noise inside moves, detected in fourth differences of consecutive angular rates.
-//! Motion is too smooth to contribute to fourth differences.
+//! Motion is so smooth that it contributes almost nothing to fourth differences, so they contain only noise and timing
+//! errors.
 //!
 //! ```text
 //! clock_irregular         inside moves, fourth differences of the rate are not correlated with irregular time stamps,
@@ -18,9 +19,11 @@ use crate::recording::Recording;
 use crate::rests::noise_density::variance_by_axis;
 use crate::rounding::step::step_of;
 
-/// Threshold for a change of chi2, or of twice a log likelihood: 5 sigma with one degree of freedom.
+/// Minimum change of chi2, or of twice the log likelihood, for a fault to be reported. It corresponds to 5 sigma with
+/// one degree of freedom.
 const SIGNIFICANT: f64 = 25.0;
-/// Errors of time stamps are ignored if they increase the variance inside moves by less than this share.
+/// Errors of time stamps are ignored if they increase the noise variance of the angular rate inside moves by less than
+/// this share.
 const HARMLESS: f64 = 0.1;
 /// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;
@@ -31,15 +34,17 @@ const APART: usize = 2 * REACH + 1;
 const FOURTH: f64 = 8.366_600_265_340_756;
 /// Median absolute value of a standard normal variable; converts a median to a standard deviation.
 const MEDIAN: f64 = 0.6745;
-/// Threshold in standard deviations above which a fourth difference is an outlier of a single sample and not noise.
+/// Magnitude of a fourth difference, in standard deviations, above which it is excluded as an outlier of a single
+/// sample.
 const JUMP: f64 = 5.0;
-/// Smallest trial standard deviation of the time-stamp jitter, as a power of ten of the sample interval.
+/// Smallest trial standard deviation of the time-stamp jitter, as the decimal logarithm of its ratio to the sample
+/// interval. The largest one is the sample interval.
 const SMALLEST_JITTER: f64 = -3.0;
-/// Number of trial standard deviations of the time-stamp jitter.
+/// Number of trial standard deviations of the time-stamp jitter, equally spaced on a logarithmic scale.
 const JITTERS: usize = 60;
 
-/// Faults of the clock, or, if the clock has none, excess noise inside moves. `outcome` is a calibration of these
-/// recordings without effects.
+/// Faults of the clock. If the clock has no faults, the function tests for excess noise inside moves instead. `outcome`
+/// is a calibration of these recordings without effects.
 pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Finding> {
     let differences: Vec<Differences> =
         (0..recordings.len()).map(|k| Differences::of(outcome, recordings, k)).collect();
@@ -80,8 +85,8 @@ impl Differences {
             Some(limits) => deviations_within(&at_rest, &limits),
             None => Vector3::repeat(1.0),
         };
-        // A filter makes consecutive samples at rest nearly equal, so they are rounded to the same level. In a move,
-        // rounding is white noise.
+        // The sensor's filter makes consecutive samples at rest nearly equal, so all are rounded to the same level and
+        // show no rounding noise. In a move, rounding is white noise, so it is added here.
         let steps = Vector3::from_fn(|axis, _| step_of(recording.angular_rate, axis).unwrap_or(0.0));
         let rounding = variance_by_axis(outcome.calibration.gyroscope.inverse(), &(steps / 12f64.sqrt()));
         let sigma = sigma.zip_map(&rounding, |sigma, variance| sigma.hypot(variance.sqrt()));
@@ -100,10 +105,11 @@ impl Differences {
         all
     }
 
-    /// Reports time stamps that differ from the true sampling instants. The evidence is that the angular rate fits
-    /// evenly spaced sampling instants better than the time stamps.
+    /// Reports time stamps that differ from the true sampling instants. The evidence is that evenly spaced sampling
+    /// instants explain the angular rates better than the time stamps do.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // Change of the angular rate due to the error of its time stamp, in standard deviations of the noise.
+        // Contribution of uneven sampling to the fourth differences, in standard deviations of the noise, if the time
+        // stamps are correct.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;
@@ -185,7 +191,8 @@ impl Differences {
 struct Rates<'a> {
     recording: &'a Recording<'a>,
     gyroscope: &'a Triad<f64>,
-    /// Mean sample interval, s. Derivatives assume equal intervals, because the time stamps are under test.
+    /// Mean sample interval, s. Derivatives are computed with equal intervals, because the time stamps themselves are
+    /// being tested.
     step_s: f64,
 }
 
@@ -205,8 +212,8 @@ impl<'a> Rates<'a> {
         Vector3::from_fn(|axis, _| fourth_difference(|i| rates[i][axis]))
     }
 
-    /// Mean of the central differences at the five samples of a fourth difference. Differences at the first and last
-    /// sample of the recording count as zero.
+    /// Angular acceleration: mean of the central differences of the angular rate at the five samples of a fourth
+    /// difference, rad/s^2. Differences near the first and last sample of the recording count as zero.
     fn smooth_slope(&self, first: usize) -> Vector3<f64> {
         let last = self.recording.len() - 1;
         let centres = (first..first + APART).filter(|k| (REACH..=last - REACH).contains(k));
@@ -220,7 +227,7 @@ fn fourth_difference(value: impl Fn(usize) -> f64) -> f64 {
 }
 
 /// Threshold above which a fourth difference is an outlier, for each axis, computed from the median of all fourth
-/// differences; `None` if there are none.
+/// differences; `None` if there are no differences.
 fn noise_limits(differences: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let limit = |axis: usize| {
         let mut sizes: Vec<f64> = differences.iter().map(|difference| difference[axis].abs()).collect();

@@ -8,8 +8,8 @@ use super::evidence::{Column, Gram};
 use super::weighing::{Aside, Columns, Swept, Weighing};
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Gram matrices of a model with many candidate columns, of which a few are evaluated at a time. Only the rows of the
-/// model are stored.
+/// Gram matrices of a model with many candidate columns. Only a few candidate columns are evaluated at a time, so only
+/// the rows of the model's columns are stored.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
     /// The model's rows of the normalised Gram matrices, for each group of residuals.
@@ -17,7 +17,7 @@ pub(crate) struct Common<'a> {
 }
 
 /// The normal matrix after elimination of the model's parameters, at given noise scales s_g^2. It contains the entries
-/// that all candidate columns share.
+/// of the model's rows, which are needed for every candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// The sum of the Gram matrices divided by their scales, before and after the elimination.

@@ -16,7 +16,7 @@ use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Pr
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A candidate effect; if it has a time constant, with one fixed trial value of it.
+/// A candidate effect. An effect with a time constant gives one candidate for each trial value of the time constant.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
@@ -31,8 +31,8 @@ pub(crate) struct Candidate {
 /// Residuals at a model, with the Jacobian columns of the model and of the candidates.
 #[derive(Clone)]
 pub(crate) struct Design {
-    /// Gram matrices by group of residuals. Products of two candidates are computed only after some candidates have
-    /// joined the model; until then these entries are NaN.
+    /// Gram matrices by group of residuals. Products of columns of two different candidates are computed only after a
+    /// candidate has been added to the model. Until then these entries are NaN.
     pub(crate) gram: Gram,
     /// Columns of the model, in the order base parameters, effects, stand parameters.
     pub(crate) model: Vec<Column>,
@@ -49,10 +49,11 @@ pub(crate) struct Rows {
     columns: OnceLock<Mat<f64>>,
     /// Gram matrices of all columns by group, computed on first use.
     products: OnceLock<Vec<Mat<f64>>>,
-    /// Group of each row, and index of its rest or move in order of time.
+    /// Group of residuals of each row.
     groups: Vec<usize>,
+    /// Index of the rest or move of each row, in order of time.
     items: Vec<usize>,
-    /// Body axes that define the two rows perpendicular to gravity at each rest and at each end of a move.
+    /// Body axes that define the directions of the two tilt residuals at each rest and at each end of a move.
     axes: Vec<usize>,
 }
 
@@ -149,8 +150,8 @@ fn base_of(prepared: &Prepared<'_>, linear: &Linear) -> [(f64, f64); BASE] {
     held::precisions(prepared.held, &linear.model.parameters())
 }
 
-/// Columns of a model at these indices, with the values of its effects. `base` contains the precisions and values of
-/// the base parameters.
+/// Columns of a model at the indices `places`, with the values of the model's effects. `base` contains the precisions
+/// and values of the base parameters.
 fn columns_of(
     (own, precisions): (&Terms<'_>, &[f64]),
     values: &[f64],
@@ -166,17 +167,17 @@ fn columns_of(
     places.enumerate().map(column).collect()
 }
 
-/// Body axes that define the two rows perpendicular to gravity at each end of a move and at each rest. Rows of two
-/// similar models can be compared only if these axes are equal.
+/// Body axes that define the directions of the two tilt residuals (perpendicular to gravity) at each end of a move and
+/// at each rest. The residual rows of two models can be compared only if these axes are equal.
 pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
     let ends = linear.moves.iter().flat_map(|at_move| [&at_move.before.up, &at_move.after.up]);
     ends.chain(linear.directions().map(|(_, up)| up)).map(axis_aside).collect()
 }
 
 impl Design {
-    /// The columns of this design with the residuals of a model that contains some of the candidates; `None` if the
-    /// rows of the two models cannot be compared. The exact columns would differ from these by the relative size of the
-    /// effects, typically at most 1 %. This difference changes the iteration path but not the solution.
+    /// This design with some candidates moved into the model, and with the residuals of that model; `None` if the rows
+    /// of the two models cannot be compared. The Jacobian is not recomputed. Its relative error equals the relative
+    /// size of the effects, typically at most 1 %. The error changes the steps of the iteration, but not the solution.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,
@@ -192,7 +193,7 @@ impl Design {
             return Ok(None);
         }
         let (residual, _) = Joint::of_noise(prepared, own, Arc::clone(linear))?.whiten(linear);
-        // The rows of the priors are not part of the design; its columns contain their precisions.
+        // The design contains no rows for the priors. Each column has the precision of its prior instead.
         let residual = residual.col_as_slice(0)[..self.rows.groups.len()].to_vec();
         let places = (0..BASE).chain(joining.into_iter().flatten()).chain(BASE..self.model.len());
         let is_left = |candidate: &&Candidate| !own.all.iter().any(|term| term.name() == candidate.name);
@@ -211,14 +212,14 @@ impl Design {
         self.gram.with_residual(products, self.rows.columns(), residual, groups)
     }
 
-    /// The design without the candidates whose names satisfy `is_out`.
+    /// This design without the candidates whose names satisfy `is_out`.
     pub(crate) fn without(&self, is_out: impl Fn(&str) -> bool) -> Self {
         let mut left = self.clone();
         left.candidates.retain(|candidate| !is_out(&candidate.name));
         left
     }
 
-    /// Gram matrices in which the rows inside moves form a separate group for each recording, and the range of these
+    /// Gram matrices in which the rows inside moves form a separate group for each recording, and the indices of these
     /// groups.
     pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
         if prepared.recordings.len() == 1 {
@@ -276,13 +277,14 @@ impl Design {
         Self { gram, model, candidates: self.candidates.clone(), residual: self.residual.clone(), rows: Arc::new(rows) }
     }
 
-    /// Body axes that define the two rows perpendicular to gravity at each rest and at each end of a move.
+    /// Body axes that define the directions of the two tilt residuals at each rest and at each end of a move.
     pub(crate) fn axes(&self) -> &[usize] {
         &self.rows.axes
     }
 }
 
-/// Index of the rest or move of each whitened residual, in order of time; rests have even numbers, moves odd numbers.
+/// Index of the rest or move of each whitened residual, in order of time. Rests have even indices, moves have odd
+/// indices.
 fn items_of_rows(prepared: &Prepared<'_>, linear: &Linear, kinds: Kinds) -> Vec<usize> {
     let of_move = |k: usize| 2 * prepared.moves[k].from + 1;
     let lines = linear.lines.iter().map(|line| match line.source {

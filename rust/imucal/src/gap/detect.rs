@@ -3,22 +3,24 @@
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
 
-/// Nominal family-wise false alarm probability of the chi2 test. The actual probability is about three times larger,
-/// because the noise is estimated from the same rests; the target is one false alarm in a hundred recordings without
-/// effects.
+/// Nominal family-wise false alarm probability of the chi2 test of all candidates. The actual probability is about
+/// three times larger, because the noise is estimated from the same rests. The value is chosen for one false alarm in a
+/// hundred recordings without effects.
 pub(crate) const FALSE_ALARM: f64 = 0.003;
 /// Probability of detection that defines the detection limit.
 const POWER: f64 = 0.9;
 
-/// First upper bound in the search for the non-centrality of the chi2 distribution, dimensionless.
+/// Initial upper bound of the non-centrality of the chi2 distribution in the search for the detection limit,
+/// dimensionless. It is doubled until the probability of detection is reached.
 const FIRST: f64 = 16.0;
-/// Maximum non-centrality in this search; no effect has enough parameters to exceed it.
+/// Non-centrality at which the upper bound is no longer doubled. No effect has enough parameters for a larger detection
+/// limit.
 const MOST: f64 = 1024.0;
-/// Relative change of the non-centrality below which the iteration ends.
+/// Relative change of the non-centrality below which the root search ends.
 const LAST_STEP: f64 = 1e-9;
 
-/// Non-centrality at which a chi2 test with `dof` degrees of freedom detects with 90 % probability. The threshold is
-/// corrected for the number of `tests` (Bonferroni).
+/// Non-centrality at which a chi2 test with `dof` degrees of freedom detects an effect with 90 % probability. The
+/// threshold is corrected for the number of `tests` (Bonferroni).
 pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     let Ok(central) = ChiSquared::new(dof as f64) else { return f64::INFINITY };
     let limit = central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64);
@@ -50,7 +52,7 @@ struct Tails {
     dof: usize,
     limit: f64,
     known: Vec<f64>,
-    /// Difference between the next tail probability and the last computed one.
+    /// Next tail probability minus the last computed tail probability.
     step: f64,
 }
 
@@ -72,7 +74,8 @@ impl Tails {
 }
 
 /// Probability that a non-central chi2 variable exceeds the limit, and its derivative with respect to the
-/// non-centrality. It is a Poisson-weighted mixture of central chi2 distributions; weights below rounding are omitted.
+/// non-centrality. The non-central distribution is a Poisson-weighted mixture of central chi2 distributions. Weights
+/// below the rounding error are omitted.
 fn exceeds(tails: &mut Tails, noncentrality: f64) -> [f64; 2] {
     let mean = noncentrality / 2.0;
     let (mut weight, mut sum, mut slope, mut k) = ((-mean).exp(), 0.0, 0.0, 0);
@@ -93,7 +96,7 @@ mod tests {
     #[test]
     fn tails_and_power_are_those_of_tables() {
         assert!((p_value(9.487_729, 4) - 0.05).abs() < 1e-7);
-        // For one degree of freedom and one two-sided test at 0.3 %: (z_0.9985 + z_0.9)^2.
+        // For one degree of freedom and one two-sided test at 0.3 % the non-centrality is (z_0.9985 + z_0.9)^2.
         let expected = (2.967_738 + 1.281_552_f64).powi(2);
         assert!((visible_noncentrality(1, 1) - expected).abs() < 1e-3, "{}", visible_noncentrality(1, 1));
         let mut tails = Tails::new(3, 20.0);

@@ -1,5 +1,5 @@
-//! The magnitude of the Earth's rate is known, so an estimated constant rate with a different magnitude has another
-//! cause.
+//! Test whether an estimated constant rate is the rate of the Earth. The magnitude of the Earth's rate is known, so an
+//! estimate with a different magnitude has another cause.
 //!
 //! The direction of the Earth's rate is not tested, because heading and latitude are unknown.
 
@@ -11,11 +11,11 @@ use super::stage::Stage;
 
 /// Name of the effect in the catalogue.
 pub(super) const NAME: &str = "earth_rate";
-/// Number of standard deviations within which an estimate agrees with the Earth's rate, and by which it must exceed
-/// zero to be significant.
+/// Number of standard deviations for both tests: an estimate agrees with the Earth's rate if it differs by less, and is
+/// significant if the Earth's rate exceeds zero by more.
 const SURE: f64 = 3.0;
-/// Tolerance factor on the standard deviation. The final fit estimates wandering biases, whereas the search assumes
-/// constant biases, so their standard deviations differ.
+/// Factor by which the standard deviation may be wrong during the search. The search assumes constant biases, whereas
+/// the final fit estimates wandering biases, so the standard deviations of the two differ.
 const SLACK: f64 = 2.0;
 
 /// Whether an estimated rate agrees with the Earth's rate and is significantly different from zero.
@@ -23,15 +23,16 @@ pub(super) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
     may_be(size_radps, sigma_radps, 1.0)
 }
 
-/// As [`is_earth_rate`], for a standard deviation that may be wrong by the factor `slack`.
+/// As [`is_earth_rate`], but for a standard deviation that may be wrong by the factor `slack`.
 fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
     let is_near = (size_radps - EARTH_RATE_RADPS).abs() <= SURE * slack * sigma_radps;
     is_near && sigma_radps <= slack * EARTH_RATE_RADPS / SURE
 }
 
 impl Stage {
-    /// Magnitude and standard deviation, rad/s, of `earth_rate` in this model; `None` if it may be the Earth's rate,
-    /// considering the uncertainty [`SLACK`] of the standard deviation.
+    /// Magnitude and standard deviation, rad/s, of `earth_rate` in this model; `None` if the rate may be the Earth's
+    /// rate with a standard deviation that is wrong by up to the factor [`SLACK`], or if `earth_rate` is not in the
+    /// model.
     pub(super) fn not_the_earth(&self) -> Option<(f64, f64)> {
         let member = self.members.iter().find(|member| member.name == NAME)?;
         let own: Vec<usize> = self.place(NAME)?.collect();
@@ -42,7 +43,8 @@ impl Stage {
         let rate = Mat::from_fn(own.len(), 1, |k, _| member.values[k]);
         let size = rate.norm_l2();
         let sigma = (rate.transpose() * covariance * &rate)[(0, 0)].sqrt() / size;
-        // If the standard deviation is not a number, the final fit decides.
+        // If the standard deviation is not a number, this function returns `None`, and the test of the final fit
+        // decides.
         (!sigma.is_nan() && !may_be(size, sigma, SLACK)).then_some((size, sigma))
     }
 }

@@ -7,9 +7,10 @@
 //! ```
 //!
 //! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
-//! of real recordings exceed sensor noise by a different factor in each group. The scale s_g^2 of a group is its chi2
-//! per degree of freedom under the evaluated model, and at least one. For a simulation and a complete model it is one,
-//! and the evidence is the Laplace approximation with the given noise.
+//! of real recordings exceed sensor noise by a different factor in each group. The scale s_g^2 of a group is the chi2
+//! per degree of freedom of its residuals under the evaluated model, and at least one. If the data contain only sensor
+//! noise and the model is complete, as in a simulation, all scales are one. The evidence is then the Laplace
+//! approximation with the known noise.
 
 use std::ops::Range;
 
@@ -39,25 +40,26 @@ pub(crate) struct Column {
 /// The evidence of a model, and the corresponding linear fit.
 #[derive(Clone, Debug)]
 pub(crate) struct Evidence {
-    /// Natural logarithm of the evidence, up to a constant that is equal for all models of the same residuals.
+    /// Natural logarithm of the evidence, nats. It omits a constant that is equal for all models of the same residuals.
     pub(crate) log: f64,
-    /// -2 times the maximum log likelihood at the optimal scales.
+    /// -2 times the maximum log likelihood. The noise scales are also chosen to maximise it.
     pub(crate) deviance: f64,
-    /// chi2 of all residuals, relative to sensor noise alone.
+    /// chi2 of all residuals with the standard deviations from sensor noise, without the noise scales.
     pub(crate) chi2: f64,
     /// Noise scale s_g^2 of each group, dimensionless: chi2 per degree of freedom, at least one.
     pub(crate) scales: Vec<f64>,
-    /// Parameter values of the fit.
+    /// Parameter values at the optimum.
     pub(crate) theta: Vec<f64>,
 }
 
-/// Regularisation of normal matrices with normalised columns: larger than rounding errors, and smaller than the
-/// eigenvalue of any observable direction.
+/// Value added to the diagonal of normal matrices with normalised columns, so that they can be factorised. It is larger
+/// than rounding errors, and smaller than the eigenvalue of any observable direction.
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// Lower bound of the noise scale s_g^2 of a group for any model with these columns: the minimum chi2 of the group
-    /// fitted alone, divided by its number of rows. `None` if it cannot be computed.
+    /// Lower bound of the noise scale s_g^2 of a group for any model with these columns: the minimum chi2 of a fit to
+    /// this group only, divided by the number of its rows. `None` if the group has no rows or the normal matrix is
+    /// singular.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
         let place = self.groups.iter().position(|own| *own == group)?;
         let (sum, n) = (&self.sums[place], columns.len());
@@ -85,8 +87,9 @@ impl Gram {
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
     }
 
-    /// Submatrix of the sum of all Gram matrices, each divided by its noise scale s_g^2. Row i, with i below `count`,
-    /// has the index `place(i)` in the Gram matrices; only the range `columns` of the submatrix's columns is computed.
+    /// Submatrix of the sum of all Gram matrices, each divided by its noise scale s_g^2. Row i of the submatrix, for i
+    /// below `count`, is row `place(i)` of the Gram matrices, and likewise for columns. Only the columns in the range
+    /// `columns` are computed.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],
@@ -106,7 +109,8 @@ impl Gram {
         all
     }
 
-    /// Length of each column, or the square root of its prior precision if that is larger; for normalisation.
+    /// Divisor that normalises each column: its length, or the square root of its prior precision if this root is
+    /// larger.
     pub(super) fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
         columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()

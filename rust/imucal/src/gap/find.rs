@@ -35,7 +35,7 @@ pub struct Gap {
     pub analysis: Option<Analysis>,
 }
 
-/// Fits of models without and with effects, and the evidence for each effect.
+/// Fits of the models without and with effects, and the evidence for each effect.
 #[derive(Clone, Debug)]
 pub struct Analysis {
     /// The fit without effects.
@@ -48,29 +48,30 @@ pub struct Analysis {
     pub shares: Vec<EffectShare>,
     /// Fits in which a rival replaces an accepted effect.
     pub rivals: Vec<RivalFit>,
-    /// Effects that the search selected and that were then rejected.
+    /// Effects that the search selected and that the validation on unseen data then rejected.
     pub refused: Vec<Refusal>,
-    /// An estimated constant rate that is not the Earth's rate.
+    /// An estimated constant rate that is not the Earth's rate; `None` if no such rate was found.
     pub not_the_earth: Option<NotTheEarth>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub not_confirmed: Vec<Score>,
-    /// Evidence of unseen data against effects that had been accepted.
+    /// Evidence of unseen data against effects that had been accepted before; `None` if there is none.
     pub contradiction: Option<Contradiction>,
-    /// What the accepted effects leave unexplained, or the model without effects if none was accepted.
+    /// Residuals that the accepted effects leave unexplained. If no effect was accepted, these are the residuals that
+    /// the model without effects leaves unexplained.
     pub remainder: Remainder,
     /// A figure of merit on unseen data, without and with the accepted effects.
     pub unseen: UnseenFigure,
     /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
-    /// accepted effects; on the control recordings, or on the calibration recordings if there are no control
-    /// recordings. `None` if no calibration was given.
+    /// accepted effects. These values are computed on the control recordings, or on the calibration recordings if there
+    /// are no control recordings. `None` if no calibration was given.
     pub chi2_of_given: Option<[f64; 3]>,
     /// Residuals of the fit without effects by kind, rest and move, compared with the residuals of the fit with
     /// effects.
     pub residuals: ResidualsByPlace,
-    /// Predicted rms errors of corrected signals (docs/model.md (35)), before and after: corrected by the given
-    /// calibration, or by the fit without effects if none was given, and corrected by the fit with effects. They are
-    /// computed on the control recordings, or on the calibration recordings if there are no control recordings. `None`
-    /// if no effect was accepted.
+    /// Predicted rms errors of corrected signals (docs/model.md (35)). `before` is the error after correction by the
+    /// given calibration, or by the fit without effects if no calibration was given. `after` is the error after
+    /// correction by the fit with effects. Both are computed on the control recordings, or on the calibration
+    /// recordings if there are no control recordings. `None` if no effect was accepted.
     pub corrected_errors: Option<PredictedErrors>,
     /// Scores of all candidates, generic hypotheses and detection limits.
     pub search: Search,
@@ -83,12 +84,12 @@ pub struct RivalFit {
     pub name: String,
     /// Name of the rival.
     pub rival: String,
-    /// Parameters of the rival; `None` if the fit with the rival fails.
+    /// Estimated parameters of the rival; `None` if the fit with the rival fails.
     pub estimate: Option<TermEstimate>,
 }
 
-/// An estimated constant rate in the world frame whose magnitude differs from the Earth's rate, or is not determined by
-/// the recordings.
+/// An estimated constant rate in the world frame that cannot be attributed to the Earth. Either its magnitude differs
+/// from the Earth's rate, or the recordings do not determine its magnitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NotTheEarth {
     /// Magnitude of the estimated rate, rad/s.
@@ -103,7 +104,8 @@ pub struct NotTheEarth {
 /// in three folds.
 ///
 /// # Errors
-/// As [`calibrate`](crate::calibrate::calibrate()), except that faults of the data are returned as a verdict.
+/// The errors of [`calibrate`](crate::calibrate::calibrate()), except that faults of the data are returned as the
+/// verdict [`Verdict::DataFault`].
 pub fn find_gap(
     recordings: &[Recording<'_>],
     control: &[Recording<'_>],
@@ -111,7 +113,7 @@ pub fn find_gap(
     gap_options: &GapOptions<'_>,
 ) -> Result<Gap, Error> {
     let refused = |faults| Ok(Gap { verdict: Verdict::DataFault, faults, analysis: None });
-    // Progress is reported here because the checks and start values are part of the first fit.
+    // The first fit is reported here, before the checks and the start values, because they are part of it.
     gap_options.report(Progress::Fit { effects: &[] })?;
     let checked = match Checked::try_new(recordings, options) {
         Err(Error::Data(faults)) => return refused(faults),
@@ -172,9 +174,9 @@ pub fn find_gap(
 enum Earth {
     /// The estimate is compatible with the Earth's rate, or `earth_rate` was not selected.
     Possible,
-    /// The fit with `earth_rate` fails, for this reason.
+    /// The fit with `earth_rate` fails with this error message.
     NotFitted(String),
-    /// The magnitude differs from the Earth's rate, or is not determined.
+    /// The estimated magnitude differs from the Earth's rate, or is not determined by the recordings.
     Other(NotTheEarth),
 }
 
@@ -191,8 +193,8 @@ impl Fits<'_> {
         }
         let others: Vec<EffectChoice> =
             choices.into_iter().filter(|choice| choice.effect.name != earth::NAME).collect();
-        // The detection of hand motion is kept from the first search, because the remaining candidates may explain less
-        // of the residuals.
+        // The result of the hand-motion test is taken from the first search. The remaining candidates may explain less
+        // of the residuals inside moves, and a new test could mistake these residuals for hand motion.
         let again = self.search(before, &others, search.is_hand_moved)?;
         Ok((again, earth))
     }
@@ -229,7 +231,8 @@ impl Fits<'_> {
         })
     }
 
-    /// chi2 per degree of freedom of the given calibration and of the two fits; `None` if no calibration was given.
+    /// chi2 per degree of freedom of the given calibration, of the fit `before` and of the fit `after`; `None` if no
+    /// calibration was given.
     fn chi2_of_given(&self, before: &Fit, after: &Fit) -> Result<Option<[f64; 3]>, Error> {
         let Some(given) = &self.options.calibration else { return Ok(None) };
         let options = self.checked.options();
@@ -302,7 +305,7 @@ impl Fits<'_> {
         predicted_errors(calibration, &after.outcome, recordings, Some(&user))
     }
 
-    /// Fits a model for each rival in which the rival replaces its accepted effect.
+    /// For each rival of an accepted effect, fits the model in which the rival replaces that effect.
     fn rivals(&mut self, path: &[String], rivals: &[Rivals]) -> Result<Vec<RivalFit>, Error> {
         let mut found = Vec::new();
         for Rivals { name, rivals } in rivals {

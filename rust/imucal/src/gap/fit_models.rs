@@ -1,4 +1,4 @@
-//! Fits of the forward search's models, and their linearisation together with the candidates.
+//! Fits the models of the forward search, and linearises them together with the candidates.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ const SHAPE_WIDTH: f64 = 3.0;
 const MOST_RECENT: usize = 3;
 
 impl<'a> ForwardSearch<'a> {
-    /// The effects of a model from the catalogue, and user-defined.
+    /// The catalogue effects of a model, and its user-defined effects.
     pub(super) fn of_members(
         &self,
         open: &[EffectChoice],
@@ -59,7 +59,7 @@ impl<'a> ForwardSearch<'a> {
                 own[term.linear] = shape;
             }
         }
-        // User-defined effects have no prior width in the key of the fit.
+        // The key of a fit contains no prior width for user-defined effects.
         let width = |term: &Term<'_>| {
             let member = members.iter().find(|m| m.name == term.name());
             term.effect().and(member).map(|member| member.width)
@@ -117,8 +117,8 @@ impl<'a> ForwardSearch<'a> {
         Ok(linear)
     }
 
-    /// Linearises a model together with all candidates. One pass computes all columns, because the candidates' columns
-    /// are evaluated at the corrected signals of that pass.
+    /// Linearises a model together with all candidates. One pass over the samples computes the columns of the model and
+    /// of the candidates, because both are evaluated at the same corrected signals.
     pub(super) fn with_candidates<T>(
         &self,
         prepared: &Prepared<'_>,

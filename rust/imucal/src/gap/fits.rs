@@ -27,7 +27,7 @@ pub const FOLDS: usize = 3;
 pub struct Fit {
     /// Names of the effects in the model.
     pub effects: Vec<String>,
-    /// The calibration.
+    /// Result of the calibration with these effects.
     pub outcome: Outcome,
     /// Evaluation of the calibration on the control recordings; `None` if there are none.
     pub control: Option<Control>,
@@ -39,18 +39,18 @@ pub struct Control {
     /// Figures of merit, and residuals of rests and moves.
     pub evaluation: Evaluation,
     /// chi2 of the mean angular rate of each rest relative to the mean over all rests of its recording, with three
-    /// degrees of freedom; `None` for rests that are excluded from the evaluation.
+    /// degrees of freedom; `None` for rests that the evaluation excludes.
     pub rate_chi2: Vec<Option<f64>>,
-    /// Significant change of the biases since the calibration recordings; `None` if the model without effects shows
-    /// none.
+    /// Significant change of the biases since the calibration recordings. `None` if the fit without effects, or this
+    /// fit, shows no such change.
     pub step: Option<SessionStep>,
-    /// Evaluation with the biases of the control recordings, if these have moved.
+    /// Evaluation with the biases estimated from the control recordings; `None` if the biases have not changed.
     pub with_own_biases: Option<Evaluation>,
 }
 
 impl Control {
-    /// The evaluation by which effects are judged: biases that moved since the calibration are no reason to reject an
-    /// effect, or to accept it.
+    /// The evaluation that decides whether effects are accepted. If the biases changed after the calibration, it uses
+    /// the changed biases, because their change is evidence neither for nor against an effect.
     pub fn judged(&self) -> &Evaluation {
         self.with_own_biases.as_ref().unwrap_or(&self.evaluation)
     }
@@ -61,7 +61,8 @@ pub(super) struct Fits<'a> {
     pub(super) checked: &'a Checked<'a>,
     pub(super) control: &'a [Recording<'a>],
     pub(super) options: &'a GapOptions<'a>,
-    /// Start values from the final fit of the last search; fits with the selected effects end close to them.
+    /// Start values from the final fit of the last search. Solutions of fits with the selected effects are close to
+    /// these values.
     pub(super) warm_start: Option<WarmStart>,
     made: Vec<Rc<Fit>>,
 }
@@ -114,7 +115,8 @@ impl<'a> Fits<'a> {
             let is_finite = |recording: &Recording<'_>| {
                 recording.temperature_degc.is_none_or(|degc| degc.iter().all(|value| value.is_finite()))
             };
-            // The model without effects can be evaluated on the control recordings, so these effects cause the failure.
+            // The model without effects was evaluated on the control recordings successfully, so the effects cause the
+            // failure.
             let effects_fail = !names.is_empty() && self.control.iter().all(is_finite);
             return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
         }
@@ -143,7 +145,7 @@ impl<'a> Fits<'a> {
         require_independent((recordings, &rests), (self.control, &control_rests))
     }
 
-    /// Evaluates a calibration on the control recordings, which no fit uses.
+    /// Evaluates a calibration on the control recordings. No fit uses these recordings.
     fn judge(&self, outcome: &Outcome) -> Result<Control, Error> {
         let options = self.checked.options();
         let corrected = self.corrected_set(outcome, RecordingSet::Control)?;
@@ -161,7 +163,8 @@ impl<'a> Fits<'a> {
         let rate_chi2 = rate_chi2(&outcome.calibration, &evaluation, self.control, corrected.as_deref());
         let is_corrected = corrected.is_some();
         let sets = [self.checked.recordings(), self.control];
-        // Biases have moved between sessions only if the model without effects shows it.
+        // A change of the biases between sessions is considered only if the fit without effects shows one. Otherwise a
+        // wrong effect could be mistaken for a change.
         let first = self.made.first().and_then(|fit| fit.control.as_ref());
         let step = match first.is_none_or(|control| control.step.is_some()) {
             true => SessionStep::find(outcome, &evaluation, is_corrected, sets),
@@ -172,7 +175,8 @@ impl<'a> Fits<'a> {
         Ok(Control { evaluation, rate_chi2, step, with_own_biases })
     }
 
-    /// Evaluation on the control recordings with their own biases; `None` if samples cannot be corrected.
+    /// Evaluation on the control recordings with the biases that were estimated from them; `None` if these biases are
+    /// not valid in a calibration.
     fn with_own_biases(
         &self,
         outcome: &Outcome,
@@ -189,8 +193,8 @@ impl<'a> Fits<'a> {
     }
 }
 
-/// Recordings corrected by a calibration; `None` if the calibration has no effects, because samples need no individual
-/// correction then.
+/// Recordings corrected by a calibration; `None` if the calibration has no effects, because an evaluation without
+/// effects uses the raw samples.
 pub(super) fn corrected_by(
     calibration: &Calibration<f64>,
     recordings: &[Recording<'_>],
@@ -235,7 +239,8 @@ pub(super) fn with_samples<'a>(recordings: &[Recording<'a>], samples: &'a [Corre
 /// chi2 of the mean angular rate at each rest of the control recordings.
 ///
 /// Some gyroscope effects, for example an isotropic g-sensitivity, are observable only in these means. The noise is
-/// that of the raw samples, because the correction of a delay smooths samples without improving their mean.
+/// estimated from the raw samples. Corrected samples would give too small a value, because the correction of a delay
+/// smooths samples without making their mean more accurate.
 fn rate_chi2(
     calibration: &Calibration<f64>,
     evaluation: &Evaluation,

@@ -1,5 +1,5 @@
 //! Forward selection of effects: all candidates are scored, the best candidate is added, and the model is refitted. At
-//! the end, effects that the other effects have made superfluous are removed.
+//! the end, an effect is removed if the other effects explain the residuals as well without it.
 
 mod beside_patterns;
 
@@ -26,11 +26,13 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
 pub(super) const MOST_EFFECTS: usize = 6;
-/// Maximum number of alternations between effects beside the generic hypotheses, and the hypotheses beside the effects.
+/// Maximum number of rounds that alternate between selecting effects with the generic hypotheses in the model and
+/// selecting generic hypotheses with the effects in the model.
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
-/// Minimum temperature range, K, of means over [`MEAN_S`] for temperature effects to be candidates.
+/// Minimum range of the temperature, K, for temperature effects to be candidates. The range is that of means over
+/// [`MEAN_S`].
 const LEAST_CHANGE_K: f64 = 0.5;
 /// Time over which temperature readings are averaged to suppress their noise, s.
 const MEAN_S: f64 = 1.0;
@@ -55,8 +57,8 @@ pub fn search(
     })
 }
 
-/// Whitened residuals of the model without effects and their Jacobian, for other methods of model selection.
-/// `is_hand_moved` is as in [`search`].
+/// Whitened residuals of the model without effects, and their Jacobian. Other methods of model selection can be
+/// compared with [`search`] on this input. `is_hand_moved` is as in [`search`].
 ///
 /// # Errors
 /// As [`search`].
@@ -84,8 +86,9 @@ pub fn linearise(
     })
 }
 
-/// For each observable effect: name, smallest rms size per parameter that is detected with 90 % probability, and its
-/// unit. For each effect that is not observable: name, and the data that it requires.
+/// The first list has one entry for each observable effect: its name, the smallest rms size per parameter that is
+/// detected with 90 % probability, and the unit of this size. The second list has one entry for each effect that is not
+/// observable: its name, and the data that would make it observable.
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
 /// Detection limit of each candidate relative to the model without effects. `is_hand_moved` is as in [`search`].
@@ -121,9 +124,9 @@ fn at_start<T>(
     })
 }
 
-/// Temperatures shifted so that their mean over all recordings is the reference temperature. Otherwise the columns of
-/// temperature effects would contain a multiple of the columns of the base parameters, and the search could explain
-/// noise by that part.
+/// Temperatures shifted so that their mean over all recordings is the reference temperature. Without this shift, the
+/// columns of temperature effects would contain a multiple of the columns of the base parameters. The search could then
+/// explain noise by this multiple.
 fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     let (sum, count) = (recordings.iter().filter_map(|recording| recording.temperature_degc).flatten())
         .filter(|degc| degc.is_finite())
@@ -150,13 +153,13 @@ pub(super) struct ForwardSearch<'a> {
     pub(super) kinds: Kinds,
     /// Whether the unit is known to have been moved by hand.
     pub(super) is_hand_moved: bool,
-    /// Name of each effect that is not observable, and the data that it requires.
+    /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
     pub(super) samples: Vec<usize>,
     /// All fits of this search, by effects and kinds of residuals.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
-    /// The most recent fits, the latest first, with the linearisation at their solution.
+    /// The most recent fits, the latest first, each with the linearisation at its solution.
     pub(super) recent: RefCell<Vec<(FitKey, Arc<Linear>)>>,
     /// The design of the model without effects, with the columns of all candidates; `None` until it is computed.
     pub(super) ground: RefCell<Option<Arc<Design>>>,
@@ -238,7 +241,7 @@ impl<'a> ForwardSearch<'a> {
         let of_stand = |scattering: &Scattering| scattering.0.starts_with("stand");
         let scattering = contradiction.or_else(|| scattering_rests(&selected.stage, &plain_scales)).filter(of_stand);
         if scattering.is_some() {
-            // The stand is no reference, so effects of the sensors are searched without its angles.
+            // The stand does not follow its model, so effects of the sensors are searched without the stand's angles.
             (selected, patterns) = self.without_stand(prepared, triads, &open)?;
             contradiction = scattering;
             open.retain(|choice| choice.effect.sensor != Sensor::Encoder);
@@ -311,8 +314,8 @@ impl<'a> ForwardSearch<'a> {
         Ok((selected, patterns))
     }
 
-    /// Forward selection: adds the best candidate repeatedly, starting from the model without effects. Superfluous
-    /// effects are removed at the end.
+    /// Forward selection: adds the best candidate repeatedly, starting from the model without effects. At the end,
+    /// effects that the other selected effects make superfluous are removed.
     fn select(
         &self,
         prepared: &Prepared<'_>,
@@ -364,11 +367,11 @@ impl<'a> ForwardSearch<'a> {
     }
 }
 
-/// The effects that were selected.
+/// The result of a forward selection.
 pub(super) struct Selected {
     pub(super) stage: Stage,
     pub(super) path: Vec<Score>,
     not_predictive: Vec<NotPredictive>,
-    /// Scores of the candidates relative to the final model; `None` if that is the model without effects.
+    /// Scores of the candidates relative to the final model; `None` if the final model has no effects.
     last: Option<Judgement>,
 }

@@ -1,8 +1,8 @@
 //! Generic hypotheses: variations of a bias or a scale that no effect of the catalogue describes (docs/model.md (24)).
 //!
-//! A hypothesis consists of a block (the parameter of a sensor that varies) and a kernel (the covariance of its
-//! deviations at two times). The eigenvectors of the kernel give independent columns with a normal prior, so a
-//! hypothesis is scored like an effect.
+//! A hypothesis consists of a block and a kernel. The block is the sensor parameter that varies, and the kernel is the
+//! covariance of the parameter's deviations at two times. The eigenvectors of the kernel are columns whose coefficients
+//! have independent normal priors. A hypothesis can therefore be scored like an effect.
 
 use std::sync::Arc;
 
@@ -36,8 +36,9 @@ impl Block {
         }
     }
 
-    /// Typical deviation of the parameter: gyroscope bias 0.02 deg/s, accelerometer bias 0.5 mg, gyroscope scale 0.2 %,
-    /// accelerometer scale 0.1 %. Returned in SI units.
+    /// Typical deviation of the parameter, SI units; the unit of the prior width of a hypothesis. The values are 0.02
+    /// deg/s for gyroscope bias, 0.5 mg for accelerometer bias, 0.2 % for gyroscope scale, and 0.1 % for accelerometer
+    /// scale.
     fn typical(self) -> f64 {
         match self {
             Self::GyroscopeBias => 3.5e-4,
@@ -58,7 +59,7 @@ impl Block {
     }
 }
 
-/// Combinations of block and kernel that are tested on rests and moves.
+/// Combinations of block and kernel that are tested on residuals of rests and of rest-to-rest moves.
 const ALL: [(Block, Kernel); 22] = {
     use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
     use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Session, Temperature};
@@ -87,7 +88,8 @@ const ALL: [(Block, Kernel); 22] = {
         (AccelerometerScale, Session),
     ]
 };
-/// Combinations that are tested if samples inside moves are used: motion also affects the specific force there.
+/// Combinations that are tested if accelerometer samples inside moves are used. Motion affects the specific force
+/// inside moves, so an accelerometer bias that depends on the angular rate is tested in addition to [`ALL`].
 const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     let mut all = [(Block::AccelerometerBias, Kernel::Rate); ALL.len() + 1];
     let mut k = 0;
@@ -109,8 +111,9 @@ pub(crate) struct Hypothesis {
 enum Shape {
     /// The deviation is a combination of eigenfunctions of a kernel.
     Varies(Arc<Shares>),
-    /// The deviation is a nonlinear function of the sensor's input, whose largest magnitude is the second field.
-    /// Columns are a smooth curve for each axis, products of axes, and the derivative of the rate.
+    /// The deviation is a nonlinear function of the sensor's input. The second field is the largest magnitude of the
+    /// input. The columns are smooth functions of the input on each axis, products of the inputs on two axes and, for
+    /// the gyroscope, the angular acceleration.
     Follows(Smooth<f64>, f64),
     /// The deviation is linear in products of two angular rates and in angular accelerations.
     Turns,
@@ -118,9 +121,10 @@ enum Shape {
 
 /// Correlation length of the smooth curve along an axis, as a share of the sensor's largest input.
 const CURVE_LENGTH: f64 = 0.5;
-/// Number of equally spaced nodes of the smooth curve along an axis.
+/// Number of equally spaced nodes of the smooth curve along an axis, from minus to plus the sensor's largest input.
 const CURVE_POINTS: usize = 9;
-/// Time lag, s, whose error is as large as that of a typical scale deviation; it scales the columns of derivatives.
+/// Time lag, s, by which columns of the angular acceleration are multiplied, so that their coefficients have the same
+/// typical size as scale deviations.
 const LAG_S: f64 = 0.1;
 
 /// All selected hypotheses that are observable in the recordings.
@@ -132,7 +136,8 @@ pub(crate) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
     let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, kernel)| asked(*block, *kernel)).collect();
-    // Hypotheses with a kernel, evaluated in the middle of the moves or at the rests.
+    // Kernels whose eigenfunctions are needed, and whether they are evaluated in the middle of the moves (`true`) or at
+    // the rests. Kernels of rate and force have no eigenfunctions here.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };
@@ -172,7 +177,7 @@ impl Hypothesis {
         self.block.typical()
     }
 
-    /// Number of columns. Axes x, y and z have equally many columns, in this order.
+    /// Number of columns. Each of the axes x, y and z, in this order, has a third of the columns.
     pub(crate) fn width(&self) -> usize {
         3 * match &self.shape {
             Shape::Varies(shares) => shares.width(),
@@ -182,7 +187,7 @@ impl Hypothesis {
         }
     }
 
-    /// Change of the sensor's input by each column at each evaluation time, SI units.
+    /// Error of the sensor's input for a unit coefficient of each column, at each evaluation time, SI units.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -223,7 +228,7 @@ impl Hypothesis {
         }
     }
 
-    /// Deviation of the parameter by each column at each evaluation time.
+    /// Deviation of the parameter for a unit coefficient of each column, at each evaluation time.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),

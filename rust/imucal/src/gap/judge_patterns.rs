@@ -15,9 +15,9 @@ use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 
 impl ForwardSearch<'_> {
-    /// Evaluates generic hypotheses alone and in addition to the selected effects: on rests and rest-to-rest moves, and
-    /// also on samples inside moves if these are used. With stand angles, the second result is a significant difference
-    /// between the effects estimated with and without the stand.
+    /// Evaluates generic hypotheses alone and in addition to the selected effects. They are evaluated on rests and
+    /// rest-to-rest moves and, if the search uses samples inside moves, a second time with these samples. The second
+    /// result is present if the effects estimated with and without the stand's angles differ significantly.
     pub(super) fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -43,8 +43,8 @@ impl ForwardSearch<'_> {
         Ok((patterns, contradiction))
     }
 
-    /// Evaluates generic hypotheses on the residuals of `self.kinds`, and returns the model with the selected effects
-    /// that these residuals determine.
+    /// Evaluates generic hypotheses on the kinds of residuals `self.kinds`. Also returns the model with those selected
+    /// effects that these residuals determine.
     fn pattern(
         &self,
         prepared: &Prepared<'_>,
@@ -58,7 +58,8 @@ impl ForwardSearch<'_> {
         let seen: Vec<EffectChoice> =
             inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
         let without = self.stage(prepared, triads, &[], &[], Beside::Nothing)?;
-        // Effects that act inside moves may be poorly determined by rest-to-rest moves, or not at all.
+        // Residuals of rest-to-rest moves may determine effects that act inside moves poorly or not at all. If the fit
+        // with these effects fails, it is repeated without them.
         let with = [inertial, seen].into_iter().find_map(|choices| {
             let own = |m: &&Member| {
                 choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)

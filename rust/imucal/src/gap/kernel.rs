@@ -1,6 +1,7 @@
 //! Covariance kernels of a parameter that varies (docs/model.md (24)).
 
-/// Covariance of a parameter's deviations at two times as a function of one quantity.
+/// Covariance of a parameter's deviations at two times. Each kernel is a function of one quantity, for example
+/// temperature, at the two times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
     /// Deviations follow a random walk in time.
@@ -13,7 +14,7 @@ pub enum Kernel {
     Temperature,
     /// Deviations depend on the signs of the last rotation about each axis.
     LastMotion,
-    /// Deviations are linear in the components of two horizontal world directions in the body frame.
+    /// Deviations are linear in the body-frame components of two fixed horizontal directions of the world.
     Heading,
     /// Deviations are a function of the angular rate and the angular acceleration.
     Rate,

@@ -1,4 +1,4 @@
-//! Gram matrices of a design extended by the columns of a generic hypothesis, for each group of rows.
+//! Gram matrices, one for each group of rows, of a design to which the columns of a generic hypothesis are added.
 
 use faer::Mat;
 

@@ -15,7 +15,8 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Every fifth block inside a move is used if samples inside moves are not compared, because biases vary slowly.
+/// Step between the blocks inside a move at which a hypothesis is evaluated if accelerometer samples inside moves are
+/// not used. Every fifth block is sufficient, because biases vary slowly.
 const EVERY: usize = 5;
 
 /// A linearisation with the quantities that kernels depend on, at rests and inside moves.
@@ -28,8 +29,9 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `terms` are the effects of the model, or none: effects change the Jacobian by less than the resolution of a
-    /// generic hypothesis, but large ones change the directions perpendicular to gravity at which rows are evaluated.
+    /// `terms` are the effects of the model; they may be empty for a model with small effects. Small effects change the
+    /// Jacobian by less than a generic hypothesis can resolve. Large effects may change the body axes that define the
+    /// directions of the tilt residuals ([`has_axes`](Self::has_axes)).
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let values = if terms.count == 0 { Vec::new() } else { model.values.clone() };
         let plain = Model { values, stand: Vec::new(), ..model.clone() };
@@ -45,8 +47,8 @@ impl<'a> Setting<'a> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }
 
-    /// Whether the rows of this linearisation can be compared with rows whose directions perpendicular to gravity are
-    /// defined by the body axes `axes`.
+    /// Whether the rows of this linearisation can be compared with the rows of another one. `axes` are the body axes
+    /// that define the directions of the tilt residuals (perpendicular to gravity) there.
     pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
         axes_of(&self.linear) == axes
     }
@@ -66,8 +68,9 @@ impl<'a> Setting<'a> {
         self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
-    /// Index of each rest, or of the rest before each move, and the deviation on each axis there, for the given
-    /// coefficients of a hypothesis.
+    /// Deviation on each axis for the given coefficients of a hypothesis, with the index of the rest. A hypothesis
+    /// about rests gives one deviation for each rest in use. A hypothesis about moves gives one in the middle of each
+    /// move, with the index of the rest before the move.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
         let count = weights.len() / 3;
         let wrong = |shares: &[f64]| {

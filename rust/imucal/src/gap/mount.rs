@@ -1,5 +1,5 @@
-//! Faults of the mount of a unit on a stand, detected by comparing the direction of gravity at the rests with the motor
-//! angles.
+//! Detection of faults of a unit's mount on a stand. The direction of gravity that the accelerometer measures at the
+//! rests is compared with the direction computed from the motor angles.
 //!
 //! ```text
 //! r_k = up_k - R(q_k)^T e_z                                  up_k: measured direction up, R: stand model (21)
@@ -23,19 +23,20 @@ use crate::recording::Recording;
 
 /// Minimum number of rests before and after a slip.
 const FEWEST_RESTS: usize = 4;
-/// Minimum ratio of chi2 without to chi2 with a step of the mount's attitude for the step to count as a slip. A steady
-/// drift that is fitted by a step gives a ratio of 4.
+/// Minimum ratio of chi2 without to chi2 with a step of the mount's attitude for the step to count as a slip. The
+/// threshold must exceed 4, the ratio for a steady drift that is fitted by a step.
 const SLIP_FACTOR: f64 = 10.0;
-/// Maximum scatter of gravity direction relative to the stand's angles for a rigid mount on a low-cost stand, deg (1
-/// sigma); a larger scatter is reported as play.
+/// Maximum scatter (1 sigma), deg, of the measured gravity direction relative to the direction computed from the
+/// stand's angles. It is the largest scatter of a rigid mount on a low-cost stand. A larger scatter is reported as
+/// play.
 const PLAY_DEG: f64 = 0.25;
 /// Step of the central differences with respect to stand parameters and motor angles, rad.
 const STEP_RAD: f64 = 1e-4;
 /// Singular values of the stand-error columns below this share of the largest one count as zero.
 const RANK: f64 = 1e-6;
-/// Number of mount parameters, which are the first parameters of the stand.
+/// Number of parameters of the mount. They are the first parameters of the stand.
 const MOUNT: usize = 3;
-/// Number of components of a direction.
+/// Number of components of a direction vector.
 const AXES: usize = 3;
 
 /// A rest of a unit on a stand.
@@ -68,7 +69,7 @@ impl From<&RestReport> for StandRest {
     }
 }
 
-/// Detects a lasting rotation of the unit relative to its mount in each recording. `rests` are the rests of a
+/// Detects, in each recording, a lasting rotation of the unit relative to its mount. `rests` are the rests of a
 /// calibration without effects.
 pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let slip_of = |(index, recording): (usize, &Recording<'_>)| {
@@ -110,8 +111,9 @@ pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings:
     recordings.iter().enumerate().filter_map(play_of).collect()
 }
 
-/// Median angle, deg, between the direction of raw accelerometer samples and the gravity direction computed from the
-/// motor angles of an error-free stand with the best-fitting mount; `None` without motor angles.
+/// Median angle, deg, between two directions of gravity at each sample: the direction of the raw accelerometer sample,
+/// and the direction computed from the motor angles. The computation assumes an error-free stand and the best-fitting
+/// mount. `None` without motor angles.
 pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
     let angles = recording.stand_rad?;
     let known = (0..recording.len()).filter(|&k| angles[k].iter().all(|angle| angle.is_finite()));
@@ -129,7 +131,8 @@ pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
         up.dot(&(mount * up_by_stand(&[0.0; STAND_PARAMETERS], angle))).clamp(-1.0, 1.0).acos()
     };
     let mut missed: Vec<f64> = angles.iter().zip(&up).map(missed).collect();
-    // The median is robust against samples inside moves, at which the specific force is not gravity alone.
+    // The median is robust against samples inside moves, where the specific force contains accelerations besides
+    // gravity.
     Some(median(&mut missed).to_degrees())
 }
 
@@ -151,28 +154,28 @@ fn with_angles<'a>(rests: &'a [StandRest], index: usize, recording: &Recording<'
     rests.iter().filter(|rest| rest.recording == index).filter(is_known).collect()
 }
 
-/// Direction up in the body frame, computed from a stand with these parameters at these motor angles.
+/// Direction up in the body frame, computed from the stand parameters and the motor angles.
 fn up_by_stand(parameters: &[f64; STAND_PARAMETERS], angle_rad: &Vector3<f64>) -> Vector3<f64> {
     StandModel::of(parameters).attitude(angle_rad).inverse() * Vector3::z()
 }
 
-/// Least-squares rotation from the directions up of an error-free stand to the measured directions up.
+/// Least-squares rotation that maps the directions up of an error-free stand to the measured directions up.
 fn best_mount(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Matrix3<f64> {
     so3::exp(&mount_rotation(angles, up)).inverse().to_rotation_matrix().into_inner()
 }
 
-/// Residuals of gravity direction at the rests of one recording, after projection on the stand errors.
+/// Residuals of gravity direction at the rests of one recording, after stand errors have been fitted and subtracted.
 struct Residuals<'a> {
     rests: Vec<&'a StandRest>,
     /// Residuals, three components for each rest.
     values: Mat<f64>,
-    /// Orthonormal basis of the stand errors.
+    /// Orthonormal basis of the residuals that stand errors can cause.
     basis: Mat<f64>,
     /// Derivatives of the directions with respect to the three mount angles.
     by_mount: Mat<f64>,
 }
 
-/// A rotation of the unit relative to its mount that starts at a rest and lasts.
+/// A lasting rotation of the unit relative to its mount that takes place before one of the rests.
 struct Step {
     /// Index of the first rest after the rotation.
     first: usize,
@@ -255,9 +258,9 @@ impl<'a> Residuals<'a> {
         best
     }
 
-    /// Standard deviation of each component of the direction residuals, rad.
+    /// Standard deviation of the direction residuals in each of the two directions perpendicular to gravity, rad.
     fn scatter_rad(&self) -> f64 {
-        // A unit vector has two degrees of freedom.
+        // Each rest has two degrees of freedom, because a direction is a unit vector.
         let freedom = (2 * self.rests.len()).saturating_sub(self.basis.ncols()).max(1);
         (self.values.squared_norm_l2() / freedom as f64).sqrt()
     }

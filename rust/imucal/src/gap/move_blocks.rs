@@ -1,4 +1,4 @@
-//! A move divided into blocks of 40 ms, with means of attitude, rate and force over each block.
+//! Division of a move into blocks of 40 ms, with the means of attitude, rate and force over each block.
 //!
 //! Noise dominates single accelerometer samples, so residuals inside moves are computed from means over 40 ms. The
 //! motion changes little within 40 ms.
@@ -12,10 +12,11 @@ use super::residual_kinds::Regressor;
 use crate::evaluate::MoveReport;
 use crate::recording::{Recording, Samples};
 
-/// Length of a block, s: short compared with a move of one second, and long enough for two samples at 50 Hz.
+/// Length of a block, s. It is short compared with a move of one second, and long enough for two sample intervals at 50
+/// Hz.
 const BLOCK_S: f64 = 0.04;
 
-/// Minimum temperature range over a recording, K, for temperature to be used as a regressor of residuals.
+/// Minimum range of the temperature over a recording, K. Below it, temperature is not used as a regressor of residuals.
 pub(super) const LEAST_TEMPERATURE_CHANGE_K: f64 = 0.5;
 
 /// One move of a corrected recording, divided into blocks.
@@ -89,8 +90,9 @@ impl MoveBlocks {
         self.blocks.iter().all(|block| block.temperature_k.is_some())
     }
 
-    /// Attitude change at the end of the move that is caused by one unit of each error of the angular rate. For each
-    /// regressor: one row for each body axis at the end of the move, one column for each unit error.
+    /// Error of the attitude at the end of the move due to a rate error of one unit along each regressor. Each
+    /// regressor has one row for each body axis at the end of the move, and one column for each component of the
+    /// regressor.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
         let to_end = self.rotation.inverse().to_rotation_matrix();
         let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotation * block.length_s));
@@ -102,7 +104,7 @@ impl MoveBlocks {
                 }
             }
         }
-        // A rate error about each body axis that is proportional to a factor for that axis.
+        // Attitude errors due to a rate error on each body axis that is proportional to the factor for this axis.
         let by_axis = |factor: &dyn Fn(&Block) -> Vector3<f64>| -> [Vec<f64>; 3] {
             let sum = blocks().fold(Matrix3::zeros(), |sum: Matrix3<f64>, (block, change)| {
                 sum + change * Matrix3::from_diagonal(&factor(block))
@@ -125,14 +127,14 @@ impl MoveBlocks {
 
 impl Block {
     /// Mean over the block, in the body frame, of a direction that is constant in the world and equals `at_start` in
-    /// the body frame at the start of the move. It is the mean over the same samples as that of the force, so that the
-    /// error of the trapezoidal rule cancels in their difference.
+    /// the body frame at the start of the move. It is computed from the same samples as the mean specific force, so
+    /// that the errors of the trapezoidal rule cancel when the two means are subtracted.
     pub(super) fn mean_of_constant(&self, at_start: &Vector3<f64>) -> Vector3<f64> {
         self.rotation.tr_mul(at_start)
     }
 }
 
-/// A temperature column whose range is large enough for a regressor of residuals, and its mean.
+/// A temperature column whose range is large enough for use as a regressor of residuals, and the mean of the column.
 pub(super) struct RelativeTemperature<'a> {
     temperature_degc: &'a [f64],
     mean_degc: f64,
@@ -257,8 +259,9 @@ mod tests {
         assert!((last.since_start_s - 2.0).abs() < 1e-12 && (last.length_s - BLOCK_S).abs() < 1e-12);
     }
 
-    /// Gravity as an accelerometer without errors measures it in a move whose rate changes: its means over blocks are
-    /// those of the propagated direction, except for the error of integrating a sampled rate by trapezoids.
+    /// An error-free accelerometer measures gravity during a move with a varying rate. The means of its readings over
+    /// blocks equal the means of the propagated gravity direction times g, except for the error of integrating sampled
+    /// rates by the trapezoidal rule.
     #[test]
     fn the_mean_force_of_a_block_is_the_mean_of_propagated_gravity() {
         let time_s: Vec<f64> = (0..201).map(|k| f64::from(k) * 0.01).collect();

@@ -14,9 +14,9 @@ pub struct GapOptions<'a> {
     pub candidates: Option<Vec<EffectChoice>>,
     /// User-defined effects, which are always candidates.
     pub user_effects: Option<&'a dyn UserEffects>,
-    /// A calibration to compare with; if `None`, the fit without effects is the reference.
+    /// A calibration with which the result is compared. If `None`, the result is compared with the fit without effects.
     pub calibration: Option<GivenCalibration<'a>>,
-    /// Callback before each step of the search; an error from it ends the search.
+    /// Function that is called before each step of the search. If it returns an error, the search ends.
     pub progress: Option<ReportProgress<'a>>,
 }
 
@@ -26,14 +26,15 @@ pub struct GapOptions<'a> {
 pub struct GivenCalibration<'a> {
     /// The calibration, in the symmetric body frame, without user-defined effects.
     pub calibration: &'a Calibration<f64>,
-    /// Local gravity that the calibration was made with, m/s^2.
+    /// Local gravity that was used to make the calibration, m/s^2.
     pub gravity_mps2: f64,
-    /// The evaluation recordings corrected by this calibration; `None` to correct them in this crate. User-defined
-    /// effects require it, because this crate cannot correct them.
+    /// The evaluation recordings corrected by this calibration; `None` to correct them in this crate. Corrected
+    /// recordings are required if the calibration has user-defined effects, because this crate cannot evaluate such
+    /// effects.
     pub corrected: Option<&'a [Recording<'a>]>,
 }
 
-/// A function that is called before each step of a search; an error ends the search.
+/// A function that is called before each step of a search. If it returns an error, the search ends.
 pub type ReportProgress<'a> = &'a dyn Fn(Progress<'_>) -> Result<(), Error>;
 
 /// A step of a search.

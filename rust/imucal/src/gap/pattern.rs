@@ -1,4 +1,5 @@
-//! Generic hypotheses as an alternative to the selected effects and in addition to them (docs/model.md (24)).
+//! Tests generic hypotheses in two ways: as an alternative to the selected effects, and in addition to these effects
+//! (docs/model.md (24)).
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::Vector3;
@@ -15,20 +16,23 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Trial standard deviations of the prior of a generic hypothesis, in multiples of the typical size of its block.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// Margin, nats, by which the log evidence of a generic hypothesis must exceed that of the selected effects; 3 nats are
-/// odds of 20 to 1.
+/// Margin, nats, by which the log evidence of a generic hypothesis must exceed the log evidence of the selected effects
+/// for the hypothesis to replace them. 3 nats are odds of 20 to 1.
 const LEAD: f64 = 3.0;
-/// Minimum log Bayes factor, nats, for a generic hypothesis to be reported; 8 nats are odds of 3000 to 1.
+/// Minimum log Bayes factor, nats, for a generic hypothesis to be reported instead of the selected effects. 8 nats are
+/// odds of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// Increase of the log evidence at the scales of the model, nats, below which a hypothesis is not evaluated further.
+/// Increase of the log evidence, nats, below which a hypothesis is not evaluated further. The increase is computed at
+/// the noise scales of the model without the hypothesis.
 const LEAST_GAIN: f64 = 2.0;
-/// Log Bayes factor, nats, of a generic hypothesis in addition to the selected effects, above which these effects do
-/// not explain all residuals.
+/// Minimum log Bayes factor, nats, for a generic hypothesis to be reported in addition to the selected effects.
 const NOT_ALL: f64 = 12.0;
-/// Tolerance for linearisation errors of large effects, as a share of the log Bayes factor of the selected effects.
+/// Share of the log Bayes factor of the selected effects that linearisation errors of large effects may cause. A
+/// generic hypothesis with a smaller log Bayes factor is not reported in addition to the effects.
 const REMAINDER: f64 = 0.02;
-/// Tolerance for linearisation errors of large effects, as a share of the chi2 that the selected effects explain. Both
-/// tolerances apply, because the log Bayes factor grows only with the logarithm of an effect's size.
+/// Share of the chi2 explained by the selected effects that linearisation errors of large effects may cause. A generic
+/// hypothesis that explains less chi2 is not reported. This threshold is needed besides [`REMAINDER`], because the log
+/// Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis with the largest evidence, and its fit.
@@ -36,12 +40,12 @@ pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
     pub(super) log_bayes_factor: f64,
-    /// Standard deviation of the prior of its coefficients, in multiples of the typical size of the block.
+    /// Standard deviation of the prior of the hypothesis's coefficients, in multiples of the typical size of its block.
     pub(super) width: f64,
     /// Decrease of chi2 if the hypothesis is added to the model.
     chi2: f64,
-    /// Index of each rest, or of the rest before each move, and the deviation of the parameter there on each axis, SI
-    /// units.
+    /// Index of each rest and the deviation of the parameter on each axis at the rest, SI units. For hypotheses about
+    /// moves: index of the rest before each move, and the deviation inside the move.
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
@@ -57,8 +61,8 @@ impl<'a> Judge<'a> {
         Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// Evidence of the model with a hypothesis of `width` columns, and the width of its prior; `None` if the evidence
-    /// increases by at most [`LEAST_GAIN`].
+    /// Evidence of the model with a hypothesis of `width` columns, and the prior width that maximises the evidence.
+    /// `None` if the log evidence increases by at most [`LEAST_GAIN`].
     fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(Evidence, f64)> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
@@ -69,8 +73,8 @@ impl<'a> Judge<'a> {
         // smaller noise scales either.
         let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(best, swept)?;
-        // A hypothesis that explains a large part of the residuals reduces the scales, so a larger prior width may be
-        // best.
+        // A hypothesis that explains a large part of the residuals reduces the noise scales. At these smaller scales
+        // another prior width may give a larger evidence.
         if let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != best)
             && let Some((other, _)) = weighing.evidence(again, swept).filter(|(other, _)| other.log > evidence.log)
         {
@@ -115,20 +119,21 @@ pub(super) fn best_generics<const N: usize>(
     })
 }
 
-/// Comparison of generic hypotheses with the selected effects on the same residuals.
+/// The best generic hypotheses and the selected effects, compared on the same residuals.
 pub(super) struct Pattern {
-    /// The best generic hypothesis, relative to the model without effects.
+    /// The best generic hypothesis in a model without effects.
     pub(super) alone: Option<BestGeneric>,
     /// Log Bayes factor of the selected effects relative to the model without effects, nats.
     pub(super) path: f64,
     /// Decrease of chi2 if the selected effects are added to the model without effects.
     pub(super) path_chi2: f64,
-    /// The best generic hypothesis in addition to the selected effects, relative to the model with only these effects.
+    /// The best generic hypothesis in a model with the selected effects. Its Bayes factor is relative to the model with
+    /// only these effects.
     pub(super) on_top: Option<BestGeneric>,
 }
 
 impl Pattern {
-    /// The hypothesis without effects, if it explains more than the selected effects.
+    /// The best hypothesis in a model without effects, if it explains the residuals better than the selected effects.
     pub(super) fn instead(&self) -> Option<&BestGeneric> {
         let is_better = |g: &&BestGeneric| {
             g.log_bayes_factor > LEAST.max(self.path + LEAD) && self.is_no_remainder(g.chi2 - self.path_chi2)
@@ -136,7 +141,8 @@ impl Pattern {
         self.alone.as_ref().filter(is_better)
     }
 
-    /// The hypothesis in addition to the effects, if it explains a large part of the remaining residuals.
+    /// The best hypothesis in a model with the selected effects, if it is significant and explains more than the
+    /// linearisation errors of the effects.
     pub(super) fn besides(&self) -> Option<&BestGeneric> {
         let is_large =
             |g: &&BestGeneric| g.log_bayes_factor > NOT_ALL.max(REMAINDER * self.path) && self.is_no_remainder(g.chi2);
@@ -154,8 +160,10 @@ impl BestGeneric {
         let Self { block, kernel, log_bayes_factor, ref wrong, .. } = *self;
         // Under noise alone a Bayes factor of at least B has a probability of at most 1/B.
         let p_value = (-log_bayes_factor).exp().min(1.0);
-        // At rest the specific force is parallel to gravity, so an accelerometer bias proportional to the direction of
-        // gravity is reported as a scale proportional to force.
+        // At rest the specific force is g times the unit vector up. A bias that depends on the direction of gravity is
+        // therefore indistinguishable at rest from a scale that depends on the specific force, and is reported as such
+        // a scale. A bias deviation b equals a relative scale deviation b / g, because the scale multiplies a force of
+        // magnitude g. The rms is therefore divided by g.
         let (block, kernel, unit) = match (block, kernel) {
             (Block::AccelerometerBias, Kernel::GravityDirection) => {
                 (Block::AccelerometerScale, Kernel::Force, STANDARD_GRAVITY_MPS2)

@@ -6,12 +6,12 @@
 //! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = l_i with the effect - l_i without
 //! ```
 //!
-//! If residuals exceed sensor noise, p-values based on the noise are too small. An effect that only fits such excess
-//! scatter does not improve the prediction: each parameter without meaning decreases the log predictive density by
-//! about half a nat. The standard deviation of the gain is estimated from the gains of the individual items (Vuong,
-//! Econometrica 57, 1989, 307-333), so a few outliers cannot make an effect significant. An item is a rest or a move. A
-//! fold is a contiguous period of time: because biases wander, the neighbours of a rest would predict it whatever the
-//! model is.
+//! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation is valid in
+//! this case, too, because an effect that only fits the excess scatter does not improve the prediction. Each
+//! superfluous parameter decreases the log predictive density by about half a nat. The standard deviation of the gain
+//! is estimated from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333), so a few outliers
+//! cannot make an effect significant. An item is a rest or a move. A fold is a contiguous period of time. Otherwise,
+//! because biases wander slowly, a rest would be predicted well from its neighbours by any model.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -23,7 +23,7 @@ const FOLDS: usize = 6;
 /// Number of standard deviations by which a gain must exceed zero to be significant.
 const SURE: f64 = 2.0;
 
-/// Increase of the log predictive density by an effect and its standard deviation, nats.
+/// Increase of the log predictive density due to an effect, and the standard deviation of this increase, nats.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gain {
     pub(crate) nats: f64,
@@ -42,14 +42,15 @@ pub(crate) struct Held<'a> {
     pub(crate) columns: &'a Mat<f64>,
     pub(crate) residual: &'a [f64],
     pub(crate) gram: &'a Gram,
-    /// Group of each row, and index of its rest or move in order of time.
+    /// Group of residuals of each row.
     pub(crate) groups: &'a [usize],
+    /// Index of the rest or move of each row, in order of time.
     pub(crate) items: &'a [usize],
 }
 
 impl Held<'_> {
     /// Increase of the log predictive density of the model `with` over the model `without`, each given by its columns
-    /// and scales. `None` if the other folds do not determine one of the models.
+    /// and scales. `None` if the rows outside a fold do not determine one of the models.
     pub(crate) fn gain(&self, without: (&[Column], &[f64]), with: (&[Column], &[f64])) -> Option<Gain> {
         let (without, with) = (self.log_densities(without)?, self.log_densities(with)?);
         let gains: Vec<f64> =
@@ -117,8 +118,8 @@ mod tests {
 
     const ROWS: usize = 60;
 
-    /// Gain of a sine column over a constant, for residuals of noise plus `size` times the sine; `spike` is added to
-    /// one row.
+    /// Gain of a model with a sine and a constant over a model with the constant only. The residuals are noise plus
+    /// `size` times the sine; `spike` is added to one row.
     fn gain_of(size: f64, spike: f64) -> Gain {
         let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;
         let columns = Mat::from_fn(ROWS, 3, |i, j| match j {

@@ -1,9 +1,10 @@
-//! Effects judged with generic hypotheses in the model: known effects beside an unknown or random variation.
+//! Selects effects while generic hypotheses are part of the model. It finds effects of the catalogue in the presence of
+//! an unknown or random variation.
 //!
-//! A forward search without the variation may select effects that only resemble it, and may miss effects that its
-//! residuals hide. With the columns of the generic hypotheses in the model, and their prior, the variation belongs to
-//! the covariance of the residuals. Selected effects remain if they are significant there, and candidates join if they
-//! are.
+//! If a forward search ignores the variation, it may select effects that only resemble the variation, and may miss
+//! effects that the residuals of the variation hide. The columns of the generic hypotheses and their prior add the
+//! variation to the covariance of the residuals. Selected effects are kept only if they are significant in this
+//! extended model, and further candidates are added only if they are significant in it.
 
 use faer::Mat;
 use imucal_core::effects::{Effect, Sensor};
@@ -24,21 +25,24 @@ use crate::gap::stage::{Beside, Member, Stage};
 use crate::joint::{Prepared, Terms};
 use crate::numerics::stats::p_value;
 
-/// Minimum log Bayes factor, nats, of an effect beside a generic hypothesis; 8 nats are odds of 3000 to 1.
+/// Minimum log Bayes factor, nats, for an effect to be selected with generic hypotheses in the model. 8 nats are odds
+/// of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// Minimum likelihood ratio statistic of an effect, as a share of that of the generic hypotheses: their columns
-/// describe the variation only approximately, and an effect may fit the approximation error.
+/// Minimum likelihood ratio statistic of an effect, as a share of the statistic of the generic hypotheses. The columns
+/// of the hypotheses describe the variation only approximately, and an effect below this share may only fit the
+/// approximation error.
 const SHARE: f64 = 0.02;
 /// Difference of log evidence, nats, within which another candidate is a rival; 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
-/// Effects that are not judged beside a gyroscope bias that depends on the heading: a field of the room, such as the
-/// magnetic one, has a vertical part that looks like them.
+/// Effects that are not selected if the gyroscope bias varies with heading. Such a variation may be caused by an
+/// external field, for example a magnetic field, and the vertical component of the field resembles these effects.
 const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
 /// Effects that are functions of time.
 const OF_TIME: [&str; 4] = ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
 /// Trial widths of the prior of a random walk, in multiples of the typical size of the bias.
 const WALK_WIDTHS: [f64; 3] = [0.1, 0.5, 2.5];
-/// Precision of the prior that removes a parameter, relative to the information of the data about it.
+/// Factor by which the prior precision exceeds the information of the data about a parameter, so that the prior fixes
+/// the parameter at zero.
 const REMOVED: f64 = 1e6;
 
 /// A generic hypothesis whose columns are part of a model.
@@ -50,9 +54,9 @@ pub(super) struct Varying {
     width: f64,
 }
 
-/// The significant hypotheses of all patterns, each once. Those in addition to the selected effects come first: a
-/// hypothesis that explains more than the effects may contain one of them, as a curve over the rate contains a cubic
-/// scale.
+/// The significant hypotheses of all patterns, without duplicates. If any hypothesis is significant in addition to the
+/// selected effects, hypotheses that are significant instead of these effects are omitted. Such a hypothesis may
+/// contain one of the effects: for example, a smooth function of the rate contains a cubic scale error.
 fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
     let mut add = |block: Block, kernel: Kernel, width: f64| {
@@ -75,7 +79,7 @@ fn varying(patterns: &[Pattern]) -> Vec<Varying> {
 pub(super) struct KnownEffects {
     pub(super) members: Vec<Member>,
     pub(super) path: Vec<Score>,
-    /// Log evidence of the model with the effects and the hypotheses.
+    /// Log evidence of the model with these effects and the generic hypotheses.
     log: f64,
 }
 
@@ -90,8 +94,9 @@ impl ForwardSearch<'_> {
     /// The effects that are significant beside the generic hypotheses of the patterns; `None` if no hypothesis is
     /// significant.
     ///
-    /// A random walk is tried instead if the hypotheses have displaced all effects, because they may contain one of
-    /// them, and if effects that are functions of time were selected, because a random walk resembles them.
+    /// A random walk is tried instead of these hypotheses in two cases. First, if the hypotheses explain the residuals
+    /// better than all selected effects, because the hypotheses may contain one of the effects. Second, if effects that
+    /// are functions of time were selected, because a random walk resembles such effects.
     pub(super) fn known_effects(
         &mut self,
         prepared: &Prepared<'_>,
@@ -114,7 +119,8 @@ impl ForwardSearch<'_> {
             let is_walk = |own: &Varying| (own.block, own.kernel) == (block, Kernel::RandomWalk);
             let is_possible = selected.path.iter().any(is_of_time)
                 || (are_displaced && first.iter().any(|own| own.block.sensor() == block.sensor()));
-            // Without the stand the evidence is that of other residuals.
+            // The hypotheses are evaluated without the residuals of the stand, so their evidence cannot be compared
+            // with the evidence of a model that includes these residuals.
             let is_comparable = best.is_some() || !self.kinds.encoders;
             if !is_possible || !is_comparable || first.iter().any(is_walk) {
                 continue;
@@ -129,9 +135,9 @@ impl ForwardSearch<'_> {
         Ok(best)
     }
 
-    /// The effects that are significant with the generic hypotheses in the model, with their scores there. `widths` are
-    /// trial factors of the widths of the hypotheses' priors. Effects of the stand are not judged, because the
-    /// hypotheses have no columns for the stand's residuals.
+    /// The effects that are significant with the generic hypotheses in the model, and their scores relative to this
+    /// model. `widths` are trial factors by which the prior widths of the hypotheses are multiplied. Effects of the
+    /// stand are not candidates, because the hypotheses have no columns for the stand's residuals.
     fn beside_patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -203,7 +209,7 @@ impl ForwardSearch<'_> {
         let mut skipped: Vec<String> = Vec::new();
         while members.len() < MOST_EFFECTS {
             let judged = judge(&beside.stage);
-            // The design may have columns of candidates that are not judged here.
+            // The design may contain columns of effects that are not candidates here.
             let judged_here = judged.scores.iter().filter(|judged| is_left(&judged.score.name));
             let pick = judged_here.filter(|judged| is_sound(&judged.score, &beside));
             let pick = pick
@@ -228,8 +234,8 @@ impl ForwardSearch<'_> {
         Ok(KnownEffects { members, path, log })
     }
 
-    /// Replaces effects by aliases with a larger evidence beside the hypotheses: without these, the unknown variation
-    /// may have decided between the two.
+    /// Replaces an effect by one of its aliases if the alias has a larger evidence with the hypotheses in the model.
+    /// Without the hypotheses, the residuals of the unknown variation may have decided in favour of the wrong effect.
     fn swap_aliases(
         &self,
         (members, path): (&mut [Member], &mut [Score]),
@@ -249,7 +255,8 @@ impl ForwardSearch<'_> {
             for other in open.iter().filter(is_other).map(|choice| choice.effect).collect::<Vec<_>>() {
                 let mut instead = members.to_vec();
                 instead[k] = Member { name: other.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
-                // The first fit determines the size of the effect, which becomes the width of its prior.
+                // The first fit determines the size of the alias. The size becomes the width of its prior in the second
+                // fit.
                 let Ok(Some(first)) = extended(&instead) else { continue };
                 let Some(member) = first.stage.members.get(k) else { continue };
                 let typical = &other.parameters[..other.plain];
@@ -329,8 +336,8 @@ fn retain(
     members.len() < before
 }
 
-/// The score of an effect of the model, relative to the same model without it; `None` if that cannot be evaluated, or
-/// if the effect does not improve the prediction of held-out rests and moves.
+/// The score of an effect of the model relative to the same model without the effect. `None` if the model without the
+/// effect cannot be evaluated, or if the effect does not improve the prediction of held-out rests and moves.
 fn score_of(stage: &Stage, member: &Member, score: &Score) -> Option<Score> {
     let place = stage.place(&member.name)?;
     let linear = Effect::<f64>::find(&member.name).map_or(place.len(), |effect| effect.plain.min(place.len()));
@@ -339,7 +346,7 @@ fn score_of(stage: &Stage, member: &Member, score: &Score) -> Option<Score> {
     for (k, column) in without[place].iter_mut().enumerate() {
         let seen: f64 = design.gram.sums.iter().map(|sum| sum[(column.place, column.place)]).sum();
         column.precision = REMOVED * seen.max(column.precision);
-        // A time constant has no meaning without its effect, so it keeps its value.
+        // If the effect is removed, its time constant has no influence, so it keeps its value.
         column.value = if k < linear { column.value } else { 0.0 };
     }
     let alone = design.gram.evidence_near(&without, &stage.evidence.scales)?;
