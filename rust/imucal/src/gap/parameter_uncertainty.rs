@@ -1,4 +1,5 @@
-//! Expected errors of calibration parameters, and the resulting errors of corrected signals averaged over one second.
+//! Expected errors of calibration parameters, and the errors of corrected signals that result from them. Signals are
+//! averaged over one second.
 
 use std::ops::Range;
 
@@ -13,20 +14,21 @@ use crate::error::Error;
 use crate::frame::Frame;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
 
-/// Length of the windows, s, over which corrected signals are averaged. Errors of a calibration change as slowly as the
-/// motion, and white noise of density N contributes N / sqrt(1 s).
+/// Length of the windows, s, over which corrected signals are averaged. A mean over one second hardly changes errors of
+/// a calibration, because they vary as slowly as the motion. It reduces white noise of density N to N / sqrt(1 s).
 pub(super) const WINDOW_S: f64 = 1.0;
 /// Lower bound of the estimated size of an effect, in multiples of the effect's typical size.
 const LEAST_SIZE: f64 = 0.01;
-/// Number of fixed-point iterations for the estimated size of an effect; convergence needs only a few of them.
+/// Number of fixed-point iterations for the estimated size of an effect. The iteration converges after a few steps.
 const SIZE_ITERATIONS: usize = 30;
-/// Relative step of the difference quotient with respect to a time constant.
+/// Step of the difference quotient with respect to a time constant, as a share of the time constant.
 const SHAPE_STEP: f64 = 0.01;
 
 /// Corrected angular rate x, y, z, rad/s, and specific force x, y, z, m/s^2.
 pub(super) type Signals = [f64; 6];
 
-/// The estimated parameters of a calibration, which are those with a standard deviation above zero.
+/// The estimated parameters of a calibration. Parameters with a standard deviation of zero were not estimated and are
+/// omitted.
 pub(super) struct Parameters {
     /// Index of each parameter in the calibration.
     places: Vec<usize>,
@@ -35,13 +37,14 @@ pub(super) struct Parameters {
     correlation: Mat<f64>,
 }
 
-/// Windows of one second of a recording, as ranges of samples.
+/// The windows of one second into which a recording is divided, as ranges of samples.
 pub(super) struct Windows {
     samples: Vec<Range<usize>>,
 }
 
 impl Windows {
-    /// Divides a recording into complete windows from the first sample on; at least one window.
+    /// Divides a recording into complete windows, starting at the first sample. A recording shorter than one window
+    /// gives one window.
     pub(super) fn of(time_s: &[f64]) -> Self {
         let (Some(&start), Some(&end)) = (time_s.first(), time_s.last()) else {
             return Self { samples: Vec::new() };
@@ -76,11 +79,12 @@ impl Parameters {
         self.places.len()
     }
 
-    /// Change of the corrected signals in each window by one standard deviation of each parameter, (P, windows).
+    /// Change of the corrected signals in each window if a parameter changes by one standard deviation, (P, windows)
+    /// for P parameters.
     ///
-    /// `corrected` is `recording` after correction; `user_fields` are the columns of user-defined effects at its
-    /// samples. The dependence of the effects on errors of the corrected signals is neglected, because effects are
-    /// small compared with the signals.
+    /// `corrected` is `recording` after correction. `user_fields` are the columns of user-defined effects at the
+    /// samples of `corrected`. Effects are evaluated at the corrected signals. Errors of these signals are neglected
+    /// there, because effects are small compared with the signals.
     pub(super) fn slopes(
         &self,
         outcome: &Outcome,
@@ -97,8 +101,8 @@ impl Parameters {
         Ok(self.places.iter().zip(&self.sigma).map(scaled).collect())
     }
 
-    /// Expected errors of the parameters and the covariance of these errors, in standard deviations. `typical` are the
-    /// typical sizes of the linear parameters of each effect.
+    /// Expected errors of the parameters, and the covariance of the parameter errors. Both are in units of the
+    /// parameters' standard deviations. `typical` are the typical sizes of the linear parameters of each effect.
     ///
     /// The prior in the fit has at least the typical size of an effect (docs/model.md (23)). If the estimated effect is
     /// smaller, the prior is narrowed to the estimated size, also in directions that are not observable.
@@ -126,7 +130,7 @@ impl Parameters {
 }
 
 /// Expected errors and covariance of the parameters if the prior of an effect is narrowed to the effect's estimated
-/// size. The size is one factor, at most 1, by which the typical sizes of all parameters of the effect are multiplied.
+/// size. The estimated size is a common factor, at most 1, for the typical sizes of all parameters of the effect.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());
@@ -191,8 +195,8 @@ fn by_sensitivity(
     corrected.iter().map(|corrected| signals(-inverse.column(i) * corrected[j], sensor)).collect()
 }
 
-/// Derivatives of the corrected signals with respect to the parameters of each effect: linear parameters, then the time
-/// constant.
+/// Derivatives of the corrected signals with respect to the parameters of each effect. The linear parameters come
+/// first, then the time constant.
 fn effect_slopes(
     outcome: &Outcome,
     corrected: &Recording<'_>,
@@ -252,8 +256,8 @@ fn catalogue_slopes(
     slopes
 }
 
-/// The states at which the fields of the effects are evaluated: corrected signals, time since the first sample in s,
-/// and temperature.
+/// The states at which the fields of the effects are evaluated. A state consists of the corrected signals, their
+/// angular acceleration, the time since the first sample in s, and the temperature.
 fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     let rate: Vec<[f64; 3]> = corrected.angular_rate.iter().collect();
     let acceleration = angular_acceleration(corrected.time_s, &rate);
@@ -271,7 +275,7 @@ fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     (0..corrected.len()).map(state).collect()
 }
 
-/// A change of one sensor's corrected signal; the other sensor has zeros.
+/// The change of one sensor's corrected signal, with zeros for the other sensor.
 fn signals(change: Vector3<f64>, sensor: Sensor) -> Signals {
     let [x, y, z] = change.into();
     match sensor {
@@ -351,7 +355,7 @@ mod tests {
             for (k, ((above, below), slope)) in above.iter().zip(&below).zip(slope).enumerate() {
                 for axis in 0..6 {
                     let numeric = (above[axis] - below[axis]) / (2.0 * step) * sigma;
-                    // The slopes of the other parameters are computed without effects, which causes relative errors of
+                    // The slopes of the base parameters are computed without effects, which causes relative errors of
                     // about 1 %.
                     assert!(
                         (numeric - slope[axis]).abs() < 0.02 * size + 1e-12,

@@ -4,9 +4,9 @@
 //! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
 //! ```
 //!
-//! All quantities are averages over one second, so white noise of density N contributes N / sqrt(1 s). `e` is the
-//! vector of parameter errors, `D` the Jacobian of the corrected signals, and `d` the difference between the signals
-//! corrected by the two calibrations.
+//! All quantities refer to signals averaged over one second, so white noise of density N contributes N / sqrt(1 s). `e`
+//! is the vector of parameter errors of the calibration with effects. `D` is the Jacobian of the corrected signals. `d`
+//! is the difference between the signals corrected by the two calibrations.
 
 use faer::Mat;
 use imucal_core::calibration::Calibration;
@@ -23,8 +23,8 @@ use crate::error::Error;
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Averaging time, s, of the means that are corrected in place of samples to save time. Errors of a calibration change
-/// as slowly as the motion.
+/// Averaging time, s, of the means that are corrected instead of single samples. Correcting means takes less time, and
+/// it hardly changes the result, because errors of a calibration vary as slowly as the motion.
 const BRIEF_MEAN_S: f64 = 0.1;
 /// Number of random draws from which the 95 % interval of the improvement factor is computed.
 const DRAWS: usize = 1000;
@@ -32,11 +32,13 @@ const DRAWS: usize = 1000;
 const SEED: u64 = 1;
 /// Probabilities of the quantiles at the ends of the 95 % interval.
 const INTERVAL: [f64; 2] = [0.025, 0.975];
-/// Relative variance of the squared noise density times the total duration of rests, s. The density is estimated as
-/// half the mean square of differences of means over 0.25 s on three axes (docs/model.md (10)).
+/// Relative variance of the estimated squared noise density, multiplied by the total duration of the rests, s. The
+/// squared density is estimated from half the mean square of the differences between consecutive means over 0.25 s on
+/// three axes (docs/model.md (10)).
 const NOISE_VARIANCE_S: f64 = 0.25;
-/// Lower bound of the mean squared error in a draw, and of the noise in a draw, relative to the mean squared noise.
-/// Otherwise the random cross terms of noise and errors could make a draw negative.
+/// Lower bound of the mean squared error and of the mean squared noise in a random draw, as a share of the expected
+/// mean squared noise. Without it, the random cross terms of noise and errors could make the mean squared error of a
+/// draw negative.
 const LEAST_MEAN_SQUARE: f64 = 0.1;
 
 /// Predicted errors of the corrected angular rate and specific force.
@@ -63,15 +65,16 @@ pub struct PredictedError {
     pub factor_high: f64,
 }
 
-/// Corrected [`BriefMeans`] of each recording and fields of user-defined effects, computed by the caller.
+/// Input that the caller computes if calibrations have user-defined effects: the corrected [`BriefMeans`] of each
+/// recording, and the fields of the user-defined effects.
 #[derive(Clone, Copy)]
 pub struct UserCorrection<'a> {
-    /// [`BriefMeans`] corrected by the first calibration, SI units, body frame.
+    /// [`BriefMeans`] corrected by the calibration without the effects, SI units, body frame.
     pub before: &'a [Recording<'a>],
-    /// [`BriefMeans`] corrected by the second calibration, SI units, body frame.
+    /// [`BriefMeans`] corrected by the calibration with the effects, SI units, body frame.
     pub after: &'a [Recording<'a>],
-    /// Fields of the user-defined effects of the second calibration at the samples of `after`, in the order of its
-    /// effects.
+    /// Fields of the user-defined effects of the calibration with effects. They are evaluated at the samples of
+    /// `after`, and are in the order of the effects in the calibration.
     pub fields: &'a [UserField<'a>],
 }
 
@@ -106,7 +109,7 @@ impl BriefMeans {
         }
     }
 
-    /// The means as a recording with the units of `of`.
+    /// The means as a recording in the units of the recording `of`.
     pub fn recording<'a>(&'a self, of: &Recording<'a>) -> Recording<'a> {
         Recording {
             time_s: &self.time_s,
@@ -119,8 +122,8 @@ impl BriefMeans {
     }
 }
 
-/// Sum with small rounding errors. Times of the means can coincide with window edges, so rounding would decide in which
-/// window a mean falls.
+/// Sum with small rounding errors. The time of a mean can coincide with the edge of a window, and a large rounding
+/// error would put the mean into the wrong window.
 fn sum(values: &[f64]) -> f64 {
     values.split_first().map_or(0.0, |(first, others)| first + pairwise_sum(others))
 }
@@ -167,8 +170,8 @@ pub fn predicted_errors(
     user: Option<&UserCorrection<'_>>,
 ) -> Result<PredictedErrors, Error> {
     let parameters = Parameters::of(after);
-    // For each window: the change of the corrected signals by one standard deviation of each parameter, and, as the
-    // last column, the difference between the two calibrations.
+    // One column for each parameter: the change of the corrected signals in each window if the parameter changes by one
+    // standard deviation. The last column is the difference between the signals corrected by the two calibrations.
     let mut columns: Vec<Vec<Signals>> = vec![Vec::new(); parameters.count() + 1];
     for (index, recording) in recordings.iter().enumerate() {
         let means = BriefMeans::of(recording);
@@ -222,8 +225,8 @@ fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) 
         .collect()
 }
 
-/// Mean products of the columns over all windows and the given axes, and the number of averaged values. Values at which
-/// any column is not finite are omitted.
+/// Mean products of each pair of columns over all windows and the given axes, and the number of values in each mean.
+/// Windows and axes at which any column is not finite are omitted.
 fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
     let windows = columns.first().map_or(0, Vec::len);
     let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);
@@ -241,10 +244,10 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
     (sums * faer::Scale(1.0 / count as f64), count)
 }
 
-/// Mean squared errors of the one-second averages of angular rate and specific force that no correction removes.
+/// Mean squared errors, of the one-second averages of angular rate and specific force, that no correction removes.
 ///
-/// The Earth's rate counts as an error of the angular rate, because it is not removed and its components in the body
-/// frame change with attitude.
+/// The Earth's rate counts as an error of the angular rate, because the correction does not remove it and its
+/// body-frame components change with attitude.
 fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
     let (accelerometer, gyroscope) = noise_densities(after);
     let mean_square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64;
@@ -266,12 +269,12 @@ fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
 struct Signal<'a> {
     /// Mean squared noise of a one-second average.
     noise: f64,
-    /// (P+1, P+1) mean products of the signal changes by one standard deviation of each parameter; the last row and
-    /// column are for the difference between the calibrations.
+    /// (P+1, P+1) mean products of the signal changes due to one standard deviation of each parameter. The last row and
+    /// column are for the difference between the signals corrected by the two calibrations.
     gram: Mat<f64>,
     /// (P,) expected errors of the parameters, in standard deviations.
     errors: &'a [f64],
-    /// (P, P) covariance of these errors.
+    /// (P, P) covariance of the parameter errors, in squared standard deviations.
     covariance: &'a Mat<f64>,
     /// Number of one-second averages, over all windows and axes.
     count: usize,
@@ -279,7 +282,7 @@ struct Signal<'a> {
     relative_variance: f64,
 }
 
-/// Standard normal random numbers, shared by both signals.
+/// Standard normal random numbers. Both signals use the same numbers.
 struct Draws {
     /// (P, draws) normalised errors of the parameters.
     parameters: Mat<f64>,
@@ -313,8 +316,8 @@ impl Signal<'_> {
         Ok(PredictedError { before, after, factor: before / after, factor_low, factor_high })
     }
 
-    /// Mean squared change of the signal by these parameter errors plus `difference` times the difference between the
-    /// calibrations.
+    /// Mean square of the signal change due to the parameter errors `errors` plus `difference` times the difference
+    /// between the signals corrected by the two calibrations.
     fn square(&self, errors: &[f64], difference: f64) -> f64 {
         let at = |i: usize| errors.get(i).copied().unwrap_or(difference);
         let all = 0..=errors.len();
@@ -381,8 +384,8 @@ mod tests {
         let PredictedErrors { angular_rate: rate, specific_force: force } = found;
         assert!(rate.factor > 2.0 && rate.factor_low < rate.factor && rate.factor < rate.factor_high, "{rate:?}");
         assert!(force.factor_low < 1.02 && force.factor_high > 0.98, "{force:?}");
-        // g-sensitivity of 3e-4 rad/s per m/s^2 times gravity, of whose squared norm each axis has one third on
-        // average.
+        // The expected error is a g-sensitivity of 3e-4 rad/s per m/s^2 times the rms of gravity on one axis, which is
+        // g / sqrt(3).
         assert!((rate.before - 3e-4 * 9.8 / 3f64.sqrt()).abs() < 0.3 * rate.before, "{rate:?}");
     }
 

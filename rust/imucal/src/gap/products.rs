@@ -36,9 +36,10 @@ impl Gram {
         Self::of_groups(sums, &groups, columns.ncols() - 1)
     }
 
-    /// Gram matrices with only the products that scoring needs: products of the model's columns, which are first, with
-    /// all columns, and products within each block of candidate columns. Other entries are NaN. `order` gives the
-    /// position of each column within a row, with the residual last. The residual inside moves is also returned.
+    /// Gram matrices with only the products that scoring needs. These are products of the model's columns, which come
+    /// first, with all columns, and products within each block of candidate columns. Other entries are NaN. `order`
+    /// gives the position of each column within a row, with the residual last. Also returns the residual of the rows
+    /// inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,
@@ -61,7 +62,8 @@ impl Gram {
         Self { sums, rows, groups: groups.iter().map(|rows| rows.group).collect(), residual }
     }
 
-    /// Gram matrices of the same groups with all products, which are computed on first use, and the given residual.
+    /// Gram matrices of the same groups with the products of all columns and the given residual. The products of the
+    /// columns are computed on first use and stored in `products`.
     pub(crate) fn with_residual(
         &self,
         products: &OnceLock<Vec<Mat<f64>>>,
@@ -106,7 +108,7 @@ impl Rows {
         self.runs.iter().flat_map(|run| &column[run.clone()]).copied().collect()
     }
 
-    /// The rows of this group in a matrix; copied only if they are not consecutive.
+    /// The rows of this group in a matrix. They are copied only if they are not consecutive.
     pub(super) fn part<'m>(&self, columns: &'m Mat<f64>) -> Part<'m> {
         if let [run] = self.runs.as_slice() {
             return Part { columns: Cow::Borrowed(columns), rows: run.clone() };
@@ -130,7 +132,7 @@ impl Part<'_> {
         &self.columns.col_as_slice(j)[self.rows.clone()]
     }
 
-    /// Writes the products of all columns with a residual into row and column `place` of a Gram matrix.
+    /// Writes the products of all columns with a residual into row `place` and column `place` of a Gram matrix.
     fn put_residual(&self, residual: &[f64], place: usize, sum: &mut Mat<f64>) {
         for j in 0..self.columns.ncols() {
             let product = dot(self.column(j), residual);
@@ -143,7 +145,7 @@ impl Part<'_> {
 /// Number of rows per partial sum. It is constant, so that rounding does not depend on the number of threads.
 const TOGETHER: usize = 2048;
 
-/// Applies a function to consecutive parts of the rows; the results are in the order of the parts.
+/// Applies a function to consecutive parts of the rows. Returns the results in the order of the parts.
 fn in_parts<R: Send>(threads: usize, rows: usize, work: impl Fn(Range<usize>) -> R + Sync) -> Vec<R> {
     let of_part = |part: usize| work(part * TOGETHER..rows.min((part + 1) * TOGETHER));
     in_order(threads, rows.div_ceil(TOGETHER), of_part)

@@ -1,23 +1,26 @@
-//! What the accepted effects, or the model without effects, leave unexplained.
+//! The residuals that the accepted effects leave unexplained or, if no effect was accepted, the model without effects.
 
 use super::kernel::Kernel;
 use super::session::SessionStep;
 use super::{GenericFinding, Scattering};
 
-/// The residuals that remain after the accepted effects.
+/// Description of the residuals that the final model leaves unexplained.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Remainder {
-    /// Whether noise explains the residuals, and otherwise their nature.
+    /// Whether noise explains the residuals. If not: whether the deviation is systematic or random.
     pub kind: RemainderKind,
-    /// The part of the model or of the data that varies: that of [`super::Block::name`], `encoder`, `biases` (of both
-    /// sensors, between sessions), or a kind of residuals; `None` if nothing remains.
+    /// The part of the model or of the data that deviates. It is a name from [`super::Block::name`], `encoder`,
+    /// `biases` (changed biases of both sensors between sessions), or the name of a kind of residual. `None` if noise
+    /// explains the residuals.
     pub block: Option<&'static str>,
-    /// How it varies: that of [`Kernel::name`], or `white`, `contradiction`, `between_sessions`, `above_noise` or
-    /// `not_confirmed`; `None` if nothing remains.
+    /// How `block` deviates. It is a name from [`Kernel::name`], or `white`, `contradiction`, `between_sessions`,
+    /// `above_noise` or `not_confirmed`. `None` if noise explains the residuals.
     pub pattern: Option<&'static str>,
-    /// p-value of the remainder under noise alone: of its pattern, or of the residuals on unseen data if there is none.
+    /// p-value under noise alone. It is the p-value of `pattern`, or of the residuals of unseen data if `pattern` is
+    /// `None`.
     pub p_value: f64,
-    /// Whether the remainder limits the use of the calibration.
+    /// Whether the unexplained residuals limit the use of the calibration. They do not if the accepted effects remove
+    /// most of the gap.
     pub matters: bool,
 }
 
@@ -44,7 +47,7 @@ impl RemainderKind {
 }
 
 impl Remainder {
-    /// Noise explains the residuals, whose p-value this is.
+    /// Noise explains the residuals. `p_value` is the p-value of these residuals.
     pub(super) fn nothing(p_value: f64) -> Self {
         Self { kind: RemainderKind::Nothing, block: None, pattern: None, p_value, matters: false }
     }

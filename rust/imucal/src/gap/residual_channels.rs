@@ -7,8 +7,8 @@
 //! move_force       f(t) - g R(t)^T u_before inside the moves, means over 40 ms
 //! ```
 //!
-//! All residuals are of corrected signals, in SI units and in the body frame. `f` is the specific force, `g` local
-//! gravity, `u` a unit vector up, and `R` the attitude change from integrated angular rates.
+//! All residuals are computed from corrected signals, in SI units and in the body frame. `f` is the specific force, `g`
+//! local gravity, `u` a unit vector up, and `R` the attitude change from integrated angular rates.
 
 use std::collections::HashMap;
 
@@ -21,12 +21,12 @@ use crate::evaluate::{MoveReport, RestReport};
 use crate::recording::Samples;
 use crate::rests::noise_density::variance_by_axis;
 
-/// Lower bound of the noise densities, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). Simulations without noise have a measured
-/// density of zero, by which residuals cannot be divided.
+/// Lower bound of the noise densities, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). In simulations without noise the measured
+/// density is zero, and residuals cannot be divided by zero.
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
-/// Lower bound of the visible share of a direction error on an axis. An error about the direction of gravity itself is
-/// not visible, so its standard deviation would be zero.
+/// Lower bound of the share of an attitude error about a body axis that changes the direction of gravity. A rotation
+/// about gravity itself does not change this direction, so the standard deviation of the residual would be zero.
 const LEAST_VISIBLE_SHARE: f64 = 1e-4;
 
 /// Residuals of one kind on one body axis.
@@ -38,8 +38,8 @@ pub(super) struct Channel {
     pub(super) values: Vec<f64>,
     /// Standard deviation of each residual from sensor noise, in the unit of the kind.
     pub(super) sigma: Vec<f64>,
-    /// Number of rests or moves that contribute. Residuals of all blocks of one move share its errors, so blocks are
-    /// not independent.
+    /// Number of rests or moves that contribute residuals. The residuals of all blocks of a move share the attitude
+    /// errors of the move, so moves are counted instead of blocks.
     pub(super) items: usize,
     /// Regressors of the channel, with one row for each residual.
     pub(super) regressors: Vec<(Regressor, Vec<Vec<f64>>)>,
@@ -59,7 +59,7 @@ pub(super) struct Item {
     pub(super) left_out: bool,
 }
 
-/// All residuals of a calibration on its own recordings: of the rests and moves in the fit, and of those that were
+/// All residuals of a calibration on its own recordings. They include the residuals of rests and moves that the fit
 /// excluded as outliers.
 pub(super) struct Residuals {
     pub(super) channels: Vec<Channel>,
@@ -78,13 +78,13 @@ struct Noise {
     gyroscope: Vector3<f64>,
     /// Bias instability of the gyroscope, rad/s.
     bias_instability: Vector3<f64>,
-    /// Standard deviation of the attitude by hand tremor, rad.
+    /// Standard deviation of the attitude due to hand tremor, rad.
     tremor: f64,
 }
 
 impl Residuals {
-    /// `bias_instability` is that of the gyroscope, rad/s. `inside_moves` is true if the unit is rotated without
-    /// translation; the specific force inside moves is compared with gravity only then.
+    /// `bias_instability` is the bias instability of the gyroscope, rad/s. `inside_moves` is true if the unit is
+    /// rotated without translation. Only in this case is the specific force inside moves compared with gravity.
     pub(super) fn new(fit: &CorrectedFit<'_>, bias_instability: Option<[f64; 3]>, inside_moves: bool) -> Self {
         let outcome = fit.outcome;
         let (accelerometer, gyroscope) = noise_densities(outcome);
@@ -139,8 +139,8 @@ impl Residuals {
             let by_mean = accelerometer.inverse().tr_mul(&up);
             let rounding = squared(&by_mean).dot(&squared(&rest.force_rounding));
             let sigma_norm = (squared(&up).dot(&squared(&noise.accelerometer)) / duration_s + rounding).sqrt();
-            // Hand tremor gives the attitude an independent random error at each end of the rest, and their difference
-            // divided by the duration is an error of the mean rate.
+            // Hand tremor causes independent random attitude errors at the two ends of the rest. The difference between
+            // these errors, divided by the duration of the rest, is an error of the mean rate.
             let by_tremor = 2.0 * (noise.tremor / duration_s).powi(2);
             let rounding = variance_by_axis(gyroscope.inverse(), &rest.rate_rounding);
             let sigma_rate = (squared(&noise.gyroscope) / duration_s + squared(&noise.bias_instability) + rounding)
@@ -248,8 +248,8 @@ impl Channel {
 }
 
 impl CorrectedFit<'_> {
-    /// Directions up in the body frame before and after a move: those of the fit, or those measured at the rests if the
-    /// fit excluded the move.
+    /// Directions up in the body frame before and after a move. They come from the fit or, if the fit excluded the
+    /// move, from the accelerometer at the rests.
     fn gravity_at_ends(&self, span: &MoveReport) -> [Vector3<f64>; 2] {
         [(span.gravity_before, span.from_rest), (span.gravity_after, span.to_rest)].map(|(known, rest)| {
             if known.iter().all(|value| value.is_finite()) {
@@ -271,14 +271,14 @@ pub(super) fn noise_densities(outcome: &crate::calibrate::Outcome) -> (Vector3<f
     )
 }
 
-/// Standard deviation of each component of the direction residual after a move from sensor noise, rad.
+/// Standard deviation, due to sensor noise, of each component of the direction residual after a move, rad.
 fn direction_sigma(span: &MoveReport, noise: &Noise, gravity_mps2: f64) -> f64 {
     let sigma = span.direction_sigma_deg.to_radians();
     if sigma > 0.0 {
         return sigma;
     }
-    // The fit excluded the move, so the standard deviation is computed from the angle random walk over the move and one
-    // second of accelerometer noise at either end.
+    // The fit excluded the move, so it has no standard deviation for the residual. The standard deviation is computed
+    // here from the angle random walk over the move and from accelerometer noise averaged over one second at each end.
     let ends = 2.0 * noise.accelerometer.norm_squared() / 3.0 / (gravity_mps2 * gravity_mps2);
     (noise.gyroscope.norm_squared() / 3.0 * span.duration_s + ends).sqrt()
 }

@@ -1,5 +1,5 @@
-//! Kinds of residuals, the quantities that they may be correlated with, and the calibration from which they are
-//! computed.
+//! Kinds of residuals, the quantities with which residuals may be correlated, and the calibration from which residuals
+//! are computed.
 
 use crate::calibrate::Outcome;
 use crate::recording::Recording;
@@ -11,7 +11,7 @@ pub struct CorrectedFit<'a> {
     pub outcome: &'a Outcome,
     /// Corrected recordings, SI units, body frame, in the order of the calibration.
     pub corrected: &'a [Recording<'a>],
-    /// Local gravity that the calibration used, m/s^2.
+    /// Local gravity that was used to make the calibration, m/s^2.
     pub gravity_mps2: f64,
 }
 
@@ -49,17 +49,18 @@ impl ResidualKind {
     }
 }
 
-/// A quantity that residuals may be correlated with.
+/// A quantity with which residuals may be correlated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Regressor {
     /// Angular acceleration, three components.
     AngularAcceleration,
-    /// Direction of gravity in the body frame; for moves, the attitude change by a rate error proportional to the
-    /// specific force on each axis.
+    /// Direction of gravity in the body frame. For residuals after moves: the attitude error due to a rate error that
+    /// is proportional to a component of the specific force.
     Gravity,
     /// Squares and products of the components of gravity.
     GravitySquared,
-    /// Squares of the angular rate; for specific force inside moves also the products of its components.
+    /// Squares of the components of the angular rate. For residuals of the specific force inside moves: also the
+    /// products of two components.
     RateSquared,
     /// Sign of each component of the rotation vector of the move before a rest.
     SignOfTheLastTurn,

@@ -1,10 +1,10 @@
-//! Where recordings disagree with a calibration: residuals by kind and body axis, by rest and by move, and the
-//! quantities that they are correlated with.
+//! Residuals of recordings by kind and body axis, by rest and by move, and the quantities with which residuals are
+//! correlated. They show where recordings disagree with a calibration.
 //!
 //! A channel, a rest or a move is significant if its chi2 exceeds the threshold for a family-wise false alarm
-//! probability of 0.1 %. Dependence is tested by linear regression of a channel on each [`Regressor`]: with `n` rests
-//! or moves and a share `r` of the sum of squares explained, `-n ln(1 - r)` has a chi2 distribution under the null
-//! hypothesis of no dependence.
+//! probability of 0.1 %. Dependence is tested by linear regression of a channel on each [`Regressor`]: if the
+//! regression explains the share `r` of the sum of squares over `n` rests or moves, `-n ln(1 - r)` has a chi2
+//! distribution under the null hypothesis of no dependence.
 
 use std::collections::HashMap;
 
@@ -17,17 +17,17 @@ use crate::correct::is_left_in_data;
 use crate::numerics::lsq::singular;
 use crate::numerics::stats::{p_value, rms};
 
-/// Significance threshold of a channel, a rest, a move or a dependence: probability under the null hypothesis. It is
-/// divided by the number of tests of the same kind (Bonferroni).
+/// p-value below which a channel, a rest, a move or a dependence is significant. The threshold is divided by the number
+/// of tests of the same kind (Bonferroni).
 const SIGNIFICANCE: f64 = 1e-3;
 /// Maximum number of regressors that are reported for a channel.
 const MOST_REGRESSORS: usize = 3;
-/// Minimum share of the sum of squares that a reported regressor explains.
+/// Minimum share of the sum of squares that a regressor must explain to be reported.
 const LEAST_SHARE: f64 = 0.1;
 /// Singular values of a regressor's columns below this share of the largest one count as zero.
 const DEPENDENT_COLUMNS: f64 = 1e-6;
-/// Moves share a rotation axis if at least this share of the squared norm of each rotation vector is along that body
-/// axis.
+/// Minimum share of the squared norm of each move's rotation vector that must lie along a body axis for this axis to be
+/// the common rotation axis of the moves.
 const ALONG_ONE_AXIS: f64 = 0.8;
 
 /// Residuals of a calibration on its own recordings, compared with the residuals of a second calibration.
@@ -41,7 +41,7 @@ pub struct ResidualsByPlace {
     pub rests: Vec<ItemResidual>,
     /// Moves whose residuals are significant.
     pub moves: Vec<ItemResidual>,
-    /// Body axis 0, 1 or 2 about which all significant moves rotate; `None` if there is no common axis.
+    /// Body axis 0, 1 or 2 about which the unit rotates in all significant moves; `None` if there is no common axis.
     pub rotation_axis: Option<usize>,
 }
 
@@ -60,7 +60,8 @@ pub struct ChannelResidual {
     pub times_noise: f64,
     /// Whether chi2 of the channel exceeds the significance threshold.
     pub is_significant: bool,
-    /// `times_noise` of the second calibration; `None` if the samples cannot be corrected for its effects.
+    /// `times_noise` for the second calibration. `None` if there is no second calibration, or if samples cannot be
+    /// corrected for its effects.
     pub times_noise_after: Option<f64>,
 }
 
@@ -94,19 +95,19 @@ pub struct ItemResidual {
     pub left_out: bool,
 }
 
-/// Residuals of `before` on its recordings, compared with the residuals of `after`, a second calibration of the same
-/// recordings; without comparison if `after` is `None`.
+/// Residuals of the calibration `before` on its recordings. If `after` is given, they are compared with the residuals
+/// of `after`, a second calibration from the same recordings.
 ///
-/// `inside_moves` is true if the unit is rotated without translation, so that the specific force inside moves is
-/// gravity alone.
+/// `inside_moves` is true if the unit is rotated without translation, so that specific force inside moves contains only
+/// gravity.
 pub fn residuals_by_place(
     before: &CorrectedFit<'_>,
     after: Option<&CorrectedFit<'_>>,
     inside_moves: bool,
 ) -> ResidualsByPlace {
     let last = after.unwrap_or(before);
-    // The bias instability of the last calibration is used, because a calibration without effects counts the residuals
-    // of missing effects as bias instability.
+    // The bias instability comes from `after` if it is given. A calibration without effects would count residuals of
+    // missing effects as bias instability.
     let instability = last.outcome.bias_instability_radps;
     let residuals = Residuals::new(before, instability, inside_moves);
     let remaining = after.map(|after| Residuals::new(after, instability, inside_moves));
@@ -167,8 +168,8 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
     found
 }
 
-/// Share of the sum of squares about the mean that a linear regression on `rows` explains, and number of independent
-/// regressors.
+/// Share of the sum of squares about the mean that a linear regression on the columns of `rows` explains, and number of
+/// linearly independent columns.
 fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
     let (n, width) = (rows.len(), rows.first()?.len());
     let centred = |values: Vec<f64>| {
@@ -207,7 +208,7 @@ fn significant_items(items: &[Item]) -> Vec<ItemResidual> {
         .collect()
 }
 
-/// The body axis about which all of these moves rotate; `None` if there is no common axis.
+/// The body axis about which the unit rotates in all of these moves; `None` if there is no common axis.
 fn common_axis(moves: &[ItemResidual], rotation_vectors: &HashMap<usize, Vector3<f64>>) -> Option<usize> {
     let shares: Vec<Vector3<f64>> = moves
         .iter()
@@ -235,7 +236,7 @@ mod tests {
         [Recording { angular_rate: rate.into(), specific_force: force.into(), ..*recording }]
     }
 
-    /// Residuals of a simulated unit with this effect, without the effect in the model and with it.
+    /// Residuals of a simulated unit with this effect, from a calibration without the effect and a calibration with it.
     fn residuals(effect: Option<(&str, &[f64])>) -> ResidualsByPlace {
         let mut unit = Unit::paper();
         let row = effect.map(|(name, values)| (Effect::find(name).unwrap(), values));

@@ -11,18 +11,21 @@ use crate::error::Error;
 use crate::joint::Prepared;
 use crate::numerics::stats::p_value;
 
-/// Maximum difference of log evidence, nats, between a selected effect and its rivals; 3 nats are odds of 20 to 1.
+/// Maximum difference of log evidence, nats, from the selected effect for another candidate to be a rival. An alias
+/// replaces the effect if its log evidence is larger by more than this value. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
-/// p-value of the likelihood ratio of an effect beside the others above which the effect is superfluous.
+/// p-value of the likelihood ratio between the models with and without an effect. The effect is superfluous if the
+/// p-value is larger.
 const SUPERFLUOUS: f64 = 1e-3;
-/// Log Bayes factor, nats, above which linearisation errors of large effects exceed the differences between candidates,
-/// so that candidates must be fitted to compare them.
+/// Log Bayes factor, nats, above which candidates are compared by fits instead of scores. For such large effects the
+/// linearisation errors of the scores exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
-/// Minimum log Bayes factor of a candidate to be fitted for this comparison, as a share of the largest one.
+/// Minimum log Bayes factor for a candidate to be fitted in this comparison, as a share of the largest log Bayes
+/// factor.
 const CLOSE: f64 = 0.9;
 
 impl Judged {
-    /// The effects of a model, and this candidate as an additional effect.
+    /// The effects `members` of a model, and this candidate as an additional effect.
     pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
         let own = Member { name: self.score.name.clone(), width: self.width, shape: self.shape, values: Vec::new() };
         members.iter().cloned().chain([own]).collect()
@@ -30,10 +33,10 @@ impl Judged {
 }
 
 impl ForwardSearch<'_> {
-    /// The candidate with the largest evidence among those that satisfy `good`, and the names of its rivals.
+    /// The candidate with the largest evidence among the candidates that satisfy `good`, and the names of its rivals.
     ///
-    /// Candidates with very large and similar log Bayes factors are fitted, and the fit with the largest evidence is
-    /// chosen.
+    /// If the largest log Bayes factor exceeds [`VERY_MUCH`], candidates above [`CLOSE`] times this value are fitted,
+    /// and the fit with the largest evidence is chosen.
     pub(super) fn best<'j>(
         &self,
         prepared: &Prepared<'_>,
@@ -71,7 +74,8 @@ impl ForwardSearch<'_> {
 
     /// Replaces an effect by an alias with a time constant if the log evidence of the alias is larger by more than
     /// [`RIVAL_NATS`]. This comparison is needed because candidates are scored only at a few trial time constants. An
-    /// alias with similar evidence becomes a rival. Returns whether an effect was replaced.
+    /// alias whose log evidence differs by less than [`RIVAL_NATS`] becomes a rival. Returns whether an effect was
+    /// replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -95,8 +99,8 @@ impl ForwardSearch<'_> {
                 let typical = &other.effect.parameters[..other.effect.plain];
                 let mut members = stage.members.clone();
                 members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
-                // The first fit determines the size of the effect, which becomes the width of the prior in the second
-                // fit.
+                // The first fit determines the size of the alias. This size becomes the width of its prior in the
+                // second fit.
                 let mut fit = || {
                     let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
                     let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
@@ -136,8 +140,9 @@ impl ForwardSearch<'_> {
         Ok(swapped)
     }
 
-    /// Removes effects whose removal does not reduce the evidence, or not significantly the likelihood: an effect that
-    /// was selected first because it resembles the sum of two others. Returns whether an effect was removed.
+    /// Removes an effect if its removal does not reduce the evidence, or does not reduce the likelihood significantly.
+    /// For example, an effect that resembles the sum of two others may be selected first, and is superfluous when both
+    /// others have been selected. Returns whether an effect was removed.
     pub(super) fn eliminate(
         &self,
         prepared: &Prepared<'_>,

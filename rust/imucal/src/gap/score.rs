@@ -22,19 +22,22 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Trial standard deviations of the prior of an effect's parameters, in multiples of their typical size.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
-/// Standard deviation of the prior, in multiples of the typical size, that is large enough to make the prior
-/// ineffective.
+/// Standard deviation of a prior, in multiples of the typical size, at which the prior no longer influences the fit.
 const NO_PRIOR: f64 = 1e4;
-/// Smallest change of chi2 for an observable direction in parameter space. The change is that of a parameter vector of
-/// one typical size; the threshold corresponds to a change of one at a hundred typical sizes.
+/// Minimum change of chi2 for a direction in parameter space to be observable. The change is caused by a parameter
+/// vector along this direction with a length of one typical size. The threshold corresponds to a change of 1 for a
+/// length of a hundred typical sizes.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
-/// p-value of a group's chi2 above which noise alone explains its scatter.
+/// p-value of a group's chi2 above which sensor noise alone explains the residuals of the group. If this holds for all
+/// groups, cross-validation is skipped.
 const NOISE_CHANCE: f64 = 0.01;
-/// p-value below which the scatter of rests is significant.
+/// p-value below which the scatter of residuals at rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
-/// Maximum ratio of the standard deviation of rests to white noise that coloured noise or bias instability may cause.
+/// Ratio of the standard deviation of residuals at rests to white noise above which the scatter is reported. Coloured
+/// noise and bias instability may cause ratios up to this value.
 const WIDE: f64 = 2.5;
-/// Share of the variance that may remain as a linearisation error after a large effect is fitted.
+/// Share of the variance without effects that may remain, as a linearisation error, after a large effect is fitted.
+/// Scatter below this share is not reported.
 const REMAINDER: f64 = 0.05;
 
 /// The score of a candidate at the prior width and trial time constant that maximise the evidence.
@@ -47,9 +50,10 @@ pub(super) struct Judged {
 /// Scores of all candidates.
 pub(super) struct Judgement {
     pub(super) scores: Vec<Judged>,
-    /// Name of each effect that is not observable, and the data that it requires.
+    /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) blind: Vec<(String, String)>,
-    /// Detection limit of each candidate: name, smallest rms size per parameter, and its unit.
+    /// Detection limit of each candidate: its name, the smallest rms size per parameter that is detected, and the unit
+    /// of this size.
     pub(super) visible: Vec<(String, f64, String)>,
 }
 
@@ -57,8 +61,8 @@ pub(super) struct Judgement {
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    // Observability is computed with all noise scales s_g^2 set to one. A missing effect increases the scales, so with
-    // estimated scales it would reduce its own observability.
+    // Observability is computed with all noise scales s_g^2 set to one. A missing effect increases the estimated
+    // scales, so it would reduce its own observability if these were used.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
@@ -104,16 +108,17 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
 
 /// Observability and score of a candidate relative to a model.
 struct Look {
-    /// Number of observable directions of its parameters, with all noise scales s_g^2 set to one.
+    /// Number of observable directions of the candidate's parameters, with all noise scales s_g^2 set to one.
     dof: usize,
-    /// Change of chi2 by one typical size of each parameter, summed over the parameters.
+    /// Change of chi2 if one parameter changes by its typical size, summed over the parameters.
     trace: f64,
     judged: Option<Judged>,
 }
 
-/// Scores the candidate with the columns `own`. The model's parameters are eliminated with all noise scales s_g^2 set
-/// to one (first element; `None` if the model has these scales) and with the scales of the model (second element).
-/// Returns `None` if the candidate is not observable.
+/// Scores the candidate with the columns `own`. The third argument contains the normal matrix after elimination of the
+/// model's parameters, at two sets of noise scales. In the first element all scales s_g^2 are one; it is `None` if the
+/// model's own scales are all one. The second element has the model's own scales. Returns `None` if the candidate is
+/// not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,
@@ -144,8 +149,9 @@ fn look_at(
     (dof > 0).then(|| Look { dof, trace: left.trace(), judged: judged() })
 }
 
-/// Increase of the log predictive density of held-out rests and moves by a candidate. Returns `None` if noise explains
-/// the residuals with the candidate in the model, because its p-value is valid then.
+/// Increase of the log predictive density of held-out rests and moves due to a candidate. Returns `None` if sensor
+/// noise explains the residuals of the model with the candidate. In this case the p-value of the candidate is valid,
+/// and cross-validation is not needed.
 pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
@@ -185,8 +191,8 @@ impl Candidate {
     }
 }
 
-/// Residuals of each kind that each candidate of typical size causes after the model is refitted. For a candidate with
-/// a time constant, the trial value with the largest residuals is used.
+/// Residuals of each kind that remain, if a candidate effect of typical size is present, after the model is refitted
+/// without the candidate. For a candidate with a time constant, the trial value with the largest residuals is used.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     const NAMES: [&str; 11] = [
         "rest_norm",
@@ -221,8 +227,9 @@ pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     traces
 }
 
-/// chi2 of each group of residuals that a candidate of typical size causes after projection on the model, and the sum
-/// over all groups before the projection. The parameters have independent random signs.
+/// Expected chi2 in each group of residuals if a candidate of typical size is present and the model is refitted without
+/// it. The second value is the chi2 of all groups before the refit. The expectation is over independent random signs of
+/// the candidate's parameters.
 fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Option<(Vec<f64>, f64)> {
     let n = model.len();
     let p = candidate.typical.len();
@@ -253,10 +260,11 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
     Some((left, given))
 }
 
-/// The kind of residual at rests, or relative to the stand, with the largest significant excess over noise. Moves are
-/// not tested, because gyroscope noise that increases in motion is not a missing effect. If effects were selected, only
-/// residuals of their sensors are tested, because a real unit has several small deviations from the model. The
-/// linearisation error [`REMAINDER`] of large effects is tolerated; `before` are the scales without effects.
+/// Of the residuals at rests and the residuals relative to the stand, the kind with the largest significant excess over
+/// noise. Residuals of moves are not tested, because their excess may come from gyroscope noise that increases in
+/// motion, which is not a missing effect. If effects were selected, only residuals of the sensors of these effects are
+/// tested, because a real unit has several small deviations from the model. The linearisation error [`REMAINDER`] of
+/// large effects is tolerated. `before` are the noise scales of the model without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),
@@ -288,7 +296,7 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
 
 /// Tests whether effects of the sensors have the same size with and without the stand's angles (Hausman, Econometrica
 /// 46, 1978, 1251-1271). A significant difference means that the stand does not follow its model. The test uses the
-/// variance of the estimate without the stand, which is the larger variance.
+/// variance of the estimate without the stand's angles, which is the larger of the two variances.
 pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<Scattering> {
     let (mut chi2, mut dof) = (0.0, 0);
     for member in &alone.members {

@@ -1,11 +1,12 @@
-//! Biases that moved between the calibration recordings and the control recordings.
+//! Detection of biases that changed between the calibration recordings and the control recordings.
 //!
 //! ```text
 //! |f_k| - g = u_k . d_a + noise,     mean rate at rest k = d_g + noise,     k over the rests of the control recordings
 //! ```
 //!
-//! f_k, u_k and the rates are corrected by the calibration; d_a and d_g are the changes of the biases since. An effect
-//! that the model lacks disturbs both sessions alike, so it hardly changes the biases from one to the other.
+//! f_k and the rates are corrected by the calibration, and u_k is the direction of f_k. d_a and d_g are the changes of
+//! the accelerometer and gyroscope biases between the two sessions. An effect that the model lacks causes almost the
+//! same errors in both sessions, so it is hardly mistaken for a change of the biases.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -16,15 +17,15 @@ use crate::evaluate::{Evaluation, RestReport};
 use crate::numerics::stats::p_value;
 use crate::recording::Recording;
 
-/// Minimum number of rests from which the changes are estimated; each sensor has three unknowns.
+/// Minimum number of rests for the changes to be estimated. It is twice the number of unknowns of each sensor.
 const LEAST_RESTS: usize = 6;
 /// p-value of a change of one sensor's biases below which it is significant.
 const SIGNIFICANCE: f64 = 1e-6;
-/// Minimum size of a change, in multiples of the scatter from rest to rest within a session. A smaller change hardly
-/// matters: biases vary as much within a recording.
+/// Minimum change of a bias to be reported, in multiples of the scatter from rest to rest within a session. A smaller
+/// change hardly affects the errors, because the biases vary by a similar amount within a recording.
 const LEAST_SIZE: f64 = 3.0;
-/// Minimum smallest eigenvalue of the mean of `u u^T`, over the rests, for all components of a change to be
-/// observable; it is a third for directions all over the sphere.
+/// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests. Below it, not all components of a
+/// change are observable. The smallest eigenvalue is 1/3 if the directions are uniformly distributed over the sphere.
 const LEAST_SPREAD: f64 = 0.02;
 /// Index of the first bias of each sensor among the parameters of a calibration.
 const BIASES: [usize; 2] = [0, 9];
@@ -43,7 +44,8 @@ pub struct SessionStep {
     pub temperature_change_k: Option<f64>,
 }
 
-/// A change of the biases of one sensor: its value, its covariance, and the scatter from rest to rest.
+/// A change of the biases of one sensor, the covariance of the change, and the scatter of the residuals from rest to
+/// rest.
 struct Change {
     value: Vector3<f64>,
     covariance: Matrix3<f64>,
@@ -51,7 +53,7 @@ struct Change {
 }
 
 impl Change {
-    /// The change and its p-value, if it is significant and large.
+    /// The change and its p-value, if the change is significant and its ratio to the scatter exceeds [`LEAST_SIZE`].
     fn significant(self) -> Option<(Vector3<f64>, f64)> {
         let solved = self.covariance.cholesky()?.solve(&self.value);
         let chance = p_value(self.value.dot(&solved), 3);
@@ -61,8 +63,8 @@ impl Change {
 }
 
 impl SessionStep {
-    /// The significant change; `None` if there is none. `is_corrected` states whether the means of the rests are
-    /// already corrected, as for a calibration with effects.
+    /// The changes of both sensors; `None` if neither is significant. `is_corrected` is true if the means of the rests
+    /// in `evaluation` are already corrected, as they are for a calibration with effects.
     pub(super) fn find(
         outcome: &Outcome,
         evaluation: &Evaluation,
@@ -112,7 +114,8 @@ impl SessionStep {
         Some(own)
     }
 
-    /// Samples that were corrected with the old biases, corrected with those of the control recordings.
+    /// Changes samples that were corrected with the biases of the calibration to samples corrected with the biases of
+    /// the control recordings.
     pub(super) fn corrected(&self, samples: &[CorrectedSamples]) -> Vec<CorrectedSamples> {
         let [force, rate] = self.changes();
         let less =
@@ -146,8 +149,9 @@ fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3
     Some(Change { value, covariance, scatter: Vector3::repeat((sums[0] / free).sqrt()) })
 }
 
-/// Change of the gyroscope's bias: the mean of the corrected rates at the rests. The calibration recordings have the
-/// same scatter from rest to rest, so the variance of the mean counts twice.
+/// Change of the gyroscope's bias. The change is the mean of the corrected rates at the rests. The mean over the
+/// calibration recordings is assumed to have the same variance due to the scatter from rest to rest, so the variance of
+/// the mean is doubled.
 fn change_of_means(rests: &[&RestReport], rate: impl Fn(&RestReport) -> Vector3<f64>) -> Change {
     let count = rests.len() as f64;
     let value = rests.iter().map(|rest| rate(rest)).sum::<Vector3<f64>>() / count;
@@ -156,7 +160,7 @@ fn change_of_means(rests: &[&RestReport], rate: impl Fn(&RestReport) -> Vector3<
     Change { value, covariance: Matrix3::from_diagonal(&(2.0 * variance / count)), scatter: variance.map(f64::sqrt) }
 }
 
-/// Mean temperature of recordings; `None` if one has no temperature.
+/// Mean temperature of recordings; `None` if any recording has no temperature.
 fn mean_degc(recordings: &[Recording<'_>]) -> Option<f64> {
     let mean = |recording: &Recording<'_>| {
         let finite = recording.temperature_degc?.iter().filter(|degc| degc.is_finite());

@@ -7,7 +7,7 @@ use super::kernel::Kernel;
 use super::smooth::Smooth;
 use crate::numerics::gaussian::gaussian_kernels;
 
-/// The quantities at one time that kernels depend on.
+/// The values, at one time, of the quantities on which kernels depend.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment {
     pub(crate) recording: usize,
@@ -48,7 +48,7 @@ impl Moments {
     }
 }
 
-/// Values of the eigenfunctions of a kernel, shared by hypotheses about different blocks; one row for each function.
+/// Values of the eigenfunctions of a kernel, one row for each function. Hypotheses about different blocks share them.
 pub(super) struct Shares {
     /// One column for each rest in use.
     rests: Mat<f64>,
@@ -58,16 +58,17 @@ pub(super) struct Shares {
 
 /// Correlation length of the kernels of directions and attitudes, as a distance between unit vectors.
 const LENGTH: f64 = 0.6;
-/// Minimum rotation angle about an axis, rad, whose sign is used; smaller rotations have sign zero.
+/// Minimum rotation angle about an axis, rad, for a rotation to have a sign. Smaller rotations have the sign zero.
 const LEAST_TURN_RAD: f64 = 0.01;
-/// Maximum number of eigenfunctions per axis for a random walk, which resolve periods down to a tenth of the recording.
+/// Maximum number of eigenfunctions per axis for a random walk. They resolve periods down to a tenth of the recording's
+/// duration.
 const MOST_WAVES: usize = 20;
 /// Maximum number of eigenfunctions per axis for all other kernels.
 const MOST: usize = 12;
 
 impl Shares {
-    /// Eigenfunctions of a kernel, computed from its values in the middle of the moves or at the rests; `None` if the
-    /// kernel is constant there.
+    /// Eigenfunctions of a kernel. They are computed from the kernel's values in the middle of the moves if `in_moves`
+    /// is true, otherwise at the rests. `None` if the kernel is constant over these times.
     pub(super) fn new(kernel: Kernel, in_moves: bool, moments: &Moments) -> Option<Self> {
         let points: Vec<Moment> = if in_moves {
             moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
@@ -93,7 +94,7 @@ impl Shares {
         self.rests.nrows()
     }
 
-    /// Products of each eigenfunction with a factor for each axis, moment by moment.
+    /// Products of each eigenfunction with a factor for each axis, in the order of the moments.
     pub(super) fn times(&self, place: Place, numbers: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
         let shares = match place {
             Place::Rests => &self.rests,
@@ -109,7 +110,7 @@ impl Shares {
     }
 }
 
-/// Covariances of the deviation at `a` with the deviations at several other times.
+/// Covariances between the deviation at the moment `a` and the deviations at the moments `others`.
 fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
@@ -139,7 +140,7 @@ fn each(to: &mut [f64], others: &[Moment], of: impl Fn(&Moment) -> f64) {
     to.iter_mut().zip(others).for_each(|(to, other)| *to = of(other));
 }
 
-/// Gaussian kernel of squared distances with a correlation length.
+/// Gaussian kernel: `square` is the squared distance to another moment, and `length` is the correlation length.
 fn near(to: &mut [f64], others: &[Moment], length: f64, square: impl Fn(&Moment) -> f64) {
     each(to, others, |other| square(other) / (length * length));
     gaussian_kernels(to);

@@ -1,4 +1,5 @@
-//! Eigenfunctions of a covariance kernel, from its eigenvectors at given points (Nystroem extension).
+//! Eigenfunctions of a covariance kernel, computed from the eigenvectors of its matrix at given points (Nystroem
+//! extension).
 
 use faer::Mat;
 
@@ -6,8 +7,9 @@ use faer::Mat;
 const SMALLEST: f64 = 1e-3;
 
 /// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)` of the centred kernel k, with the eigendecomposition `k =
-/// U diag(s) U^T` at the given points. Their mean square over the points is one. Between the points they are
-/// conditional means under the kernel (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, (2.25)).
+/// U diag(s) U^T` at the given points. The mean square of each function over the points is one. Between the points,
+/// each function is the conditional mean under the kernel (Rasmussen and Williams, Gaussian Processes for Machine
+/// Learning, 2006, (2.25)).
 pub(crate) struct Smooth<T> {
     points: Vec<T>,
     weights: Mat<f64>,
@@ -16,8 +18,8 @@ pub(crate) struct Smooth<T> {
 }
 
 impl<T> Smooth<T> {
-    /// At most `most` functions; `None` if the kernel is constant over all points. `kernel` writes the covariances of
-    /// one point with several others.
+    /// At most `most` eigenfunctions; `None` if the kernel is constant over all points. `kernel` writes the covariances
+    /// between one point and several other points.
     pub(crate) fn new(points: Vec<T>, kernel: impl Fn(&T, &[T], &mut [f64]), most: usize) -> Option<Self> {
         let n = points.len();
         let mut matrix = Mat::zeros(n, n);
@@ -42,7 +44,7 @@ impl<T> Smooth<T> {
         self.weights.ncols()
     }
 
-    /// Values of all functions (rows) at some points (columns). `kernel` must be the kernel passed to `new`.
+    /// Values of all eigenfunctions (rows) at the given points (columns). `kernel` must be the kernel passed to `new`.
     pub(crate) fn at(&self, points: &[T], kernel: impl Fn(&T, &[T], &mut [f64])) -> Mat<f64> {
         let n = self.points.len();
         let mut near = Mat::zeros(n, points.len());

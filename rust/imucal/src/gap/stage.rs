@@ -20,7 +20,7 @@ pub(super) struct Stage {
     pub(super) model: Model,
     /// Effects in the model, from the catalogue and user-defined, each with the width of its prior.
     pub(super) members: Vec<Member>,
-    /// Sensors that these effects act on.
+    /// Sensors on which the effects in the model act.
     pub(super) sensors: Vec<Sensor>,
     /// Name of each effect and the range of its parameters in the model.
     pub(super) places: Vec<(String, std::ops::Range<usize>)>,
@@ -48,14 +48,14 @@ impl Stage {
 pub(super) struct Member {
     pub(super) name: String,
     pub(super) width: f64,
-    /// Start value of its time constant, s; `None` if the effect has no time constant.
+    /// Start value of the effect's time constant, s; `None` if it has no time constant.
     pub(super) shape: Option<f64>,
     /// Parameters in the last fit, SI units; empty before the first fit.
     pub(super) values: Vec<f64>,
 }
 
-/// Key of a fit: kinds of residuals, number of moves, and name and prior width of each effect. Equal keys have equal
-/// fits.
+/// Key of a fit: kinds of residuals, number of moves, and name and prior width of each effect. Fits with equal keys are
+/// equal.
 pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
 
 /// The columns that are computed in addition to those of the model.

@@ -1,4 +1,4 @@
-//! The start of a search: fit of the model without effects, and detection of hand motion.
+//! The start of a search fits the model without effects and tests whether the unit was moved by hand.
 
 use std::sync::Arc;
 
@@ -13,19 +13,20 @@ use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_unobservable_hand_held};
 
-/// Averaging time, s, of the specific force inside moves for the detection of hand motion. Accelerations by a hand last
-/// longer than this time.
+/// Averaging time, s, of the specific force inside moves for the detection of hand motion. Accelerations caused by a
+/// hand last longer than this time, so averaging does not remove them.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
-/// Ratio of the scatter of these means to noise above which hand motion is detected, if no combination of effects
-/// reduces it.
+/// Ratio of the scatter of the averaged specific force to noise above which hand motion is detected, unless effects
+/// explain the scatter.
 const HAND: f64 = 10.0;
-/// Maximum share of the variance of these means that remains, without hand motion, after effects of pure rotation are
-/// fitted. The largest remainders occur for a long lever arm and a noisy gyroscope.
+/// Share of the variance of the averaged specific force that must remain after effects of pure rotation are fitted for
+/// hand motion to be detected. Without hand motion a smaller share remains. The largest shares without hand motion
+/// occur with a long lever arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 
 impl ForwardSearch<'_> {
-    /// Fits the model without effects and returns the remaining candidates. If hand motion is detected, candidates that
-    /// require the specific force inside moves are excluded.
+    /// Fits the model without effects, and returns it with the candidates that can be tested. If hand motion is
+    /// detected, candidates that require the specific force inside moves are excluded.
     pub(super) fn start(
         &mut self,
         prepared: &Prepared<'_>,
@@ -72,7 +73,8 @@ impl ForwardSearch<'_> {
     ) -> Result<bool, Error> {
         let inside = |gram: &Gram, group: usize, columns: &[Column]| {
             let Some(place) = gram.groups.iter().position(|own| *own == group) else { return Ok(0.0) };
-            // A lower bound above the threshold is sufficient and avoids the iteration.
+            // If a lower bound of the scale already exceeds the threshold, the scale itself need not be computed by
+            // iteration.
             let least = gram.least_scale(group, columns).filter(|least| *least > HAND * HAND);
             let scale = least.or_else(|| gram.evidence(columns).map(|evidence| evidence.scales[place]));
             scale.ok_or_else(|| Error::Fit(NO_EVIDENCE.into()))
@@ -87,7 +89,8 @@ impl ForwardSearch<'_> {
         let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
-        // Effects can only reduce the scatter, so recordings below the threshold without effects need no further test.
+        // Effects can only reduce the scatter. Recordings whose scatter without effects is below the threshold
+        // therefore need no further test.
         let (gram, groups) = seen.insides_apart(prepared);
         let scales = groups.map(|group| Ok((group, inside(&gram, group, &seen.model)?)));
         let mut scattered: Vec<(usize, f64)> = scales.collect::<Result<_, Error>>()?;
@@ -108,8 +111,8 @@ impl ForwardSearch<'_> {
             let (gram, _) = seen.insides_apart(prepared);
             let mut is_hand_moved = false;
             for (group, plain) in &scattered {
-                // Hand motion cannot be explained by effects of pure rotation, so a scatter that they explain almost
-                // completely is not hand motion.
+                // Effects of pure rotation cannot explain hand motion. If these effects explain the scatter almost
+                // completely, its cause is not hand motion.
                 is_hand_moved |= inside(&gram, *group, &all_columns)? > HAND * HAND
                     && inside(&gram, *group, &of_rotation)? > UNEXPLAINED * plain;
             }

@@ -1,4 +1,4 @@
-//! The verdict of a search.
+//! Derivation of the verdict of a search.
 //!
 //! ```text
 //! data_fault        faults of the data explain the residuals, may explain them, or affect too many samples
@@ -20,18 +20,19 @@ use crate::finding::{Finding, Severity};
 use crate::joint::is_unobservable_hand_held;
 use crate::recording::Recording;
 
-/// Log Bayes factor, nats, above which an effect is significant although it does not predict unseen data; 8 nats are
-/// odds of 3000 to 1.
+/// Log Bayes factor, nats, above which an effect is reported as significant but not confirmed if it does not improve
+/// the prediction of unseen data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
-/// Minimum share of chi2 of one kind of unseen residuals that accepted effects must remove if the calibration with
-/// effects still does not describe these residuals.
+/// Minimum share of chi2 of one kind of unseen residuals that the effects must remove if the fit with the effects is
+/// still poor, or if unseen residuals still exceed noise. If they remove less, unseen data contradict the effects.
 const LEAST_REMOVED: f64 = 0.1;
-/// Minimum share that effects must remove if residuals at rest still scatter more than noise explains.
+/// Minimum share of chi2 of one kind of unseen residuals that the effects must remove if residuals at rest still
+/// scatter more than noise explains. It also decides whether unexplained residuals limit the use of the calibration.
 const MOST_REMOVED: f64 = 0.5;
-/// Significance of the decrease, in standard deviations, that is sufficient although its share is small. It does not
-/// count for a poor fit.
+/// Decrease of chi2 of unseen residuals, in standard deviations, that confirms the effects even if they remove a
+/// smaller share than [`LEAST_REMOVED`]. This criterion is not used for a poor fit.
 const SIGNIFICANT: f64 = 4.0;
-/// Codes of data faults that prevent conclusions about effects.
+/// Codes of findings that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
     "noise_grows_in_motion",
     "gyro_saturation",
@@ -42,8 +43,8 @@ const FAULTS: [&str; 8] = [
     "rest_not_still",
     "mount_slip",
 ];
-/// Code and maximum share of affected samples, %, below which the fault alone is not the verdict. It applies if no
-/// residual exceeds noise significantly.
+/// Code of a fault, and share of affected samples, %, below which this fault does not lead to the verdict `data_fault`.
+/// The limit applies only if noise explains all residuals.
 const FEW_PERCENT: [(&str, f64); 2] = [("samples_missing", 0.2), ("samples_duplicated", 0.2)];
 
 /// The conclusion of a search.
@@ -53,7 +54,7 @@ pub enum Verdict {
     NothingMissing,
     /// Effects were accepted.
     Named,
-    /// Effects were accepted, but other effects explain the residuals equally well.
+    /// Effects were accepted, but other effects explain the residuals equally well (within three nats of log evidence).
     Ambiguous,
     /// A bias varies as a random walk.
     Stochastic,
@@ -112,9 +113,9 @@ pub(super) struct Judgement {
     pub(super) rivals: Vec<Rivals>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub(super) not_confirmed: Vec<Score>,
-    /// Evidence of unseen data that led to the removal of accepted effects.
+    /// Evidence of unseen data because of which accepted effects were removed; `None` if no effects were removed.
     pub(super) contradiction: Option<Contradiction>,
-    /// What the accepted effects leave unexplained.
+    /// Residuals that the accepted effects leave unexplained.
     pub(super) remainder: Remainder,
 }
 
@@ -186,15 +187,15 @@ impl Basis<'_> {
         }
         if let Some(worst) = last.unexplained(!are_accepted).into_iter().max_by(|a, b| a.ratio().total_cmp(&b.ratio()))
         {
-            // A real unit has several small deviations from the model, so the remainder of a fit that removes most of
-            // the gap does not limit its use.
+            // A real unit has several small deviations from the model. If the accepted effects remove most of the gap,
+            // the unexplained residuals therefore do not limit the use of the calibration.
             let matters = !are_accepted || after.removed(before).share < MOST_REMOVED;
             return Remainder { matters, ..Remainder::unknown(worst.group.name(), "above_noise", chance) };
         }
         Remainder::nothing(chance)
     }
 
-    /// Faults of the data, and whether they disturb the noise estimates and the residuals of moves.
+    /// Faults of the data, and whether any fault disturbs the noise estimates and the residuals of moves.
     fn faults(&self, slips: &[Finding]) -> (Vec<Finding>, bool) {
         let Self { recordings, search, path, before, .. } = self;
         let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code);
@@ -205,7 +206,7 @@ impl Basis<'_> {
             faults.extend(clock_and_noise_faults(&before.outcome, recordings));
         }
         if faults.iter().any(|fault| fault.code == "clock_irregular") {
-            // With an irregular clock, long sample intervals do not prove that samples were lost.
+            // If the clock is irregular, long sample intervals do not prove that samples were lost.
             faults.retain(|fault| fault.code != "samples_missing");
         }
         (faults, are_disturbing)
@@ -221,12 +222,13 @@ impl Basis<'_> {
         self.path.iter().map(rivals_of).collect()
     }
 
-    /// Whether unseen data contradict the effects: the calibration with effects does not describe these data, and chi2
-    /// hardly decreases relative to the fit without effects.
+    /// Evidence of unseen data against the effects. Unseen data contradict the effects if the residuals of the fit with
+    /// effects still exceed noise, and chi2 decreases by too small a share relative to the fit without effects.
     fn contradiction(&self) -> Option<Contradiction> {
         let Self { search, path, before, after, .. } = self;
         let removed = after.removed(before);
-        // Effects inside moves and effects of the stand change the residuals of rests and of whole moves little.
+        // Effects that act only inside moves, and effects of the stand, hardly change the residuals of rests and of
+        // whole moves.
         let is_of_stand = |name: &String| Effect::<f64>::find(name).is_some_and(|own| own.sensor == Sensor::Encoder);
         let is_of_rests = !path.iter().any(|name| is_unobservable_hand_held(name) || is_of_stand(name));
         let is_confirmed = if after.is_poor() {
@@ -244,14 +246,14 @@ impl Basis<'_> {
 }
 
 impl Fit {
-    /// Whether the calibration is a poor fit to the calibration recordings or to the control recordings.
+    /// Whether this fit describes the calibration recordings or the control recordings poorly.
     fn is_poor(&self) -> bool {
         let control = self.control.as_ref().map(|control| &control.judged().figures);
         [Some(&self.outcome.figures), control].into_iter().flatten().any(|figures| figures.is_poor())
     }
 }
 
-/// Whether the share of affected samples is too small to disturb a fit.
+/// Whether the fault affects so few samples that it does not disturb a fit.
 fn are_few(fault: &Finding) -> bool {
     let limit = FEW_PERCENT.iter().find(|(code, _)| *code == fault.code).map_or(0.0, |(_, limit)| *limit);
     fault.severity == Severity::Warning && fault.value < limit

@@ -9,8 +9,8 @@
 //! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
 //! ```
 //!
-//! At the scales that maximise the evidence this is the increase of the maximum. At other scales it indicates which
-//! prior widths are worth evaluating.
+//! If the scales maximise the evidence, the expression is the increase of the maximum evidence. At other scales it is
+//! an approximation, which shows which prior widths are worth evaluating exactly.
 
 mod left;
 
@@ -23,14 +23,14 @@ use crate::numerics::symmetric::SymmetricMatrix;
 
 pub(crate) use left::Left;
 
-/// Maximum number of alternations between scales and parameters, which depend on each other. The result of the last
-/// round is used even if it has not converged.
+/// Maximum number of alternations between estimating the noise scales and estimating the parameters, which depend on
+/// each other. If the iteration has not converged, the result of the last round is used.
 const SCALE_ROUNDS: usize = 20;
 /// Convergence threshold: change of the log evidence by an update of the scales, nats, below which the parameters are
 /// not refitted. A refit would increase the log evidence by at most 3 % of this value.
 const FORESEEN: f64 = 0.05;
 
-/// An additional column: its index in the Gram matrices, and the typical size of its parameter.
+/// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
 /// Columns of a model and additional columns, each normalised to unit length.
@@ -38,7 +38,8 @@ pub(super) struct Columns<'a> {
     pub(super) gram: &'a Gram,
     pub(super) model: &'a [Column],
     pub(super) beside: Vec<Aside>,
-    /// Reciprocal length of each column; the last entry is that of the residual, which is not normalised.
+    /// Reciprocal length of each column. The last entry belongs to the residual and is one, because the residual is not
+    /// normalised.
     pub(super) unit: Vec<f64>,
 }
 
@@ -64,17 +65,18 @@ impl<'a> Columns<'a> {
     pub(super) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let faint = |&(place, typical): &Aside| Column { place, precision: typical.powi(-2) * RIDGE, value: 0.0 };
         let columns: Vec<Column> = model.iter().copied().chain(beside.iter().map(faint)).collect();
-        // Normalised, because rounding errors of long columns would exceed the squares of short columns.
+        // Columns are normalised, because rounding errors of long columns would otherwise exceed the squared lengths of
+        // short columns.
         let unit = gram.sizes(&columns).iter().map(|size| 1.0 / size).chain([1.0]).collect();
         Self { gram, model, beside, unit }
     }
 
-    /// Number of columns of the model and additional columns.
+    /// Number of all columns: columns of the model and additional columns.
     pub(super) fn count(&self) -> usize {
         self.model.len() + self.beside.len()
     }
 
-    /// Index of each column in the Gram matrices, and of the residual, which is last.
+    /// Index in the Gram matrices of each column and, as the last entry, of the residual.
     fn places(&self) -> Vec<usize> {
         let columns = self.model.iter().map(|column| column.place).chain(self.beside.iter().map(|(place, _)| *place));
         columns.chain([self.gram.residual]).collect()
@@ -142,9 +144,9 @@ impl<'a> Weighing<'a> {
         Left { sums, whole }
     }
 
-    /// The evidence with a prior whose standard deviation is `width` typical sizes for the additional columns. The
-    /// iteration starts at the scales of `swept`; the second value is the sweep at the converged scales. Returns `None`
-    /// if the normal matrix is singular.
+    /// The evidence of the model with the additional columns. The standard deviation of their prior is `width` typical
+    /// sizes. The iteration starts at the scales of `swept`; the second value is the sweep at the converged scales.
+    /// Returns `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Arch::new().dispatch(Settle(self, width, swept))
     }
@@ -179,11 +181,11 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // The residual of the fit is the initial residual minus its projection on the columns.
+            // The residual after the fit is the initial residual minus its projection on the columns.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // Terms of the evidence at the present scales, its increase when the scales are optimised with fixed
-            // parameters, and the deviance at the optimised scales.
+            // `held` contains terms of the evidence at the present scales. `gain` is the increase of the log evidence
+            // when the scales are optimised with fixed parameters. `deviance` is evaluated at the optimised scales.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {
@@ -201,8 +203,8 @@ impl<'a> Weighing<'a> {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
-                // Normalisation does not affect comparisons: lengths of base columns are equal in all models, and those
-                // of other columns cancel between `volume` and `given`.
+                // The normalisation of columns does not affect comparisons of the evidence. The lengths of base columns
+                // are equal in all models, and the lengths of other columns cancel between `volume` and `given`.
                 let evidence = Evidence {
                     log: gain - 0.5 * (held + prior + volume - given),
                     deviance,
@@ -246,7 +248,8 @@ impl Gram {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
     }
 
-    /// The evidence of a model with these columns. The iteration starts at the noise scales `near` of a similar model.
+    /// The evidence of a model with these columns. The iteration starts at the noise scales `near`, which should be
+    /// those of a model with nearly the same columns.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
         weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)
@@ -259,7 +262,8 @@ mod tests {
 
     use super::*;
 
-    /// If all noise scales are one, the computed increase is the difference of two log evidences, for any prior width.
+    /// If all noise scales are one, the computed increase equals the difference of the log evidences of the two models,
+    /// for any prior width.
     #[test]
     fn the_gain_is_that_of_the_evidence() {
         let rows = 60;

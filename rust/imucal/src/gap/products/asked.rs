@@ -4,13 +4,14 @@ use std::ops::Range;
 
 use faer::Mat;
 
-/// Products of the model's columns, which are first, with all columns, and products within each block of candidate
-/// columns and of the block with the last column.
+/// The products that scoring needs: products of the model's columns, which come first, with all columns; products
+/// within each block of candidate columns; and products of each block with the last column.
 pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,
     pub(super) blocks: &'a [Range<usize>],
-    /// Additional products: index of a column, and indices of the later columns by which it is multiplied.
+    /// Products besides those of the model's columns: the index of a column, and the indices of the later columns with
+    /// which it is multiplied.
     pairs: Vec<(usize, Vec<usize>)>,
     /// Initial Gram matrix: zero for products that are needed, NaN for others.
     nothing_yet: Mat<f64>,

@@ -13,11 +13,12 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Number of moves per partial sum. It is constant, so that rounding does not depend on the number of threads.
 const MOVES: usize = 8;
-/// Number of the model's columns that are multiplied by one register in one job: a third of the 21 base columns.
+/// Number of the model's columns that are multiplied by one register in one job. It is a third of the 21 base columns,
+/// so that base columns fill three jobs.
 const OF_MODEL: usize = 7;
 /// Number of columns other than the model's that are multiplied by one register in one job.
 const OF_OTHERS: usize = 4;
-/// Number of rows per block, so that a block fits into the first-level cache.
+/// Number of rows per block. A block of this size fits into the first-level cache.
 const NEAR: usize = 32;
 
 /// The requested products for each group of rows. `order` gives the position of each column within a row.
@@ -38,7 +39,7 @@ pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: 
     groups.iter().map(of_group).collect()
 }
 
-/// The requested products summed over all rows inside moves, and the residual of these rows.
+/// The requested products, summed over all rows inside moves, and the residual of these rows.
 pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();
@@ -66,7 +67,8 @@ struct Job {
     columns: Vec<usize>,
     /// Positions of the columns within a row; the last position is repeated if there are fewer columns.
     places: [usize; OF_MODEL],
-    /// Position of the register's first value within a row, and range of the positions whose products are used.
+    /// Position of the register's first value within a row (`first`), and range of the positions whose products are
+    /// used (`with`).
     first: usize,
     with: Range<usize>,
 }

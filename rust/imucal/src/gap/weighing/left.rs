@@ -5,10 +5,12 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Rounding error of a squared length after the projection, relative to its value before the projection.
+/// Upper bound of the rounding error of a column's squared length after the projection, as a share of the squared
+/// length before the projection.
 const ROUNDING: f64 = 1e-9;
 
-/// Schur complement of the additional columns, in units of their typical sizes, and of the residual, which is last.
+/// Schur complement of the additional columns, in units of their typical sizes, and of the residual, which is the last
+/// column.
 pub(crate) struct Left {
     pub(super) sums: SymmetricMatrix,
     /// Squared length of each column before the projection.
@@ -37,8 +39,8 @@ impl Left {
         Some(0.5 * (residual - *sums.at(k, k) - volume))
     }
 
-    /// Number of directions in parameter space, in units of typical sizes, that change chi2 by at least `least` and by
-    /// more than the rounding errors of the projection.
+    /// Number of observable directions in parameter space. A parameter vector along such a direction, with a length of
+    /// one typical size, changes chi2 by at least `least` and by more than the rounding errors of the projection.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
         // Fast path: usually all eigenvalues exceed the threshold, which a factorisation can test.
@@ -52,7 +54,7 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// Sum over all columns of the change of chi2 by one typical size.
+    /// Change of chi2 if the parameter of one column changes by its typical size, summed over all columns.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }
@@ -106,7 +108,7 @@ mod tests {
         sums.row_mut(1).copy_from_slice(&[2.0, -0.2]);
         let of = |whole: f64| Left { sums: sums.clone(), whole: vec![whole; 2] };
         assert_eq!([0.9, 1.1, 2.9, 3.1].map(|least| of(2.0).directions(least)), [2, 1, 1, 0]);
-        // With squared lengths of 1e9 before the projection, an eigenvalue of one is a rounding error.
+        // If the squared lengths before the projection are 1e9, an eigenvalue of one may be a rounding error.
         assert_eq!(of(1e9).directions(0.9), 1);
         let mut unknown = of(2.0);
         *unknown.sums.at(0, 1) = f64::NAN;
