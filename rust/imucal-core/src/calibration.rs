@@ -1,17 +1,19 @@
-//! Calibration of a unit: the accelerometer triad and the gyroscope triad in one body frame, and the effects.
+//! Calibration of a unit. It consists of the accelerometer triad and the gyroscope triad in a common body frame, and of
+//! the effects.
 //!
 //! ```text
 //! raw_force = T_A (force + effects) + b_A      m/s^2
 //! raw_rate  = T_G (rate  + effects) + b_G      rad/s
 //! ```
 //!
-//! Effects describe errors that sensitivity and bias do not. Effects of the encoders of a stand do not belong to the
-//! unit and are ignored here.
+//! Effects describe errors that sensitivity and bias do not describe. Effects of the encoders of a stand are ignored
+//! here, because the stand is not part of the unit.
 //!
 //! The correction is `T^-1 (raw - b)`, followed by [`EffectSet::remove`] if there are effects (`docs/model.md` (16)).
 //!
-//! The body frame is orthogonal and fixed to the accelerometer. The sensitivities determine whether it is the
-//! `symmetric` or the `triangular` frame of `docs/model.md` (2). The correction is the same for both.
+//! The body frame is orthogonal and fixed to the accelerometer. The sensitivities determine whether the body frame is
+//! the `symmetric` or the `triangular` frame of `docs/model.md` (2). The correction is computed in the same way for
+//! both frames.
 
 use crate::{
     effects::{EffectSet, State, Surroundings},
@@ -52,8 +54,8 @@ impl<F: RealField + Copy> Calibration<F> {
 
     /// Corrects one raw sample: returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
-    /// Only effects that depend on nothing but rate and force are removed. For all effects use
-    /// [`correct_at`](Self::correct_at).
+    /// Removes only effects that depend on no quantities other than rate and force. Use
+    /// [`correct_at`](Self::correct_at) to remove all effects.
     #[inline]
     pub fn correct(&self, raw_rate: Vector3<F>, raw_force: Vector3<F>) -> (Vector3<F>, Vector3<F>) {
         if self.effects.is_empty() {
@@ -66,7 +68,7 @@ impl<F: RealField + Copy> Calibration<F> {
     /// Corrects one raw sample taken in known surroundings: returns the true `(rate, force)` in the body frame, rad/s
     /// and m/s^2.
     ///
-    /// Both are NaN if the effects are too large to be removed: see [`EffectSet::remove`].
+    /// Both results are NaN if the effects are too large to be removed (see [`EffectSet::remove`]).
     pub fn correct_at(
         &self,
         raw_rate: Vector3<F>,
@@ -80,8 +82,8 @@ impl<F: RealField + Copy> Calibration<F> {
         self.effects.remove(seen_rate, seen_force, surroundings)
     }
 
-    /// As [`correct_at`](Self::correct_at), with further effects: `own` returns what they add to the true rate (rad/s)
-    /// and force (m/s^2), in the body frame.
+    /// As [`correct_at`](Self::correct_at), with further effects. `own` returns the errors that these effects add to
+    /// the true rate (rad/s) and to the true force (m/s^2), in the body frame.
     ///
     /// ```
     /// use imucal_core::{calibration::Calibration, effects::Surroundings};
@@ -137,7 +139,7 @@ mod tests {
         assert_eq!(Calibration::identity().correct(rate, force), (rate, force));
     }
 
-    /// A unit with misaligned axes; force in SI units, rate in counts.
+    /// A unit with misaligned axes. Its raw force is in SI units, and its raw rate is in counts.
     fn unit() -> Calibration<f64> {
         let accelerometer = Matrix3::new(0.9804, 0.0012, 0.0055, 0.0012, 0.9727, 0.0043, 0.0055, 0.0043, 0.9921);
         let gyroscope = Matrix3::new(0.9771, 0.0097, -0.006, -0.0084, 1.0309, -0.0031, 0.0087, 0.0036, 1.003);
@@ -167,7 +169,8 @@ mod tests {
         Effect::catalogue().filter(|effect| effect.sensor != Sensor::Encoder)
     }
 
-    /// The effect in its full form, with parameters of `times` their typical size and alternating signs.
+    /// The effect in its full form. The magnitude of each parameter is `times` its typical size, and the signs
+    /// alternate.
     fn typical<F: RealField + Copy>(effect: &'static Effect<F>, times: f64) -> EffectValues<F> {
         let mut values = [F::zero(); MAX_PARAMETERS];
         for (k, (value, parameter)) in values.iter_mut().zip(effect.parameters).enumerate() {
@@ -200,7 +203,7 @@ mod tests {
             for times in [1.0, 3.0] {
                 let calibration = with(&[typical(effect, times)]);
                 assert_ne!(calibration.measure(&state), unit().measure(&state), "{}", effect.name);
-                // The limit 1e-14 is the relative rounding error of raw counts with an offset.
+                // The limit 1e-14 is the relative rounding error of raw counts that have a large offset.
                 assert!(comes_back(&calibration, &state) < 1e-14, "{} at {times} times", effect.name);
             }
         }
@@ -220,8 +223,8 @@ mod tests {
     #[test]
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
         // Derivative of each effect with respect to the quantity of its own sensor. The derivative of a rate effect
-        // with respect to force is not needed: force effects do not depend on rate, or only through the lever arm, so
-        // its error vanishes after two passes.
+        // with respect to force is not needed. Force effects do not depend on rate, except for lever arms, so the error
+        // of the force in a rate effect vanishes after two passes.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());
@@ -300,8 +303,8 @@ mod tests {
 
     #[test]
     fn rest_and_zero_settle_too() {
-        // At rest an effect exceeds the rate, and at zero force no magnitude is available as a reference for
-        // convergence.
+        // These are the difficult cases for the convergence test. At rest an effect is larger than the rate, and at
+        // zero force there is no magnitude to which a change can be compared.
         for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };

@@ -1,16 +1,17 @@
-//! Catalogue of effects: sensor errors beyond a sensitivity and a bias. Each effect is defined once, here.
+//! Catalogue of effects. Effects are sensor errors that a sensitivity and a bias do not describe. Each effect is
+//! defined only here.
 //!
 //! ```text
 //! measured = sensitivity * (true + sum_c Phi_c(state) theta_c) + bias      model.md (15)
 //! ```
 //!
-//! An [`Effect`] has a name, a sensor, parameters theta with units and typical sizes, and one function, the field Phi.
-//! Phi is the (3, p) derivative, by the p parameters, of the true quantity that the sensor measures, in the body frame.
-//! The simulation adds `Phi theta`. The correction on the device subtracts it ([`EffectSet::remove`]). Every Jacobian
-//! of an estimate follows from Phi by the chain rule.
+//! An [`Effect`] has a name, a sensor, parameters theta with units and typical sizes, and a function, the field Phi.
+//! Phi is the (3, p) matrix of derivatives of the measured quantity, in the body frame, with respect to the p
+//! parameters. The simulation adds `Phi theta` to the true quantity. The correction on the device subtracts `Phi theta`
+//! ([`EffectSet::remove`]). Every Jacobian that an estimator needs follows from Phi by the chain rule.
 //!
 //! Each family of effects has a file. To add an effect, add a row to the file of its family and a line to the family's
-//! list. The field is written once; the row derives from it the columns of Phi and the product `Phi theta`.
+//! list. The field is written once. Both the columns of Phi and the product `Phi theta` are generated from it.
 //!
 //! ```
 //! use imucal_core::effects::{Effect, EffectValues, State, Surroundings};
@@ -26,10 +27,10 @@
 //!
 //! # What the catalogue does not contain
 //!
-//! It does not contain noise, bias instability or random walks, which have no field; the geometry of the stand that
-//! moves the unit; and faults of the data such as saturation or lost samples. Errors of the encoders of a stand are
-//! included with the feature `catalogue`: their fields are motor angles, rad. The correction on the device ignores
-//! them, because a device has no stand.
+//! The catalogue does not contain noise, bias instability and random walks, because they have no field. It does not
+//! contain the geometry of the stand that moves the unit, or faults of the data such as saturation or lost samples.
+//! With the feature `catalogue` it contains errors of the encoders of a stand, whose fields are motor angles, rad. The
+//! correction on the device ignores encoder errors, because a device has no stand.
 
 mod drift;
 mod dynamics;
@@ -56,7 +57,7 @@ pub const MAX_PARAMETERS: usize = 18;
 /// Storage for the columns of any field. An effect sets the first columns, one for each of its parameters.
 pub type Columns<F> = [Vector3<F>; MAX_PARAMETERS];
 
-/// True state of the unit at the instant of a sample, on which the effects depend.
+/// True state of the unit at the instant of a sample. Effects depend on this state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State<F: RealField + Copy> {
     /// Angular rate of the body relative to the world, in the body frame, rad/s.
@@ -67,8 +68,9 @@ pub struct State<F: RealField + Copy> {
     pub surroundings: Surroundings<F>,
 }
 
-/// Quantities besides rate and force on which an effect may depend. `None` means unknown; the terms of an effect that
-/// depend on an unknown quantity are omitted. [`Effect::needs`] lists the quantities that an effect depends on.
+/// Quantities besides rate and force on which an effect may depend. `None` means that the quantity is unknown. Terms of
+/// an effect that depend on an unknown quantity are omitted. [`Effect::needs`] lists the quantities that an effect
+/// depends on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings<F: RealField + Copy> {
     /// Derivative of the angular rate in the body frame, rad/s^2.
@@ -118,15 +120,17 @@ impl<F: RealField + Copy> Surroundings<F> {
     }
 }
 
-/// An effect: one row of the catalogue. A device names it by its constant, such as `Effect::GYRO_G_SENSITIVITY`, which
-/// without the feature `catalogue` contains no text.
+/// An effect, which is one row of the catalogue. Firmware refers to an effect by its constant, such as
+/// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue` the constant contains no text.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
-    /// Number of the effect in the binary form of a calibration, which is never reused; 0 if it has none.
+    /// Number that identifies the effect in the binary form of a calibration. A number is never reused. The number is 0
+    /// if the effect cannot be stored in the binary form.
     pub number: u8,
     /// Sensor that the effect acts on.
     pub sensor: Sensor,
-    /// Number of parameters of the plain form, which uses the first ones. The full form uses all parameters.
+    /// Number of parameters of the plain form. The plain form uses the first parameters, and the full form uses all
+    /// parameters.
     pub plain: usize,
     /// Number of parameters of the full form.
     pub count: usize,
@@ -136,10 +140,10 @@ pub struct Effect<F: RealField + Copy> {
     pub reads: &'static [Sensor],
     /// Quantities of the [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
-    /// The field times the parameters, `Phi theta`, from the state, the shape and theta, which is zero after its last
-    /// parameter.
+    /// Computes the field times the parameters, `Phi theta`, from the state, the shape and theta. Entries of theta
+    /// after the last parameter are zero.
     pub sum: fn(&State<F>, F, &[F; MAX_PARAMETERS]) -> Vector3<F>,
-    /// Field function: sets the columns of Phi, one for each parameter, from the state and the shape.
+    /// Computes the field: sets the columns of Phi, one for each parameter, from the state and the shape.
     #[cfg(feature = "catalogue")]
     pub columns: fn(&State<F>, F, &mut Columns<F>),
     /// Name of the effect in files, commands and reports.
@@ -148,21 +152,22 @@ pub struct Effect<F: RealField + Copy> {
     /// The parameters theta, in the order of the columns of the field.
     #[cfg(feature = "catalogue")]
     pub parameters: &'static [Parameter],
-    /// The shape, if the field depends on one.
+    /// Name, unit and typical size of the shape; `None` if the field does not depend on a shape.
     #[cfg(feature = "catalogue")]
     pub shape: Option<Parameter>,
     /// Formula of the field times the parameters, as text.
     #[cfg(feature = "catalogue")]
     pub formula: &'static str,
-    /// Measurements in which the effect is observable, as text.
+    /// Description of measurements in which the effect is observable.
     #[cfg(feature = "catalogue")]
     pub observable: &'static str,
-    /// Other explanations of the data with which the effect is easily confused.
+    /// Other causes that have similar effects on the data, so that they are easily confused with this effect.
     #[cfg(feature = "catalogue")]
     pub aliases: &'static [Alias],
 }
 
-/// Two effects are equal if they have the same name; without names, if they have the same number.
+/// Two effects are equal if they have the same name. Without the feature `catalogue`, they are equal if they have the
+/// same number.
 impl<F: RealField + Copy> PartialEq for Effect<F> {
     fn eq(&self, other: &Self) -> bool {
         #[cfg(feature = "catalogue")]
@@ -173,27 +178,28 @@ impl<F: RealField + Copy> PartialEq for Effect<F> {
     }
 }
 
-/// Sensor that an effect acts on; it determines the quantity and the unit of the field.
+/// Sensor on which an effect acts. It determines the quantity and the unit of the field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
     /// The field is a specific force, m/s^2.
     Accelerometer,
     /// The field is an angular rate, rad/s.
     Gyroscope,
-    /// The field is the angle of each motor of the stand, rad. Encoders do not belong to the unit.
+    /// The field is the angle of each motor of the stand, rad. Encoders are part of the stand and not of the unit.
     Encoder,
 }
 
-/// A parameter of an effect. Its full name in a list of all parameters is `EFFECT_NAME`, with this name last.
+/// A parameter of an effect. In a list of all parameters, its full name is `EFFECT_NAME`: the name of the effect, an
+/// underscore, and the name of the parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Distinguishes the parameter from others of its effect. The name is an axis (`x`), an entry of a matrix (`xy`:
-    /// acts on x, proportional to y; `x_yz`: acts on x, proportional to the product of y and z), or a letter of the
-    /// formula.
+    /// Name of the parameter, unique within its effect. It is an axis (`x`), an entry of a matrix, or a letter of the
+    /// formula. The entry `xy` acts on x and is multiplied by y. The entry `x_yz` acts on x and is multiplied by the
+    /// product of y and z.
     pub name: &'static str,
     /// SI unit.
     pub unit: &'static str,
-    /// Typical magnitude for an ordinary MEMS sensor, from datasheets, in this unit.
+    /// Typical magnitude for an ordinary MEMS sensor, from datasheets, in the unit `unit`.
     pub typical: f64,
 }
 
@@ -212,18 +218,18 @@ pub enum Need {
     Stand,
 }
 
-/// Another explanation with a similar influence on the data.
+/// Another cause that has a similar effect on the data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Alias {
     /// Name of another effect, or of another cause.
     pub with: &'static str,
-    /// Measurements that distinguish the effect from this explanation.
+    /// Measurements that distinguish the effect from the other cause.
     pub told_apart_by: &'static str,
 }
 
 impl<F: RealField + Copy> Effect<F> {
-    /// The sensor error with this number in the binary form of a calibration; `None` if there is none. The Earth rate
-    /// is no sensor error.
+    /// The sensor error with this number in the binary form of a calibration; `None` if no sensor error has this
+    /// number. The Earth rate is not returned, because it is not a sensor error.
     pub fn numbered(number: u8) -> Option<&'static Self> {
         match number {
             1 => Some(Self::GYRO_G_SENSITIVITY),
@@ -254,7 +260,7 @@ impl<F: RealField + Copy> Effect<F> {
         }
     }
 
-    /// Name for messages; a device has no names.
+    /// Name of the effect for messages. Without the feature `catalogue`, effects have no names.
     fn label(&self) -> &'static str {
         #[cfg(feature = "catalogue")]
         let label = self.name;
@@ -288,8 +294,8 @@ impl<F: RealField + Copy> Effect<F> {
         Self::catalogue().find(|effect| effect.name == name)
     }
 
-    /// Sets the first columns of Phi, one for each of the [`parameters`](Self::parameters). `shape` is ignored if
-    /// [`shape`](Self::shape) is `None`.
+    /// Sets the first entries of `columns` to the columns of Phi, one for each of the [`parameters`](Self::parameters).
+    /// `shape` is ignored if [`shape`](Self::shape) is `None`.
     #[inline]
     pub fn field(&self, state: &State<F>, shape: F, columns: &mut Columns<F>) {
         (self.columns)(state, shape, columns);

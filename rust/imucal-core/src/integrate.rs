@@ -6,9 +6,9 @@
 //! R(t + dt) = R(t) exp(phi),   phi = dt/2 (w0 + w1) + dt^2/12 (w0 x w1) + O(dt^5)
 //! ```
 //!
-//! This is the Magnus series for a rate in the body frame; a rate in the world frame would change the sign of the cross
-//! product. If the rate is smooth but not linear between samples, linear interpolation leaves an error of O(dt^3) per
-//! step.
+//! This is the Magnus series for a rate in the body frame. For a rate in the world frame, the cross product would have
+//! the opposite sign. If the rate is smooth but not linear between samples, linear interpolation leaves an error of
+//! O(dt^3) per step.
 
 use crate::{
     so3,
@@ -24,21 +24,21 @@ pub fn increment<F: RealField + Copy>(w0: &Vector3<F>, w1: &Vector3<F>, dt_s: F)
     add(&mean, &scaled(&cross(w0, w1), dt_s * dt_s * convert(1.0 / 12.0)))
 }
 
-/// How an [`Integrator`] combines two consecutive samples into a rotation.
+/// Rule by which an [`Integrator`] computes the rotation between two consecutive samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Order {
-    /// The mean of both rates. This is the cheapest rule and is exact for a rate about a fixed axis. It neglects
-    /// coning, and the resulting error grows with time.
+    /// Uses the mean of both rates. This is the cheapest rule. It is exact if the rate is linear in time and its axis
+    /// is fixed. It neglects coning, and the error due to coning grows with time.
     Midpoint,
-    /// The mean of both rates and the coning correction: see [`increment`].
+    /// Uses the mean of both rates and the coning correction of [`increment`].
     #[default]
     Magnus4,
 }
 
 /// Integrates the angular rate over a move, sample by sample.
 ///
-/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz this loses about one per
-/// cent of the rotation. For such slow motion at a high sampling rate push means over several samples, or use `f64`.
+/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz, about one per cent of the
+/// rotation is lost. For slow motion at a high sampling rate, use `f64`, or push means over several samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator<F: RealField + Copy> {
     order: Order,
@@ -52,7 +52,7 @@ impl<F: RealField + Copy> Integrator<F> {
         Self::of_order(Order::default())
     }
 
-    /// As [`new`](Self::new), with the given order.
+    /// An integrator of the given order with the identity as its rotation and no samples yet.
     pub fn of_order(order: Order) -> Self {
         Self { order, rotation: UnitQuaternion::identity(), last_rate: None }
     }
@@ -78,7 +78,7 @@ impl<F: RealField + Copy> Integrator<F> {
         self.rotation
     }
 
-    /// Starts a new move: sets the rotation to the identity and discards the last sample.
+    /// Starts a new move. Sets the rotation to the identity, and discards the last sample.
     pub fn reset(&mut self) {
         *self = Self::of_order(self.order);
     }
@@ -131,7 +131,8 @@ mod tests {
         for pair in fourth.windows(2).chain(midpoint.windows(2)) {
             assert!((pair[0] / pair[1] - 4.0).abs() < 0.1, "not of second order: {fourth:?} {midpoint:?}");
         }
-        // Both orders have the error of linear interpolation; the midpoint rule has the coning error in addition.
+        // Both rules have the error of linear interpolation. The midpoint rule also has the coning error, so its error
+        // must be larger.
         for (fourth, midpoint) in fourth.iter().zip(&midpoint) {
             assert!(midpoint > fourth, "{fourth} {midpoint}");
         }
@@ -140,7 +141,8 @@ mod tests {
     #[test]
     fn a_linear_rate_is_integrated_to_fourth_order() {
         let rate = |t: f64| Vector3::new(1.0, -0.5, 0.3) + Vector3::new(-0.8, 1.5, 2.0) * t;
-        // Independent reference: a million steps of constant rate, each taken at the middle of its step.
+        // The independent reference consists of a million steps with a constant rate. The rate of each step is
+        // evaluated at the middle of the step.
         let fine = 1_000_000;
         let truth = (0..fine).fold(UnitQuaternion::identity(), |r, k| {
             r * UnitQuaternion::from_scaled_axis(rate((k as f64 + 0.5) / fine as f64) / fine as f64)

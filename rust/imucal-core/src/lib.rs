@@ -1,8 +1,9 @@
-//! The on-device part of IMU calibration: `no_std`, without an allocator, with one dependency (nalgebra).
+//! The part of IMU calibration that runs on a device. The crate is `no_std`, needs no allocator, and has one dependency
+//! (nalgebra).
 //!
 //! An accelerometer measures specific force, m/s^2; at rest it reads +g on the axis that points up. A gyroscope
-//! measures angular rate, rad/s. Both have errors of bias, scale and misalignment. This crate describes a triad (three
-//! sensor axes) by one linear model,
+//! measures angular rate, rad/s. Both have errors of bias, scale and misalignment. This crate describes a triad (the
+//! three axes of a sensor) by a linear model:
 //!
 //! ```text
 //! measured = sensitivity * true + bias
@@ -21,10 +22,10 @@
 //! * [`integrate`] integrates corrected rates to a rotation.
 //! * [`rest`] detects the intervals in which the unit is at rest.
 //! * [`stored`] reads a calibration from its binary form.
-//! * [`so3`] contains the rotations and defines their conventions.
+//! * [`so3`] contains functions for rotations, and defines the conventions of rotations.
 //!
-//! All types are generic over the float type: `f32` for a small processor, `f64` for the same results as the crate
-//! `imucal` on a PC.
+//! All types are generic over the float type: `f32` suits a small processor, and `f64` gives the same results as the
+//! crate `imucal` on a PC.
 //!
 //! ```
 //! use imucal_core::{calibration::Calibration, integrate::Integrator, sensor::Triad};
@@ -49,24 +50,24 @@
 //!
 //! # What this crate does not do
 //!
-//! It does not estimate a calibration; the crate `imucal` does that, on a PC. It is not a navigation filter: it
-//! estimates neither attitude nor position nor a bias at run time. It does not check samples: a NaN in the input gives
-//! NaN in the output. It reads no files and no clock; the caller gives the time steps.
+//! It does not estimate a calibration; the crate `imucal` estimates calibrations on a PC. It is not a navigation
+//! filter, because it estimates no attitude, position or bias at run time. It does not check samples, so a NaN in the
+//! input gives a NaN in the output. It reads no files and no clock; the caller passes the time steps.
 //!
 //! # Features
 //!
-//! * `std` (default) and `libm` only select the implementation of square root, sine and the like. On a device without
-//!   `std` use `default-features = false, features = ["libm"]`.
-//! * `catalogue` (default) adds what estimation, simulation and reports need of the [`effects`]: their names, units and
-//!   texts, lookup by name, the field of each parameter, and the effects on the encoders of a stand. A device needs
-//!   none of them: it names its effects by constants such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of
-//!   its calibration take memory.
+//! * `std` (default) and `libm` select the implementation of mathematical functions such as square root and sine. On a
+//!   device without `std` use `default-features = false, features = ["libm"]`.
+//! * `catalogue` (default) adds the data and functions of the [`effects`] that only estimation, simulation and reports
+//!   need: names, units and texts, lookup by name, the field of each parameter, and the effects on the encoders of a
+//!   stand. A device does not need this feature. It refers to effects by constants such as
+//!   `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its calibration take memory.
 //!
 //! # Panics
 //!
 //! [`calibration::Calibration::correct`], [`integrate::Integrator::push`] and [`rest::RestDetector::push`] contain no
-//! panic at any optimisation level without debug assertions. A test links them with a panic handler that does not
-//! exist.
+//! panic at any optimisation level if debug assertions are off. A test proves it: the functions are linked with a panic
+//! handler that does not exist.
 #![no_std]
 
 #[cfg(test)]
@@ -81,7 +82,7 @@ pub mod so3;
 pub mod stored;
 mod vector;
 
-/// Standard gravity, m/s^2: the unit g in datasheets.
+/// Standard gravity, m/s^2. It is the unit g in datasheets.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
 
 /// Rotation rate of the Earth relative to the stars, rad/s, as in WGS 84.

@@ -1,18 +1,19 @@
 //! Rest detection on a stream of samples, with fixed memory.
 //!
-//! Samples are collected in short blocks; a window consists of the last few blocks. A window is still if
+//! Samples are collected in short blocks, and a window consists of the last few blocks. A window is still if its rest
+//! statistic over the six channels ([`rest_statistic`]) is below a threshold:
 //!
 //! ```text
 //! statistic = 1/6 sum_c variance_c / noise_variance_c  <  threshold
 //! ```
 //!
-//! for the six channels ([`rest_statistic`]). Windows advance by one block. A rest consists of all blocks covered by
-//! overlapping still windows. The first and the last block of a rest may contain the end of one move or the start of
-//! the next without exceeding the threshold. These two blocks are trimmed and do not contribute to the means.
+//! Windows advance by one block. A rest consists of all blocks covered by overlapping still windows. The first and the
+//! last block of a rest may contain the end of one move or the start of the next without exceeding the threshold. These
+//! two blocks are trimmed and do not contribute to the means.
 //!
-//! Detection works on raw or corrected samples, in any unit, as long as the noise variances use the same unit. It
-//! counts samples and does not use time; call [`RestDetector::finish`] at a gap in the data. Counts wrap around at
-//! `usize::MAX`: where this is 2^32, after 49 days at 1 kHz.
+//! Detection works on raw or corrected samples in any unit, provided that the noise variances are in the square of this
+//! unit. It counts samples and does not use time; call [`RestDetector::finish`] at a gap in the data. Sample indices
+//! wrap around at `usize::MAX`. On a 32-bit processor this happens after 49 days at 1 kHz.
 
 mod block;
 
@@ -21,28 +22,29 @@ pub use block::{BlockSums, rest_statistic, statistic_of};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, Vector6};
 
-/// Maximum number of blocks in a window; it determines the memory of the detector.
+/// Maximum number of blocks in a window. It determines how much memory the detector needs.
 pub const MAX_WINDOW_BLOCKS: usize = 10;
 
 /// Settings of a [`RestDetector`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestDetectorConfig<F: RealField + Copy> {
-    /// Samples in a block, at least 1. Usually a window has ten blocks.
+    /// Number of samples in a block, at least 1. It is usually a tenth of the number of samples in a window.
     pub block_samples: usize,
-    /// Blocks in a window, 3 to [`MAX_WINDOW_BLOCKS`]. Shorter rests are not detected.
+    /// Number of blocks in a window, 3 to [`MAX_WINDOW_BLOCKS`]. Rests shorter than a window are not detected.
     pub window_blocks: usize,
     /// Variance of a single sample at rest, in squared units of the samples: rate x, y, z, then force x, y, z.
     pub noise_variance: Vector6<F>,
-    /// A window is still if its statistic is below this threshold, in multiples of the noise floor; 2 to 10 is usual.
+    /// Threshold of the rest statistic, dimensionless. A window is still if its statistic is below the threshold. The
+    /// statistic is 1 on average if only noise is present; thresholds of 2 to 10 are usual.
     pub threshold: F,
 }
 
 /// An interval in which the unit was at rest, with one block trimmed at each end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rest<F: RealField + Copy> {
-    /// Index of the first sample; the first sample that was ever pushed has index 0.
+    /// Index of the first sample of the rest. The first sample pushed into the detector has index 0.
     pub first_sample: usize,
-    /// Index of the last sample plus one.
+    /// Index of the last sample of the rest plus one.
     pub end_sample: usize,
     /// Mean rate, in the unit of the samples.
     pub mean_rate: Vector3<F>,
@@ -60,14 +62,14 @@ pub struct RestDetector<F: RealField + Copy> {
     filling: BlockSums<F>,
     /// Number of complete blocks.
     blocks: usize,
-    /// Ring buffer of the last complete blocks, of the length of a window.
+    /// Ring buffer of the last complete blocks. It uses as many entries as a window has blocks.
     ring: [BlockSums<F>; MAX_WINDOW_BLOCKS],
-    /// Index of the oldest block in the ring buffer, which the next one replaces.
+    /// Index of the oldest block in the ring buffer. The next complete block replaces it.
     oldest: usize,
     open: Option<OpenRest<F>>,
 }
 
-/// A rest that may still be extended. `sums` contains its blocks without the first and the last one.
+/// A rest that may still be extended. `sums` contains all its blocks except the first and the last block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OpenRest<F: RealField + Copy> {
     first_block: usize,
@@ -105,7 +107,7 @@ impl<F: RealField + Copy> RestDetector<F> {
         })
     }
 
-    /// Adds one sample. Returns a completed rest, about one window after its end.
+    /// Adds one sample. Returns a rest when it is complete, which is about one window after its end.
     #[inline]
     pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) -> Option<Rest<F>> {
         self.filling.push(rate, force);
@@ -126,7 +128,8 @@ impl<F: RealField + Copy> RestDetector<F> {
         self.open.is_some_and(|rest| rest.end_block == self.blocks)
     }
 
-    /// Ends the stream, or its part before a gap, and returns the rest in progress, if any. Sample indices continue.
+    /// Ends the stream, or the part of the stream before a gap, and returns the rest in progress, if any. After a gap,
+    /// sample indices continue from the last index.
     pub fn finish(&mut self) -> Option<Rest<F>> {
         let last = self.close();
         let samples = self.blocks.wrapping_mul(self.config.block_samples).wrapping_add(self.filling.count());
@@ -152,7 +155,8 @@ impl<F: RealField + Copy> RestDetector<F> {
             window.merge(block);
         }
 
-        // A NaN is not below the threshold, so it ends a rest and does not contribute to the means.
+        // A statistic that is NaN is not below the threshold. A NaN in a sample therefore ends the rest, and does not
+        // contribute to the means.
         if rest_statistic(&window, &self.config.noise_variance) < self.config.threshold {
             self.extend_rest(window_start);
             None
@@ -172,8 +176,8 @@ impl<F: RealField + Copy> RestDetector<F> {
             end_block: window_start.wrapping_add(2),
             sums: BlockSums::new(),
         });
-        // The previous last block of the rest was not added yet, because it was the end of the rest. The window
-        // overlaps this block, so the ring buffer still contains it.
+        // The block that was the last block of the rest until now has not been added to the sums, because the last
+        // block is trimmed. The ring buffer still contains this block, because the window overlaps it.
         let mut block = window_start;
         for sums in self.window() {
             if block.wrapping_add(1) >= rest.end_block && block.wrapping_add(1) < self.blocks {

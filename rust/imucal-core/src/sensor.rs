@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Row i of the sensitivity is the direction of sensor axis i in the body frame, multiplied by the scale of this axis.
-//! For raw data in SI units the sensitivity is near the identity. For raw data in counts it is in lsb per SI unit, and
-//! the bias is in counts.
+//! For raw data in SI units the sensitivity is close to the identity. For raw data in counts the sensitivity is in lsb
+//! per SI unit, and the bias is in counts.
 
 use crate::vector::{add, cross, dot, magnitude, product, sub};
 use core::{error::Error, fmt};
@@ -25,8 +25,8 @@ pub struct Triad<F: RealField + Copy> {
 impl<F: RealField + Copy> Triad<F> {
     /// Creates a triad from its 3x3 sensitivity (raw unit per SI unit) and its bias (raw unit).
     ///
-    /// A left-handed sensitivity (negative determinant) is accepted, because a unit may number or orient its axes this
-    /// way.
+    /// A left-handed sensitivity (negative determinant) is accepted, because the axes of a unit may form a left-handed
+    /// system.
     ///
     /// # Errors
     /// [`SensorError::NotFinite`] if an entry is infinite or NaN, [`SensorError::Singular`] if the axes lie in one
@@ -39,11 +39,11 @@ impl<F: RealField + Copy> Triad<F> {
         Ok(Self { sensitivity, bias, inverse })
     }
 
-    /// As [`try_new`](Self::try_new), from the inverse sensitivity, which [`correct`](Self::correct) then applies bit
-    /// for bit.
+    /// Creates a triad from its inverse sensitivity (SI unit per raw unit) and its bias (raw unit).
+    /// [`correct`](Self::correct) applies exactly this inverse, without rounding errors of an inversion.
     ///
     /// # Errors
-    /// Those of [`try_new`](Self::try_new).
+    /// The errors of [`try_new`](Self::try_new).
     pub fn from_inverse(inverse: Matrix3<F>, bias: Vector3<F>) -> Result<Self, SensorError> {
         let turned_round = Self::try_new(inverse, bias)?;
         Ok(Self { sensitivity: turned_round.inverse, bias, inverse })
@@ -132,8 +132,8 @@ fn invert<F: RealField + Copy>(m: &Matrix3<F>) -> Result<Matrix3<F>, SensorError
         c.z / determinant,
     );
 
-    // The determinant over the product of the row lengths measures how close the axes are to one plane, in any raw
-    // unit.
+    // The determinant divided by the product of the row lengths is zero if the axes lie in one plane. It does not
+    // depend on the raw unit.
     let lengths = dot(&x, &x).sqrt() * dot(&y, &y).sqrt() * dot(&z, &z).sqrt();
     let rounding: F = nalgebra::convert::<f64, F>(64.0) * F::default_epsilon();
     if magnitude(determinant) > rounding * lengths && is_finite(&inverse) {

@@ -1,13 +1,15 @@
 //! Rotations. All conventions about rotations are defined here.
 //!
-//! 1. A rotation acts on vectors (active): `r_wb` maps a vector from body to world, `v_w = r_wb * v_b`. Adjacent
-//!    letters in a product cancel: `r_wb = r_ws * r_sb`.
+//! 1. `r_wb` maps the components of a vector in the body frame to its components in the world frame: `v_w = r_wb *
+//!    v_b`. As an operator, a rotation turns vectors (active). Adjacent letters in a product cancel: `r_wb = r_ws *
+//!    r_sb`.
 //! 2. A quaternion follows Hamilton's convention (`i j = k`) and is written `[w, x, y, z]` in every array. nalgebra
 //!    *stores* x, y, z, w; only [`to_wxyz`] and [`from_wxyz`] convert between the two orders. `q` and `-q` are the same
 //!    rotation.
 //! 3. `exp` maps a rotation vector (axis times angle, rad) to a rotation. `log` maps a rotation to its rotation vector,
 //!    whose length is at most pi.
-//! 4. An attitude error `delta` is on the body side: `R exp(delta)`. Its Jacobian is therefore the right Jacobian:
+//! 4. An attitude error `delta` is defined in the body frame, `R exp(delta)`. The Jacobian of `exp` is therefore the
+//!    right Jacobian:
 //!
 //! ```text
 //! exp(phi + d) = exp(phi) exp(J_r(phi) d) + O(d^2)
@@ -21,8 +23,8 @@ use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert}
 
 /// Rotation for the rotation vector `phi`, rad: a rotation by the angle `|phi|` about the axis `phi`.
 ///
-/// Angles up to half a radian, which covers any step between two samples, use polynomials and no trigonometric
-/// functions.
+/// For angles up to half a radian, the function uses polynomials instead of trigonometric functions. This range covers
+/// any step between two samples.
 #[inline]
 pub fn exp<F: RealField + Copy>(phi: &Vector3<F>) -> UnitQuaternion<F> {
     let (cosine, sinc) = cos_and_sinc(dot(phi, phi) * convert(0.25));
@@ -30,16 +32,17 @@ pub fn exp<F: RealField + Copy>(phi: &Vector3<F>) -> UnitQuaternion<F> {
     UnitQuaternion::new_unchecked(Quaternion::new(cosine, imaginary.x, imaginary.y, imaginary.z))
 }
 
-/// The product `a b` of two rotations, with its length corrected to one.
+/// The product `a b` of two rotations, normalised to length one.
 ///
-/// Rounding changes the length of a product of quaternions; over millions of products the deviation becomes visible.
+/// Rounding changes the length of a product of quaternions. Without normalisation, the deviation would become
+/// significant after millions of products.
 #[inline]
 pub(crate) fn product<F: RealField + Copy>(a: &UnitQuaternion<F>, b: &UnitQuaternion<F>) -> UnitQuaternion<F> {
     let w = a.w * b.w - a.i * b.i - a.j * b.j - a.k * b.k;
     let i = a.w * b.i + a.i * b.w + a.j * b.k - a.k * b.j;
     let j = a.w * b.j - a.i * b.k + a.j * b.w + a.k * b.i;
     let k = a.w * b.k + a.i * b.j - a.j * b.i + a.k * b.w;
-    // One step of Newton's method for 1 / length, which is enough so close to one.
+    // One step of Newton's method for 1 / length. One step is sufficient, because the length is close to one.
     let square = (i * i + k * k) + (j * j + w * w);
     let correction: F = convert::<f64, F>(0.5) * (convert::<f64, F>(3.0) - square);
     UnitQuaternion::new_unchecked(Quaternion::new(w * correction, i * correction, j * correction, k * correction))
@@ -47,10 +50,12 @@ pub(crate) fn product<F: RealField + Copy>(a: &UnitQuaternion<F>, b: &UnitQuater
 
 /// Rotation vector of a rotation, rad, of length at most pi.
 ///
-/// At exactly pi two rotation vectors of opposite sign are correct; the function returns one of them.
+/// For an angle of exactly pi, two rotation vectors of opposite sign represent the rotation. The function returns one
+/// of the two.
 #[inline]
 pub fn log<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> Vector3<F> {
-    // atan2 of both parts is accurate over the whole range of angles; acos(w) loses digits near 0 and near pi.
+    // atan2 of the imaginary and the real part is accurate over the whole range of angles, whereas acos(w) loses digits
+    // for small angles.
     let sign = if rotation.w < F::zero() { -F::one() } else { F::one() };
     let (real, imaginary) = (rotation.w * sign, rotation.imag() * sign);
     let length = imaginary.norm();
@@ -141,7 +146,8 @@ mod tests {
     use super::*;
     use core::f64::consts::PI;
 
-    /// Test angles, rad: of every magnitude, around the branch points of the functions (0.5 and 1), and near pi.
+    /// Test angles, rad: angles of all orders of magnitude, on both sides of the branch points of the functions (0.5
+    /// and 1), and near pi.
     const ANGLES: [f64; 16] = [
         0.0,
         1e-200,
@@ -204,8 +210,8 @@ mod tests {
         for angle in ANGLES.iter().map(|&a| a as f32).filter(|&a| a == 0.0 || a > 1e-15) {
             let phi = Vector3::new(1.0f32, 2.0, -2.0) / 3.0 * angle;
             let back = log(&exp(&phi));
-            // Rounding to f32 moves the largest angles beyond pi, where the same rotation has the opposite rotation
-            // vector.
+            // Rounding to f32 increases the largest angles beyond pi. `log` then returns a rotation vector of the
+            // opposite direction for the same rotation.
             let off = (back - phi).norm().min((back + phi).norm());
             assert!(off <= 6e-7 * angle, "angle {angle}: off by {off}");
         }

@@ -1,4 +1,5 @@
-//! A calibration as data: a few hundred bytes in flash or EEPROM, so that one firmware serves all units.
+//! Binary form of a calibration: a few hundred bytes in flash or EEPROM. With the calibration stored as data, the same
+//! firmware runs on all units.
 //!
 //! `imucal export --to blob` writes the bytes. All numbers are little-endian; floats are IEEE 754 single precision.
 //!
@@ -30,7 +31,7 @@ use nalgebra::{Matrix3, RealField, Vector3, convert};
 pub const VERSION: u8 = 1;
 /// Length of the form without effects, bytes.
 pub const SHORTEST: usize = 128;
-/// Length of the longest form, bytes: a buffer of this size holds any calibration.
+/// Maximum length of the form, bytes. A buffer of this size can hold any calibration.
 pub const LONGEST: usize = SHORTEST + MAX_EFFECTS * (8 + 4 * MAX_PARAMETERS);
 
 const MAGIC: [u8; 4] = *b"IMUC";
@@ -44,17 +45,17 @@ pub struct StoredCalibration<F: RealField + Copy> {
     pub rate_in_counts: bool,
     /// Whether the raw force is in counts of the sensor; otherwise it is in m/s^2.
     pub force_in_counts: bool,
-    /// Number of effects of the calibration that the binary form omits, such as formulas; the errors that they describe
-    /// stay in the data.
+    /// Number of effects of the calibration that the binary form omits, such as user-defined formulas. The errors that
+    /// these effects describe are not corrected.
     pub omitted_effects: u8,
-    /// Lowest and highest temperature of the recordings, degC.
+    /// Lowest and highest temperature of the calibration recordings, degC; `None` if unknown.
     pub temperature_range_degc: Option<[F; 2]>,
     /// Temperature at which the temperature effects are zero, degC.
     pub reference_temperature_degc: F,
     axes: [Axis; 3],
 }
 
-/// An axis of the body frame and a sign.
+/// A signed axis of the body frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Axis {
     number: u8,
@@ -62,10 +63,11 @@ struct Axis {
 }
 
 impl<F: RealField + Copy> StoredCalibration<F> {
-    /// Reads the binary form. Bytes after its end are ignored, so that a whole page of memory can be given.
+    /// Reads the binary form. Bytes after the end of the form are ignored, so that a whole page of memory can be
+    /// passed.
     ///
     /// # Errors
-    /// [`StoredError`] states what is wrong with the bytes.
+    /// [`StoredError`] states why the bytes are not a valid calibration.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, StoredError> {
         let mut all = Bytes(bytes);
         if all.take::<4>()? != MAGIC {
@@ -114,8 +116,8 @@ impl<F: RealField + Copy> StoredCalibration<F> {
     }
 
     /// Corrects one raw sample: returns the true `(rate, force)`, rad/s and m/s^2, along the axes that the binary form
-    /// asks for. Temperatures outside the range of the recordings are replaced by its nearest end, because the effects
-    /// are not known beyond it.
+    /// specifies. A temperature outside the range of the calibration recordings is replaced by the nearest end of the
+    /// range, because the effects are unknown outside it.
     pub fn correct(
         &self,
         raw_rate: Vector3<F>,
@@ -137,8 +139,8 @@ impl<F: RealField + Copy> StoredCalibration<F> {
         (self.along_axes(&rate), self.along_axes(&force))
     }
 
-    /// As [`correct`](Self::correct), from counts of 16 bits as the sensor gives them; `None` if the calibration is not
-    /// of counts.
+    /// As [`correct`](Self::correct), for the 16-bit counts that a sensor outputs. `None` if the calibration is not for
+    /// raw data in counts.
     pub fn correct_counts(
         &self,
         raw_rate: [i16; 3],
@@ -167,7 +169,7 @@ impl<F: RealField + Copy> StoredCalibration<F> {
     }
 }
 
-/// The three signed axes, each of which occurs once.
+/// Decodes the three signed axes. Each body axis must occur exactly once.
 fn axes(codes: [u8; 3]) -> Result<[Axis; 3], StoredError> {
     let axis = |code: u8| {
         let number = (code as i8).unsigned_abs();
@@ -181,7 +183,7 @@ fn axes(codes: [u8; 3]) -> Result<[Axis; 3], StoredError> {
     Ok([x, y, z])
 }
 
-/// The bytes that were not read yet.
+/// The bytes that have not been read yet.
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {
@@ -234,23 +236,23 @@ fn crc32(bytes: &[u8]) -> u32 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StoredError {
-    /// The bytes end before the calibration does.
+    /// The bytes end before the end of the calibration.
     Length,
-    /// The bytes do not start with `IMUC`, as in erased memory.
+    /// The bytes do not start with `IMUC`, for example because the memory is erased.
     Magic,
     /// The form has a version that this crate does not read.
     Version {
         /// The version of the form.
         given: u8,
     },
-    /// The bytes differ from those that were written.
+    /// The check sum is wrong, so the bytes differ from the bytes that were written.
     Crc,
     /// The effect with this number is not in this version of the catalogue.
     Effect {
         /// Number of the effect.
         number: u8,
     },
-    /// A number is not finite, a matrix has no inverse, or the effects do not match their counts.
+    /// A number is not finite, a matrix has no inverse, or the number of values of an effect is wrong.
     Content,
 }
 

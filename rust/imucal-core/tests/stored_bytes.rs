@@ -1,5 +1,5 @@
-//! No bytes make [`imucal_core::stored::StoredCalibration::from_bytes`] panic. The numbers are seeded; `make fuzz` runs
-//! the same function with cargo-fuzz.
+//! Tests that no bytes make [`imucal_core::stored::StoredCalibration::from_bytes`] panic. The random bytes have a fixed
+//! seed. `make fuzz` runs the same function with cargo-fuzz.
 
 #[path = "arbitrary/stored.rs"]
 mod stored;
@@ -20,7 +20,8 @@ impl Random {
     }
 }
 
-/// A valid calibration, without its check sum: identity matrices and `effects` times a temperature effect.
+/// A valid calibration without its check sum. It has identity matrices, and contains a temperature effect `effects`
+/// times.
 fn valid(effects: u8) -> Vec<u8> {
     let mut all = Vec::from(*b"IMUC\x01\x07\0\0\0\0\x01\x02\x03\0\0\0");
     all[8] = effects;

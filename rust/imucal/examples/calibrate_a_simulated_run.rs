@@ -1,4 +1,5 @@
-//! Calibrates a simulated run of the paper's unit and compares the result with the true parameters.
+//! Simulates a run with the unit of the paper (`docs/model.md`), calibrates it, and compares the result with the true
+//! parameters.
 //!
 //! `cargo run --release -p imucal --example calibrate_a_simulated_run`
 
@@ -14,7 +15,7 @@ fn main() -> Result<(), Error> {
     let program = Program::random(&RandomMoves::default(), 7)?;
     let run = simulate(&program, &unit, 200.0, 9.80665, 7)?;
 
-    // For measured data: Recording::try_new("run", &time_s, &specific_force, &angular_rate)?
+    // For measured data, use Recording::try_new("run", &time_s, &specific_force, &angular_rate)?
     let outcome = calibrate(&[run.recording("run")], &Options::default())?;
 
     let triad = |sensor: &imucal::simulate::Sensor| {

@@ -1,4 +1,4 @@
-//! Hides an effect in a simulated unit, finds it, and prints the verdict.
+//! Simulates a unit with an effect, searches for the effect, and prints the verdict.
 //!
 //! `cargo run --release -p imucal --example find_a_hidden_effect`
 
@@ -9,7 +9,8 @@ use imucal::recording::Recording;
 use imucal::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
 use imucal_core::effects::{Effect, EffectValues};
 
-/// The gyroscope reacts to specific force: nine numbers, rad/s per m/s^2, row by row.
+/// The simulated effect is the sensitivity of the gyroscope to specific force. `VALUES` is its 3x3 matrix, row by row,
+/// rad/s per m/s^2.
 const HIDDEN: &str = "gyro_g_sensitivity";
 const VALUES: [f64; 9] = [2e-4, -1e-4, 0.0, 1e-4, 3e-4, -2e-4, 0.0, 1e-4, -3e-4];
 const RATE_HZ: f64 = 100.0;
@@ -25,7 +26,7 @@ fn main() -> Result<(), Error> {
     let hidden = EffectValues::try_new(effect, &VALUES, None).map_err(|error| input(&error))?;
     unit.effects.push(hidden).map_err(|error| input(&error))?;
 
-    // The search does not use the angles of the stand: few people have them.
+    // The angles of the stand are removed, because few users have a stand with encoders.
     let (run, control) = (record(&unit, 1)?, record(&unit, 2)?);
     let [run, control] =
         [run.recording("run"), control.recording("control")].map(|made| Recording { stand_rad: None, ..made });

@@ -7,13 +7,14 @@
 //! ```
 //!
 //! An encoder disk that is off centre by 1 % of its radius has an angle error of 0.01 rad with a period of one
-//! revolution. An oval disk has an error with a period of half a revolution. Column m belongs to motor m; the outermost
-//! motor is the first.
+//! revolution. An oval disk has an error with a period of half a revolution. Component m belongs to motor m. Motor 1 is
+//! the outermost motor.
 
 use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};
 
-/// Parameter names: harmonic `sin` or `cos`, number of the motor, number of periods per revolution.
+/// Parameter names. Each name consists of the harmonic function (`sin` or `cos`), the number of the motor, and the
+/// number of periods per revolution.
 const HARMONICS: [&str; 12] = [
     "sin_1_1", "cos_1_1", "sin_2_1", "cos_2_1", "sin_3_1", "cos_3_1", //
     "sin_1_2", "cos_1_2", "sin_2_2", "cos_2_2", "sin_3_2", "cos_3_2",
@@ -82,7 +83,8 @@ impl<F: RealField + Copy> Effect<F> {
 
 #[inline(always)]
 fn eccentricity<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
-    // If the state of the stand is unknown, the effect is zero, so the cosines must be zero as well.
+    // If the state of the stand is unknown, the effect must be zero. The angles are then zero, and so are the sines.
+    // `known` sets the cosines to zero as well.
     let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };
     let angles = stand(state).angle_rad;
     for (motor, angle_rad) in angles.iter().enumerate() {

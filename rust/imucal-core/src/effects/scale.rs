@@ -7,9 +7,9 @@
 //! *_cross_axis_quadratic   sum of k_i,jl v_j v_l
 //! ```
 //!
-//! The gyroscope's cross-axis effect has the products of two different axes, nine in all. The accelerometer's
-//! cross-axis effect has fifteen: for each axis all products except the square of that axis, which is the quadratic
-//! scale effect.
+//! The gyroscope's cross-axis effect has nine parameters: each axis depends on the three products of two different
+//! components. The accelerometer's cross-axis effect has fifteen parameters: each axis i depends on all products of two
+//! components except f_i^2, which belongs to the quadratic scale effect.
 
 use super::{AXES, Alias, DEGREE, Effect, Sensor, State, Terms, cross_products, effect, parameters, squares};
 use crate::{
@@ -24,7 +24,8 @@ const ACCELEROMETER_PRODUCTS: [&str; 15] = [
     "z_xy",
 ];
 
-/// Rate at which datasheets specify the nonlinearity of a gyroscope, rad/s.
+/// Rate, rad/s, at which datasheets specify the nonlinearity of a gyroscope. Typical sizes are converted from the
+/// nonlinearity at this rate.
 const FULL_RATE: f64 = 250.0 * DEGREE;
 
 impl<F: RealField + Copy> Effect<F> {

@@ -1,13 +1,14 @@
-//! The field of an effect, written once, as the columns of Phi or as the product `Phi theta`.
+//! Evaluation of the field of an effect. The field is written once, and is evaluated as the columns of Phi or as the
+//! product `Phi theta`.
 
 #[cfg(feature = "catalogue")]
 use super::Columns;
 use super::MAX_PARAMETERS;
 use nalgebra::{RealField, Vector3};
 
-/// Receives the columns of Phi, in the order of the parameters.
+/// Receiver of the columns of Phi, in the order of the parameters.
 pub(super) trait Terms<F: RealField + Copy> {
-    /// The column of the next parameter.
+    /// Receives the column of the next parameter.
     fn column(&mut self, column: Vector3<F>);
 
     /// The next parameter acts on the x axis only, in proportion to `cause`.
@@ -19,7 +20,7 @@ pub(super) trait Terms<F: RealField + Copy> {
     /// The next parameter acts on the z axis only, in proportion to `cause`.
     fn z(&mut self, cause: F);
 
-    /// The next three parameters: `diag(theta) cause`.
+    /// The next three parameters theta have the field `diag(theta) cause`.
     #[inline(always)]
     fn axes(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
@@ -27,7 +28,8 @@ pub(super) trait Terms<F: RealField + Copy> {
         self.z(cause.z);
     }
 
-    /// The next nine parameters: `Theta cause`, where Theta is a 3x3 matrix that is filled row by row.
+    /// The next nine parameters have the field `Theta cause`, where Theta is the 3x3 matrix of the parameters, row by
+    /// row.
     #[inline(always)]
     fn entries(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
@@ -42,7 +44,7 @@ pub(super) trait Terms<F: RealField + Copy> {
     }
 }
 
-/// Sets the columns.
+/// Stores the columns of Phi in an array.
 #[cfg(feature = "catalogue")]
 pub(super) struct ToColumns<'a, F: RealField + Copy>(core::slice::IterMut<'a, Vector3<F>>);
 
@@ -79,8 +81,9 @@ impl<F: RealField + Copy> Terms<F> for ToColumns<'_, F> {
     }
 }
 
-/// Adds up the columns times the parameters. Everything is inlined at any optimisation, so that the places of the
-/// parameters are constants; otherwise a device spends most of the correction with calls.
+/// Adds up the columns times the parameters. All methods are inlined at any optimisation level, so that the indices of
+/// the parameters are constants. Without inlining, function calls would take most of the time of a correction on a
+/// device.
 pub(super) struct Sum<'a, F: RealField + Copy> {
     values: &'a [F; MAX_PARAMETERS],
     next: usize,
@@ -93,7 +96,7 @@ impl<'a, F: RealField + Copy> Sum<'a, F> {
         Self { values, next: 0, sum: same(F::zero()) }
     }
 
-    /// The next parameter; zero after the last one of the plain form.
+    /// Value of the next parameter. In the plain form, the parameters that only the full form has are zero.
     #[inline(always)]
     fn value(&mut self) -> F {
         let value = self.values.get(self.next).copied().unwrap_or(F::zero());
@@ -136,7 +139,7 @@ pub(super) fn same<F: RealField + Copy>(x: F) -> Vector3<F> {
     Vector3::new(x, x, x)
 }
 
-/// A row of the catalogue. Without the feature `catalogue` it drops the texts and the columns.
+/// A row of the catalogue. Without the feature `catalogue`, the macro omits the texts and the columns.
 macro_rules! effect {
     (
         number: $number:expr,
@@ -154,7 +157,7 @@ macro_rules! effect {
     ) => {{
         const PARAMETERS: &[$crate::effects::Parameter] = $parameters;
         const SHAPE: Option<$crate::effects::Parameter> = $shape;
-        #[allow(dead_code)] // It names the constants that only the texts use.
+        #[allow(dead_code)] // Uses the constants of the texts, so that none is unused.
         const ALIASES: &[$crate::effects::Alias] = $aliases;
         $crate::effects::Effect {
             number: $number,

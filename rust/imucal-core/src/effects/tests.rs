@@ -26,10 +26,11 @@ fn state() -> State<f64> {
 }
 
 const TAU_S: f64 = 25.0;
-/// The remaining fraction of the warm-up: exp(-50 / 25).
+/// The fraction of the warm-up that remains after 50 s with a time constant of 25 s: exp(-50 / 25).
 const LEFT: f64 = 0.135_335_283_236_612_7;
 
-/// The field at [`state`] times the parameters 1, 2, 3, ..., calculated by hand from the formulas of the catalogue.
+/// The field at [`state`] times the parameters 1, 2, 3, ... The values are calculated by hand from the formulas of the
+/// catalogue.
 const BY_HAND: [(&str, [f64; 3]); 28] = [
     ("gyro_g_sensitivity", [26.0, 59.0, 92.0]),
     ("gyro_g2_sensitivity", [210.0 + 224.0, 453.0 + 284.0, 696.0 + 344.0]),
@@ -56,7 +57,7 @@ const BY_HAND: [(&str, [f64; 3]); 28] = [
     ("earth_rate", [2.0, -1.0, 3.0]),
     // dw/dt x r = (70, -35, 0), w x (w x r) = (-10.5, -37.5, -23.25) for r = (1, 2, 3).
     ("accel_lever_arm", [59.5, -72.5, -23.25]),
-    // The y axis is at (1, 2, 3), as above. The z axis is at (4, 5, 6): -30 - 49.5.
+    // The y axis is at (1, 2, 3), as above. For the z axis, at (4, 5, 6), the result is -30 - 49.5.
     ("accel_size_effect", [0.0, -72.5, -79.5]),
     // For twice the angles the sines are 0.96, 0 and 0; the cosines are 0.28, -1 and 1.
     ("encoder_eccentricity", [0.6 + 1.6 + 6.72 + 2.24, 3.0 - 10.0, -6.0 + 12.0]),
@@ -64,7 +65,8 @@ const BY_HAND: [(&str, [f64; 3]); 28] = [
     ("encoder_backlash", [1.0, 0.0, -3.0]),
 ];
 
-/// Number of parameters of the plain and of the full form, then unit and typical size of the first and last parameter.
+/// Name of the effect, number of parameters of the plain and of the full form, and unit and typical size of the first
+/// and of the last parameter.
 type Numbers = (&'static str, usize, usize, (&'static str, f64), (&'static str, f64));
 const NUMBERS: [Numbers; 28] = [
     ("gyro_g_sensitivity", 9, 9, ("rad/s/(m/s^2)", 1.779741e-4), ("rad/s/(m/s^2)", 1.779741e-4)),
@@ -201,7 +203,8 @@ fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
     }
 }
 
-/// The joint fit relies on this, because it derives the attitude at a rest from the specific force there.
+/// The joint fit derives the attitude at a rest from the specific force at the rest. It therefore requires that no
+/// accelerometer effect depends on attitude.
 #[test]
 fn what_acts_on_the_force_needs_no_attitude() {
     for effect in Effect::<f64>::catalogue().filter(|effect| effect.sensor == Sensor::Accelerometer) {

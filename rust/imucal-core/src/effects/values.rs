@@ -10,11 +10,12 @@ use crate::vector::{add, largest, sub};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, convert};
 
-/// Maximum number of effects in a calibration. It fixes the size of [`EffectSet`], which uses no allocator.
+/// Maximum number of effects in a calibration. It determines the size of [`EffectSet`], which is fixed because no
+/// allocator is used.
 pub const MAX_EFFECTS: usize = 12;
 
-/// Maximum number of iterations of [`EffectSet::remove`]. They reduce the error to rounding in f64 if each iteration
-/// reduces it at least by the factor 3.
+/// Maximum number of iterations of [`EffectSet::remove`]. If each iteration reduces the error by a factor of 3 or more,
+/// 32 iterations reduce the error to the rounding error of f64.
 pub const MAX_PASSES: usize = 32;
 
 /// An effect and the values of its parameters.
@@ -27,8 +28,8 @@ pub struct EffectValues<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> EffectValues<F> {
-    /// Creates an effect from its parameter values, as many as its plain or its full form has, in the units of the
-    /// catalogue. `shape` must be given if and only if the effect has a shape.
+    /// Creates an effect from the parameter values of its plain or its full form, in the units of the catalogue.
+    /// `shape` must be given if and only if the effect has a shape.
     ///
     /// # Errors
     /// [`EffectError`] states which argument does not match the effect.
@@ -90,7 +91,7 @@ impl<F: RealField + Copy> EffectSet<F> {
     /// Adds an effect.
     ///
     /// # Errors
-    /// [`EffectError::Full`] if there are [`MAX_EFFECTS`] already.
+    /// [`EffectError::Full`] if the set already contains [`MAX_EFFECTS`] effects.
     pub fn push(&mut self, values: EffectValues<F>) -> Result<(), EffectError> {
         let place = self.members.iter_mut().find(|member| member.is_none()).ok_or(EffectError::Full)?;
         *place = Some(values);
@@ -125,7 +126,7 @@ impl<F: RealField + Copy> EffectSet<F> {
 
     /// Whether the field of any effect depends on the true value of this sensor.
     fn reads(&self, sensor: Sensor) -> bool {
-        // `contains` keeps the code of a panic without optimisation.
+        // A loop is used instead of `contains`, because `contains` contains code that panics if it is not optimised.
         for member in self.iter() {
             for read in member.effect.reads {
                 if *read == sensor {
@@ -143,15 +144,15 @@ impl<F: RealField + Copy> EffectSet<F> {
         encoders.fold(Vector3::zeros(), |sum, member| sum + member.at(state))
     }
 
-    /// True `(rate, force)`, rad/s and m/s^2 in the body frame, from values that contain the effects. This is the
-    /// inverse of adding [`at`](Self::at), `docs/model.md` (16).
+    /// Computes the true `(rate, force)` from values that contain the effects, in rad/s and m/s^2 in the body frame.
+    /// The method is the inverse of adding [`at`](Self::at) to the true values (`docs/model.md` (16)).
     ///
     /// The method iterates `true <- seen - effects(true)` until the quantities on which the fields depend change by no
     /// more than rounding. Each iteration multiplies the error by at most the derivative of the effects with respect to
-    /// rate and force, for example by 0.002 for a scale asymmetry of 0.2 %. One effect of typical size needs one
-    /// iteration if its field does not depend on the quantity it changes. Otherwise it needs two or three iterations in
-    /// `f32` and two to seven in `f64`. If the derivative exceeds about 1/3, the iteration does not converge in 32
-    /// steps, and both results are NaN.
+    /// rate and force, for example by 0.002 for a scale asymmetry of 0.2 %. For one effect of typical size, one
+    /// iteration is sufficient if its field does not depend on the quantity that the effect changes. Otherwise two or
+    /// three iterations are needed in `f32`, and two to seven in `f64`. If the derivative exceeds about 1/3, the
+    /// iteration does not converge in 32 steps, and both results are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,
@@ -162,8 +163,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         self.remove_reading(reads, seen_rate, seen_force, surroundings, |_| (zeros(), zeros()))
     }
 
-    /// As [`remove`](Self::remove), with further effects: `own` returns what they add to the true rate and force in a
-    /// state.
+    /// As [`remove`](Self::remove), with further effects. In a given state, `own` returns the errors that these effects
+    /// add to the true rate and to the true force.
     pub fn remove_with(
         &self,
         seen_rate: Vector3<F>,
@@ -171,11 +172,12 @@ impl<F: RealField + Copy> EffectSet<F> {
         surroundings: &Surroundings<F>,
         own: impl Fn(&State<F>) -> (Vector3<F>, Vector3<F>),
     ) -> (Vector3<F>, Vector3<F>) {
-        // `own` may depend on both.
+        // `own` may depend on both rate and force.
         self.remove_reading([true; 2], seen_rate, seen_force, surroundings, own)
     }
 
-    /// `reads` states whether any effect depends on the rate, and on the force.
+    /// The first element of `reads` states whether any effect depends on the rate, the second whether any depends on
+    /// the force.
     #[inline]
     fn remove_reading(
         &self,
@@ -212,15 +214,15 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
 }
 
 /// Whether the change of `seen - effects` between two iterations is of the order of rounding; `seen` is the largest
-/// component. A change that no field depends on (`counts` is false) may have any size.
+/// component. If no field depends on the quantity (`counts` is false), its change may have any size.
 fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen + largest(effects));
-    // If the effects diverge to infinity, the limit is infinite; the iteration has not converged.
+    // If the effects diverge to infinity, the limit is infinite, and the iteration has not converged.
     if counts { largest(change) <= limit && limit.is_finite() } else { F::zero() <= limit && limit.is_finite() }
 }
 
-/// Reasons why parameter values do not match an effect, or why a set does not accept an effect.
+/// Reasons why parameter values do not match an effect, or why an effect cannot be added to a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EffectError {
@@ -247,7 +249,7 @@ pub enum EffectError {
         /// Name of the shape, if the effect has one.
         wanted: Option<&'static str>,
     },
-    /// The set contains [`MAX_EFFECTS`] effects already.
+    /// The set already contains [`MAX_EFFECTS`] effects.
     Full,
 }
 

@@ -1,11 +1,11 @@
-//! Running sums over a block of samples. Rest detection uses them on the device and on the PC.
+//! Running sums over a block of samples, for rest detection on a device and on a PC.
 
 use nalgebra::{RealField, Vector3, Vector6, convert};
 
 /// Count, mean and variance of consecutive samples, per channel: rate x, y, z, then force x, y, z.
 ///
-/// The sums are relative to the first sample. This keeps the variance accurate despite a large offset, such as gravity
-/// or unsigned counts around 32768 in f32. The sums of two intervals can be merged:
+/// The sums are relative to the first sample. The variance is therefore accurate even with a large offset, such as
+/// gravity, or unsigned counts around 32768 in f32. The sums of two intervals can be merged:
 ///
 /// ```
 /// use imucal_core::rest::BlockSums;
@@ -35,7 +35,7 @@ impl<F: RealField + Copy> BlockSums<F> {
         Self { count: 0, origin: zeros, sum: zeros, squares: zeros }
     }
 
-    /// Adds one sample, in any unit; the unit must be the same for all samples.
+    /// Adds one sample. Samples may be in any unit, but all samples must be in the same unit.
     #[inline]
     pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) {
         let sample = Vector6::new(rate.x, rate.y, rate.z, force.x, force.y, force.z);
@@ -96,7 +96,8 @@ impl<F: RealField + Copy> Default for BlockSums<F> {
     }
 }
 
-/// Mean over the six channels of variance divided by noise variance: near 1 at rest, large in a move.
+/// Rest statistic of a window: the mean, over the six channels, of the variance divided by the noise variance. It is
+/// near 1 at rest and large in a move.
 ///
 /// ```text
 /// statistic = 1/6 sum_c variance_c / noise_variance_c
@@ -116,7 +117,7 @@ pub fn statistic_of<F: RealField + Copy>(variance: &Vector6<F>, noise_variance: 
     (ratio.x + ratio.y + ratio.z + ratio.w + ratio.a + ratio.b) / convert(6.0)
 }
 
-/// `f` of each channel of two vectors. Like the functions of `vector.rs`, it has no branch that panics.
+/// Applies `f` to the two vectors channel by channel. Like the functions of `vector.rs`, it has no branch that panics.
 #[inline]
 fn both<F: RealField + Copy>(a: &Vector6<F>, b: &Vector6<F>, f: impl Fn(F, F) -> F) -> Vector6<F> {
     Vector6::new(f(a.x, b.x), f(a.y, b.y), f(a.z, b.z), f(a.w, b.w), f(a.a, b.a), f(a.b, b.b))

@@ -75,8 +75,8 @@ fn rests_are_found_within_one_block_at_every_rate() {
         let rests = rests_in(&samples, detector(block));
         assert_eq!(rests.len(), truth.len(), "at {rate_hz} Hz: {rests:?}");
         for (rest, (first, end)) in rests.iter().zip(truth) {
-            // A rest starts within one block of the true start and ends within one block of the true end when its guard
-            // blocks are added; without them it lies inside the true rest.
+            // Without its trimmed blocks, a rest lies inside the true rest. With the trimmed blocks, it starts within
+            // one block of the true start and ends within one block of the true end.
             assert!(rest.first_sample >= first && rest.first_sample - block < first + block, "{rate_hz} Hz: {rest:?}");
             assert!(rest.end_sample <= end && rest.end_sample + block + block > end, "{rate_hz} Hz: {rest:?}");
         }
@@ -97,7 +97,7 @@ fn means_are_those_of_two_passes_over_the_stretch() {
 
 #[test]
 fn unsigned_counts_in_f32_give_the_same_rests() {
-    // 16-bit converters with zero at 32768 counts, as firmware reads them.
+    // Unsigned readings of 16-bit converters, as firmware reads them. Zero is at 32768 counts.
     let (rate_lsb, force_lsb) = (32.8 * 57.3, 16384.0 / 9.80665);
     let (samples, _) = stand_run(400.0);
     let counts = samples.iter().map(|(rate, force)| {
@@ -116,7 +116,8 @@ fn unsigned_counts_in_f32_give_the_same_rests() {
         assert_eq!((found.first_sample, found.end_sample), (wanted.first_sample, wanted.end_sample));
         let rate = found.mean_rate.map(|c| f64::from(c) - 32768.0) - wanted.mean_rate * rate_lsb;
         let force = found.mean_force.map(|c| f64::from(c) - 32768.0) - wanted.mean_force * force_lsb;
-        // The limit covers rounding to counts, averaged over a rest, and the spacing of f32 at 32768, which is 1/256.
+        // The limit, in counts, covers two errors: rounding to counts, averaged over a rest, and the spacing of f32
+        // numbers at 32768, which is 1/256.
         assert!(rate.amax() < 0.06 && force.amax() < 0.06, "{rate} {force}");
     }
 }

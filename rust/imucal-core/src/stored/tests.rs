@@ -15,7 +15,7 @@ fn bytes() -> Vec<u8> {
     sealed(all)
 }
 
-/// With the right length and check sum.
+/// Sets the length and appends the check sum.
 fn sealed(mut all: Vec<u8>) -> Vec<u8> {
     let length = (all.len() + 4) as u16;
     all[6..8].copy_from_slice(&length.to_le_bytes());
@@ -41,7 +41,7 @@ fn the_crc_is_that_of_zlib() {
 fn a_stored_calibration_corrects_along_its_axes() {
     let unit = read(&bytes()).unwrap();
     let (rate, force) = unit.correct_counts([1020, -30, 4], [100, 7, 1991], &at(25.0)).unwrap();
-    // Body rate (1, 0, 0) minus 1e-3 times the body force (0, 0, 10).
+    // The expected rate is the body rate (1, 0, 0) minus 1e-3 times the body force (0, 0, 10), in the axes y, -x, z.
     assert!((rate - Vector3::new(0.0, -1.0, -0.01)).norm() < 1e-6, "{rate:?}");
     assert!((force - Vector3::new(0.0, 0.0, 10.0)).norm() < 1e-6, "{force:?}");
 }

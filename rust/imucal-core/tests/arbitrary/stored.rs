@@ -1,10 +1,10 @@
-//! Reads arbitrary bytes as a calibration. The test and the target of cargo-fuzz run the same function.
+//! Reads arbitrary bytes as a calibration. Both the test and the cargo-fuzz target run this function.
 
 use imucal_core::{effects::Surroundings, stored::StoredCalibration};
 use nalgebra::Vector3;
 
-/// Reads the bytes as they are, and with a valid start, length and check sum, which random bytes hardly ever have. A
-/// calibration must correct a sample. Returns whether the bytes were one.
+/// Reads the bytes twice: unchanged, and with a valid start, length and check sum, which random bytes almost never
+/// have. If the bytes are a calibration, it corrects a sample. Returns whether the bytes are a calibration.
 pub(crate) fn load(bytes: &[u8]) -> bool {
     let _ = StoredCalibration::<f32>::from_bytes(bytes);
     let mut sealed = bytes.to_vec();

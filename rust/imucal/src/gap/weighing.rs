@@ -95,7 +95,7 @@ impl<'a> Columns<'a> {
     }
 
     /// Adds, from row `from` on, the Gram matrices divided by their scales, and the prior precisions of the model.
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
         simd: S,
@@ -152,7 +152,7 @@ impl<'a> Weighing<'a> {
     }
 
     /// The sum of the Gram matrices divided by their scales, from row `from` on, before any sweep.
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
         let mut sums = SymmetricMatrix::zeros(all + 1);
@@ -161,14 +161,14 @@ impl<'a> Weighing<'a> {
         Swept { scales: scales.to_vec(), sums, whole, volume: 0.0 }
     }
 
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     fn swept<S: Simd>(&self, simd: S, scales: &[f64]) -> Option<Swept> {
         let mut swept = self.whole(simd, scales, 0);
         swept.volume = swept.sums.sweep(simd, 0..self.columns.model.len())?;
         Some(swept)
     }
 
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     fn settled<S: Simd>(&self, simd: S, width: f64, mut swept: Swept) -> Option<(Evidence, Swept)> {
         let Self { columns: Columns { gram, model, beside, unit }, parts } = self;
         let n = model.len() + beside.len();
