@@ -222,9 +222,9 @@ mod tests {
 
     #[test]
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
-        // Derivative of each effect with respect to the quantity of its own sensor. The derivative of a rate effect
-        // with respect to force is not needed. Force effects do not depend on rate, except for lever arms, so the error
-        // of the force in a rate effect vanishes after two passes.
+        // Derivative of each effect with respect to the quantity that the affected sensor measures. The derivative of a
+        // rate effect with respect to force is not needed. Force effects do not depend on rate, except for lever arms,
+        // so the error of the force in a rate effect vanishes after two passes.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());

@@ -54,7 +54,7 @@ use nalgebra::{RealField, UnitQuaternion, Vector3};
 /// Largest number of parameters of an effect.
 pub const MAX_PARAMETERS: usize = 18;
 
-/// Storage for the columns of any field. An effect sets the first columns, one for each of its parameters.
+/// Storage for the columns of any field. An effect sets as many of the first columns as it has parameters.
 pub type Columns<F> = [Vector3<F>; MAX_PARAMETERS];
 
 /// True state of the unit at the instant of a sample. Effects depend on this state.
@@ -134,11 +134,11 @@ pub struct Effect<F: RealField + Copy> {
     pub plain: usize,
     /// Number of parameters of the full form.
     pub count: usize,
-    /// Whether the field depends nonlinearly on a positive number, the shape, such as a time constant.
+    /// Whether the field depends nonlinearly on a positive number, called the shape. An example is a time constant.
     pub is_shaped: bool,
     /// Sensors on whose true values the field depends. The field is constant while these values are constant.
     pub reads: &'static [Sensor],
-    /// Quantities of the [`Surroundings`] on which the field depends.
+    /// Quantities of [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
     /// Computes the field times the parameters, `Phi theta`, from the state, the shape and theta. Entries of theta
     /// after the last parameter are zero.

@@ -66,8 +66,8 @@
 //! # Panics
 //!
 //! [`calibration::Calibration::correct`], [`integrate::Integrator::push`] and [`rest::RestDetector::push`] contain no
-//! panic at any optimisation level if debug assertions are off. A test proves it: the functions are linked with a panic
-//! handler that does not exist.
+//! panic at any optimisation level if debug assertions are off. A test verifies this property by linking the functions
+//! with a panic handler that does not exist.
 #![no_std]
 
 #[cfg(test)]

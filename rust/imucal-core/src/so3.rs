@@ -1,8 +1,8 @@
 //! Rotations. All conventions about rotations are defined here.
 //!
-//! 1. `r_wb` maps the components of a vector in the body frame to its components in the world frame: `v_w = r_wb *
-//!    v_b`. As an operator, a rotation turns vectors (active). Adjacent letters in a product cancel: `r_wb = r_ws *
-//!    r_sb`.
+//! 1. `r_wb` maps the components of a vector in the body frame to its components in the world frame. The letters of
+//!    adjacent frames in a product are equal: `v_w = r_wb * v_b`, `r_wb = r_ws * r_sb`. As an operator, a rotation is
+//!    active: it rotates a vector.
 //! 2. A quaternion follows Hamilton's convention (`i j = k`) and is written `[w, x, y, z]` in every array. nalgebra
 //!    *stores* x, y, z, w; only [`to_wxyz`] and [`from_wxyz`] convert between the two orders. `q` and `-q` are the same
 //!    rotation.
@@ -16,7 +16,8 @@
 //! J_r(phi) = I - (1 - cos t)/t^2 [phi]x + (t - sin t)/t^3 [phi]x^2,   t = |phi|
 //! ```
 //!
-//! The error of every function is of the order of rounding at zero, at tiny angles and near pi, in f32 and f64.
+//! The errors of all functions are of the order of rounding errors, in f32 and f64. This holds at zero, at tiny angles
+//! and near pi as well.
 
 use crate::vector::{dot, scaled};
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert};
@@ -75,7 +76,7 @@ pub fn hat<F: RealField + Copy>(a: &Vector3<F>) -> Matrix3<F> {
 pub fn right_jacobian<F: RealField + Copy>(phi: &Vector3<F>) -> Matrix3<F> {
     let t2 = phi.norm_squared();
     let (_, sinc) = cos_and_sinc(t2 * convert(0.25));
-    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2; this form avoids the difference of nearly equal numbers.
+    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2; this form avoids subtracting nearly equal numbers.
     let first = sinc * sinc * convert(0.5);
     let second = if t2 < F::one() {
         polynomial(t2, T_MINUS_SIN)

@@ -41,9 +41,9 @@ const MAGIC: [u8; 4] = *b"IMUC";
 pub struct StoredCalibration<F: RealField + Copy> {
     /// Both triads and the effects.
     pub calibration: Calibration<F>,
-    /// Whether the raw rate is in counts of the sensor; otherwise it is in rad/s.
+    /// Whether the raw rate is in counts. Otherwise it is in rad/s.
     pub rate_in_counts: bool,
-    /// Whether the raw force is in counts of the sensor; otherwise it is in m/s^2.
+    /// Whether the raw force is in counts. Otherwise it is in m/s^2.
     pub force_in_counts: bool,
     /// Number of effects of the calibration that the binary form omits, such as user-defined formulas. The errors that
     /// these effects describe are not corrected.

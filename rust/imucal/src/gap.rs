@@ -107,7 +107,7 @@ pub struct Search {
     /// the specific force then contains accelerations besides gravity. It also does so if the accelerometer noise is
     /// far below the quantisation step.
     pub is_hand_moved: bool,
-    /// The final fit of the search, as start values for later fits with the selected effects.
+    /// Parameter values of the final fit of the search. They are start values for later fits with the selected effects.
     pub warm_start: WarmStart,
 }
 
@@ -127,8 +127,8 @@ pub struct Score {
     pub dof: usize,
     /// p-value of `statistic` under a chi2 distribution with `dof` degrees of freedom.
     pub p_value: f64,
-    /// For a selected effect: names of the effects whose log evidence differed from that of the selected effect by less
-    /// than three nats when it was selected. Empty for effects that were not selected.
+    /// For a selected effect: names of the effects that could have been selected instead, because their log evidence
+    /// differed by less than three nats. Empty for effects that were not selected.
     pub rivals: Vec<String>,
 }
 
@@ -144,7 +144,7 @@ pub struct Trace {
     pub taken_up: f64,
 }
 
-/// An effect whose fit does not generalise to held-out data.
+/// An effect that fits the data but does not improve the prediction of held-out data.
 #[derive(Clone, Debug)]
 pub struct NotPredictive {
     /// Name of the effect.
@@ -186,10 +186,10 @@ pub struct Linearised {
     /// Derivatives with respect to the base parameters, with one row per residual and one column per parameter.
     pub base: Vec<Vec<f64>>,
     /// Name of each effect, and the derivatives with respect to the effect's parameters in the same layout as `base`.
-    /// An effect with a time constant has one entry for each trial value of the time constant.
+    /// An effect with a time constant has one list entry for each trial value of the time constant.
     pub candidates: Vec<(String, Vec<Vec<f64>>)>,
-    /// Kind of each residual, as a number.
+    /// Number of the kind of each residual. Residuals of the same kind have the same number.
     pub groups: Vec<usize>,
-    /// The rest or move that each residual belongs to, in order of time.
+    /// Index of the rest or move to which each residual belongs. Rests and moves are numbered in order of time.
     pub items: Vec<usize>,
 }

@@ -6,9 +6,9 @@
 //! encoder_backlash       b_m d_m,                             d_m the sign of the last motion
 //! ```
 //!
-//! An encoder disk that is off centre by 1 % of its radius has an angle error of 0.01 rad with a period of one
-//! revolution. An oval disk has an error with a period of half a revolution. Component m belongs to motor m. Motor 1 is
-//! the outermost motor.
+//! If an encoder disk is off centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a
+//! period of one revolution. If the disk is oval, the error has a period of half a revolution. Component m belongs to
+//! motor m. Motor 1 is the outermost motor.
 
 use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};

@@ -124,7 +124,7 @@ impl<F: RealField + Copy> EffectSet<F> {
         (on_rate, on_force)
     }
 
-    /// Whether the field of any effect depends on the true value of this sensor.
+    /// Whether the field of any effect depends on the true value of the quantity that `sensor` measures.
     fn reads(&self, sensor: Sensor) -> bool {
         // A loop is used instead of `contains`, because `contains` contains code that panics if it is not optimised.
         for member in self.iter() {
@@ -213,8 +213,9 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
     Vector3::new(F::zero(), F::zero(), F::zero())
 }
 
-/// Whether the change of `seen - effects` between two iterations is of the order of rounding; `seen` is the largest
-/// component. If no field depends on the quantity (`counts` is false), its change may have any size.
+/// Whether the change of `seen - effects` between two iterations is of the order of rounding errors. The argument
+/// `seen` is the magnitude of the largest component. If no field depends on the quantity (`counts` is false), its
+/// change may have any size.
 fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen + largest(effects));
@@ -226,7 +227,7 @@ fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EffectError {
-    /// The number of parameters is neither that of the plain nor that of the full form.
+    /// The number of parameters matches neither the plain nor the full form.
     Count {
         /// Name of the effect.
         name: &'static str,

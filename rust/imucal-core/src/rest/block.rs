@@ -35,7 +35,7 @@ impl<F: RealField + Copy> BlockSums<F> {
         Self { count: 0, origin: zeros, sum: zeros, squares: zeros }
     }
 
-    /// Adds one sample. Samples may be in any unit, but all samples must be in the same unit.
+    /// Adds one sample. All samples must be in the same unit, which may be any unit.
     #[inline]
     pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) {
         let sample = Vector6::new(rate.x, rate.y, rate.z, force.x, force.y, force.z);

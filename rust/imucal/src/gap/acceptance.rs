@@ -26,8 +26,8 @@ const LEAST_IMPROVEMENT: f64 = 0.5;
 /// Minimum ratio of chi2 of unseen residuals to the expected value of chi2. Below this ratio the excess over noise is
 /// too small for [`EffectShare::closed`] to be computed.
 const LEAST_EXCESS: f64 = 1.5;
-/// p-value of an effect's parameters in the final fit above which the effect is removed: 1 % is 2.6 standard deviations
-/// of one parameter.
+/// p-value of an effect's parameters in the final fit above which the effect is removed. A p-value of 1 % corresponds
+/// to 2.6 standard deviations of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
 /// Number of standard deviations, under the null hypothesis, above which an increase of chi2 of unseen data is
 /// significant.
@@ -108,7 +108,7 @@ pub struct EffectShare {
     pub closed: [Option<f64>; 3],
 }
 
-/// Decrease of chi2 of unseen data by effects.
+/// Decrease of chi2 of unseen data due to effects.
 pub(super) struct Removed {
     /// Decrease divided by chi2 without the effects, at most 1.
     pub(super) share: f64,

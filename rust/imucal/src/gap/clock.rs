@@ -32,13 +32,14 @@ const APART: usize = 2 * REACH + 1;
 /// Norm of the weights 1, -4, 6, -4, 1 of a fourth difference. Dividing by it preserves the standard deviation of white
 /// noise.
 const FOURTH: f64 = 8.366_600_265_340_756;
-/// Median absolute value of a standard normal variable; converts a median to a standard deviation.
+/// Median absolute value of a standard normal variable. Dividing a median of absolute values by it gives a standard
+/// deviation.
 const MEDIAN: f64 = 0.6745;
 /// Magnitude of a fourth difference, in standard deviations, above which it is excluded as an outlier of a single
 /// sample.
 const JUMP: f64 = 5.0;
 /// Smallest trial standard deviation of the time-stamp jitter, as the decimal logarithm of its ratio to the sample
-/// interval. The largest one is the sample interval.
+/// interval. The largest trial value is the sample interval.
 const SMALLEST_JITTER: f64 = -3.0;
 /// Number of trial standard deviations of the time-stamp jitter, equally spaced on a logarithmic scale.
 const JITTERS: usize = 60;

@@ -20,7 +20,7 @@ pub(crate) struct Common<'a> {
 /// of the model's rows, which are needed for every candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// The sum of the Gram matrices divided by their scales, before and after the elimination.
+    /// Sum of the Gram matrices divided by their scales: `whole` before the elimination, `sums` after it.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,

@@ -28,7 +28,7 @@ pub(crate) struct Candidate {
     pub(crate) shape: Option<f64>,
 }
 
-/// Residuals at a model, with the Jacobian columns of the model and of the candidates.
+/// Residuals of a model, with the Jacobian columns of the model and of the candidates.
 #[derive(Clone)]
 pub(crate) struct Design {
     /// Gram matrices by group of residuals. Products of columns of two different candidates are computed only after a
@@ -57,7 +57,7 @@ pub(crate) struct Rows {
     axes: Vec<usize>,
 }
 
-/// Whitened Jacobian columns; the last column is the residual.
+/// Whitened Jacobian columns. The residual is stored as the last column.
 struct Made {
     /// All rows, except rows inside moves if these are stored in `inside`.
     head: Lanes,
@@ -102,8 +102,8 @@ impl Rows {
     }
 }
 
-/// Linearises the residuals at a model. `own` are the effects of the model with the precisions of their priors. `all`
-/// are these effects and the candidates.
+/// Linearises the residuals at the parameters of a model. `own` are the effects of the model, with the precisions of
+/// their priors. `all` are the effects of the model and the candidates.
 pub(crate) fn design(
     prepared: &Prepared<'_>,
     (own, precisions): (&Terms<'_>, &[f64]),

@@ -1,4 +1,5 @@
-//! Detection limit: the smallest size at which an effect would have been detected.
+//! Detection limits. The detection limit of an effect is the smallest size at which it is detected with 90 %
+//! probability.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
@@ -29,7 +30,7 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     while high < MOST && exceeds(&mut tails, high)[0] < POWER {
         (low, high) = (high, 2.0 * high);
     }
-    // Newton steps; bisection if a step leaves the bracket.
+    // The root is found by Newton steps. If a step leaves the bracket, a bisection step replaces it.
     let mut at = high;
     loop {
         let [power, slope] = exceeds(&mut tails, at);

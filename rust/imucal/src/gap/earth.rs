@@ -9,10 +9,10 @@ use imucal_core::EARTH_RATE_RADPS;
 use super::evidence::Column;
 use super::stage::Stage;
 
-/// Name of the effect in the catalogue.
+/// Name, in the catalogue, of the effect that describes the Earth's rate.
 pub(super) const NAME: &str = "earth_rate";
-/// Number of standard deviations for both tests: an estimate agrees with the Earth's rate if it differs by less, and is
-/// significant if the Earth's rate exceeds zero by more.
+/// Number of standard deviations for two tests. An estimate agrees with the Earth's rate if it differs by at most this
+/// number of standard deviations. It is significant if the Earth's rate is at least this number of standard deviations.
 const SURE: f64 = 3.0;
 /// Factor by which the standard deviation may be wrong during the search. The search assumes constant biases, whereas
 /// the final fit estimates wandering biases, so the standard deviations of the two differ.

@@ -1,4 +1,4 @@
-//! The evidence of a model from Gram matrices of groups of residuals (docs/model.md (23)).
+//! Evidence of a model, computed from the Gram matrices of groups of residuals (docs/model.md (23)).
 //!
 //! ```text
 //! r(theta) = r + J delta,   theta = theta_0 + delta,   prior theta_p ~ N(0, (s typical_p)^2), none for the base
@@ -22,7 +22,7 @@ use faer::linalg::solvers::Solve;
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,
     pub(crate) rows: Vec<f64>,
-    /// Index of each group; groups without residuals are omitted.
+    /// Number of the group of each Gram matrix. Groups without residuals have no Gram matrix.
     pub(crate) groups: Vec<usize>,
     /// Index of the residual in the Gram matrices.
     pub(crate) residual: usize,

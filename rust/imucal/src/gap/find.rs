@@ -54,7 +54,7 @@ pub struct Analysis {
     pub not_the_earth: Option<NotTheEarth>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub not_confirmed: Vec<Score>,
-    /// Evidence of unseen data against effects that had been accepted before; `None` if there is none.
+    /// Evidence of unseen data against effects that had been accepted; `None` if no accepted effect was contradicted.
     pub contradiction: Option<Contradiction>,
     /// Residuals that the accepted effects leave unexplained. If no effect was accepted, these are the residuals that
     /// the model without effects leaves unexplained.

@@ -15,7 +15,7 @@ use crate::parameters::BASE;
 /// Standard deviation of the prior of a time constant, in multiples of its typical size.
 const SHAPE_WIDTH: f64 = 3.0;
 
-/// Maximum number of cached linearisations; each needs as much memory as the Jacobian of all moves.
+/// Maximum number of cached linearisations. Each linearisation needs as much memory as the Jacobian of all moves.
 const MOST_RECENT: usize = 3;
 
 impl<'a> ForwardSearch<'a> {
@@ -90,7 +90,7 @@ impl<'a> ForwardSearch<'a> {
         Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// The linearisation at the solution of a fit; cached, because several stages use it.
+    /// The linearisation at the solution of a fit. It is cached, because several stages use it.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,

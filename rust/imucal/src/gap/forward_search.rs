@@ -1,5 +1,5 @@
 //! Forward selection of effects: all candidates are scored, the best candidate is added, and the model is refitted. At
-//! the end, an effect is removed if the other effects explain the residuals as well without it.
+//! the end, an effect is removed if the model without it explains the residuals equally well.
 
 mod beside_patterns;
 
@@ -31,8 +31,8 @@ pub(super) const MOST_EFFECTS: usize = 6;
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
-/// Minimum range of the temperature, K, for temperature effects to be candidates. The range is that of means over
-/// [`MEAN_S`].
+/// Minimum range of the temperature, K, for temperature effects to be candidates. Temperatures are averaged over
+/// [`MEAN_S`] before their range is determined.
 const LEAST_CHANGE_K: f64 = 0.5;
 /// Time over which temperature readings are averaged to suppress their noise, s.
 const MEAN_S: f64 = 1.0;
@@ -190,7 +190,7 @@ impl<'a> ForwardSearch<'a> {
         (search, open)
     }
 
-    /// The candidates whose requirements the recordings meet; the others are added to `left_out`.
+    /// The candidates whose requirements the recordings meet. All other candidates are added to `left_out`.
     fn with_columns(&mut self, recordings: &[Recording<'_>], candidates: &[EffectChoice]) -> Vec<EffectChoice> {
         let warmed = is_warmed(recordings);
         let lacks = |choice: &EffectChoice| {

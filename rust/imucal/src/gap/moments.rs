@@ -29,7 +29,7 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `terms` are the effects of the model; they may be empty for a model with small effects. Small effects change the
+    /// `terms` are the effects of the model. They may be omitted if the effects are small. Small effects change the
     /// Jacobian by less than a generic hypothesis can resolve. Large effects may change the body axes that define the
     /// directions of the tilt residuals ([`has_axes`](Self::has_axes)).
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
@@ -42,7 +42,7 @@ impl<'a> Setting<'a> {
         Ok(Self { prepared, problem, linear, segments, moments })
     }
 
-    /// All selected hypotheses.
+    /// The hypotheses that are selected by `asked` and observable in the recordings.
     pub(crate) fn hypotheses(&self, asked: impl Fn(Block, Kernel) -> bool) -> Vec<Hypothesis> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }

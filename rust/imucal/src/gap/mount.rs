@@ -21,9 +21,9 @@ use crate::numerics::stats::median;
 use crate::parameters::STAND_PARAMETERS;
 use crate::recording::Recording;
 
-/// Minimum number of rests before and after a slip.
+/// Minimum number of rests before a slip, and minimum number of rests after a slip.
 const FEWEST_RESTS: usize = 4;
-/// Minimum ratio of chi2 without to chi2 with a step of the mount's attitude for the step to count as a slip. The
+/// Minimum ratio between chi2 without and chi2 with a step of the mount's attitude for the step to count as a slip. The
 /// threshold must exceed 4, the ratio for a steady drift that is fitted by a step.
 const SLIP_FACTOR: f64 = 10.0;
 /// Maximum scatter (1 sigma), deg, of the measured gravity direction relative to the direction computed from the
@@ -32,7 +32,7 @@ const SLIP_FACTOR: f64 = 10.0;
 const PLAY_DEG: f64 = 0.25;
 /// Step of the central differences with respect to stand parameters and motor angles, rad.
 const STEP_RAD: f64 = 1e-4;
-/// Singular values of the stand-error columns below this share of the largest one count as zero.
+/// Share of the largest singular value of the stand-error columns. Singular values below this share count as zero.
 const RANK: f64 = 1e-6;
 /// Number of parameters of the mount. They are the first parameters of the stand.
 const MOUNT: usize = 3;
@@ -180,7 +180,7 @@ struct Step {
     /// Index of the first rest after the rotation.
     first: usize,
     turn_rad: f64,
-    /// chi2 without the step divided by chi2 with it.
+    /// chi2 of the model without the step divided by chi2 of the model with the step.
     factor: f64,
 }
 

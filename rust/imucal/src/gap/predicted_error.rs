@@ -59,9 +59,9 @@ pub struct PredictedError {
     pub after: f64,
     /// `before / after`.
     pub factor: f64,
-    /// Lower end of the 95 % interval of the factor on these recordings.
+    /// Lower end of the 95 % confidence interval of `factor` on these recordings.
     pub factor_low: f64,
-    /// Upper end of the 95 % interval of the factor on these recordings.
+    /// Upper end of the 95 % confidence interval of `factor` on these recordings.
     pub factor_high: f64,
 }
 
@@ -265,7 +265,7 @@ fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
     ]
 }
 
-/// Error statistics of one signal on these recordings.
+/// Error statistics of one signal, angular rate or specific force, on the given recordings.
 struct Signal<'a> {
     /// Mean squared noise of a one-second average.
     noise: f64,

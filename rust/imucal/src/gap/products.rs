@@ -151,7 +151,7 @@ fn in_parts<R: Send>(threads: usize, rows: usize, work: impl Fn(Range<usize>) ->
     in_order(threads, rows.div_ceil(TOGETHER), of_part)
 }
 
-/// `A^T A`; one triangle is computed and copied to the other.
+/// Computes `A^T A`. One triangle is computed, and is then copied to the other triangle.
 pub(super) fn square(a: MatRef<'_, f64>, threads: usize) -> Mat<f64> {
     let mut sum = Mat::zeros(a.ncols(), a.ncols());
     let of_part = |rows: Range<usize>| lower_square(a.subrows(rows.start, rows.len()));

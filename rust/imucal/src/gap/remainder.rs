@@ -7,7 +7,7 @@ use super::{GenericFinding, Scattering};
 /// Description of the residuals that the final model leaves unexplained.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Remainder {
-    /// Whether noise explains the residuals. If not: whether the deviation is systematic or random.
+    /// Whether noise explains the residuals and, if it does not, whether the deviation is systematic or random.
     pub kind: RemainderKind,
     /// The part of the model or of the data that deviates. It is a name from [`super::Block::name`], `encoder`,
     /// `biases` (changed biases of both sensors between sessions), or the name of a kind of residual. `None` if noise

@@ -53,7 +53,8 @@ pub(super) struct Item {
     pub(super) chi2: f64,
     /// Degrees of freedom of chi2.
     pub(super) dof: usize,
-    /// `|f| - g`, m/s^2, at a rest; angle between predicted and measured gravity direction, deg, after a move.
+    /// For a rest: `|f| - g`, m/s^2. For a move: angle between predicted and measured gravity direction after the move,
+    /// deg.
     pub(super) error: f64,
     /// Whether the fit excluded the rest or move as an outlier.
     pub(super) left_out: bool,
@@ -65,8 +66,8 @@ pub(super) struct Residuals {
     pub(super) channels: Vec<Channel>,
     pub(super) rests: Vec<Item>,
     pub(super) moves: Vec<Item>,
-    /// Rotation vector of each move from the body frame at its end to the body frame at its start, rad, by index of the
-    /// move in the calibration.
+    /// Rotation vector of each move, rad, by index of the move in the calibration. It describes the rotation from the
+    /// body frame at the end of the move to the body frame at its start.
     pub(super) rotation_vectors: HashMap<usize, Vector3<f64>>,
 }
 

@@ -4,7 +4,7 @@
 use crate::calibrate::Outcome;
 use crate::recording::Recording;
 
-/// A calibration and its recordings, corrected by the calibration.
+/// A calibration, and the recordings from which it was made, after correction by this calibration.
 #[derive(Clone, Copy)]
 pub struct CorrectedFit<'a> {
     /// The calibration, in the symmetric body frame.
@@ -20,7 +20,7 @@ pub struct CorrectedFit<'a> {
 pub enum ResidualKind {
     /// Norm of the specific force at a rest minus local gravity, m/s^2.
     RestNorm,
-    /// Mean angular rate at a rest, rad/s; its expected value is zero.
+    /// Mean angular rate at a rest, rad/s. The expected value is zero.
     RestRate,
     /// Angle between the gravity direction after a move predicted by the gyroscope and the measured direction, rad.
     MoveDirection,

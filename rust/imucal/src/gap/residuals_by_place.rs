@@ -2,7 +2,7 @@
 //! correlated. They show where recordings disagree with a calibration.
 //!
 //! A channel, a rest or a move is significant if its chi2 exceeds the threshold for a family-wise false alarm
-//! probability of 0.1 %. Dependence is tested by linear regression of a channel on each [`Regressor`]: if the
+//! probability of 0.1 %. Dependence is tested by linear regression of a channel on each [`Regressor`]. If the
 //! regression explains the share `r` of the sum of squares over `n` rests or moves, `-n ln(1 - r)` has a chi2
 //! distribution under the null hypothesis of no dependence.
 
@@ -24,7 +24,7 @@ const SIGNIFICANCE: f64 = 1e-3;
 const MOST_REGRESSORS: usize = 3;
 /// Minimum share of the sum of squares that a regressor must explain to be reported.
 const LEAST_SHARE: f64 = 0.1;
-/// Singular values of a regressor's columns below this share of the largest one count as zero.
+/// Share of the largest singular value of a regressor's columns. Singular values below this share count as zero.
 const DEPENDENT_COLUMNS: f64 = 1e-6;
 /// Minimum share of the squared norm of each move's rotation vector that must lie along a body axis for this axis to be
 /// the common rotation axis of the moves.
@@ -35,7 +35,8 @@ const ALONG_ONE_AXIS: f64 = 0.8;
 pub struct ResidualsByPlace {
     /// Residuals by kind and body axis.
     pub channels: Vec<ChannelResidual>,
-    /// Significant dependences of significant channels; for each channel in descending order of the explained share.
+    /// Significant dependences of significant channels. The dependences of each channel are in descending order of the
+    /// explained share.
     pub dependences: Vec<Dependence>,
     /// Rests whose residuals are significant.
     pub rests: Vec<ItemResidual>,
@@ -89,7 +90,8 @@ pub struct ItemResidual {
     pub index: usize,
     /// Square root of chi2 per degree of freedom.
     pub times_noise: f64,
-    /// `|f| - g` at a rest, m/s^2; angle between predicted and measured gravity direction after a move, deg.
+    /// For a rest: `|f| - g`, m/s^2. For a move: angle between predicted and measured gravity direction after the move,
+    /// deg.
     pub error: f64,
     /// Whether the fit excluded the rest or move as an outlier.
     pub left_out: bool,

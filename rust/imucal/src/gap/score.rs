@@ -62,7 +62,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     // Observability is computed with all noise scales s_g^2 set to one. A missing effect increases the estimated
-    // scales, so it would reduce its own observability if these were used.
+    // scales. If the estimated scales were used, a large effect would therefore seem less observable.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
@@ -132,7 +132,8 @@ fn look_at(
     let unwidened = plain.as_ref().map(|plain| beside.left(&all.part_of(plain, &beside, own)));
     let dof = unwidened.as_ref().unwrap_or(&left).directions(LEAST_CHANGE);
     let judged = || {
-        // The noise scales are estimated with an ineffective prior, because they hardly depend on the prior width.
+        // The noise scales hardly depend on the prior width, so they are estimated only once, with an ineffective
+        // prior.
         let (free, settled) = beside.evidence(NO_PRIOR, swept)?;
         let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
         let statistic = (before.deviance - free.deviance).max(0.0);

@@ -39,8 +39,8 @@ pub struct SessionStep {
     pub gyroscope_radps: Option<[f64; 3]>,
     /// The smaller p-value of the two changes.
     pub p_value: f64,
-    /// Mean temperature of the control recordings minus that of the calibration recordings, K; `None` if a recording
-    /// has no temperature.
+    /// Mean temperature of the control recordings minus mean temperature of the calibration recordings, K. `None` if
+    /// any recording has no temperature.
     pub temperature_change_k: Option<f64>,
 }
 

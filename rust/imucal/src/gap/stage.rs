@@ -58,7 +58,7 @@ pub(super) struct Member {
 /// equal.
 pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
 
-/// The columns that are computed in addition to those of the model.
+/// The columns that are computed in addition to the columns of the model.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Beside {
     Candidates,

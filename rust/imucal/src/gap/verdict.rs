@@ -89,12 +89,12 @@ impl Verdict {
 pub struct Rivals {
     /// Name of the accepted effect.
     pub name: String,
-    /// Names of effects that were not accepted and whose log evidence is within three nats of that of the accepted
-    /// effect.
+    /// Names of effects that were not accepted although their log evidence is within three nats of the log evidence of
+    /// the accepted effect.
     pub rivals: Vec<String>,
 }
 
-/// Effects that control recordings contradict, with chi2 per degree of freedom of these recordings.
+/// Effects that unseen data contradict, and chi2 per degree of freedom of the unseen data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contradiction {
     /// Names of the contradicted effects.
@@ -105,7 +105,7 @@ pub struct Contradiction {
     pub after: f64,
 }
 
-/// The verdict and its basis.
+/// The verdict, and the findings that led to it.
 pub(super) struct Judgement {
     pub(super) verdict: Verdict,
     /// Faults of the data; empty unless the verdict is `DataFault`.
@@ -119,7 +119,8 @@ pub(super) struct Judgement {
     pub(super) remainder: Remainder,
 }
 
-/// The basis of a verdict: a search, the effects that were accepted, and the fits without and with them.
+/// The data from which a verdict is derived: a search, the effects that were accepted, and the fits without and with
+/// these effects.
 pub(super) struct Basis<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     pub(super) search: &'a Search,

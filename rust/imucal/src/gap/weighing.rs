@@ -27,7 +27,7 @@ pub(crate) use left::Left;
 /// each other. If the iteration has not converged, the result of the last round is used.
 const SCALE_ROUNDS: usize = 20;
 /// Convergence threshold: change of the log evidence by an update of the scales, nats, below which the parameters are
-/// not refitted. A refit would increase the log evidence by at most 3 % of this value.
+/// not refitted. A refit of the parameters would increase the log evidence by at most 3 % of this threshold.
 const FORESEEN: f64 = 0.05;
 
 /// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
@@ -145,8 +145,8 @@ impl<'a> Weighing<'a> {
     }
 
     /// The evidence of the model with the additional columns. The standard deviation of their prior is `width` typical
-    /// sizes. The iteration starts at the scales of `swept`; the second value is the sweep at the converged scales.
-    /// Returns `None` if the normal matrix is singular.
+    /// sizes. The iteration starts at the scales of `swept`. The second result is the eliminated normal matrix at the
+    /// converged scales. Returns `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Arch::new().dispatch(Settle(self, width, swept))
     }

@@ -32,12 +32,13 @@ const LEAST: f64 = 8.0;
 /// of the hypotheses describe the variation only approximately, and an effect below this share may only fit the
 /// approximation error.
 const SHARE: f64 = 0.02;
-/// Difference of log evidence, nats, within which another candidate is a rival; 3 nats are odds of 20 to 1.
+/// Maximum difference of log evidence, nats, from the best candidate for another candidate to be a rival. 3 nats are
+/// odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// Effects that are not selected if the gyroscope bias varies with heading. Such a variation may be caused by an
 /// external field, for example a magnetic field, and the vertical component of the field resembles these effects.
 const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
-/// Effects that are functions of time.
+/// Effects that are functions of time. A random walk of the bias may be mistaken for them.
 const OF_TIME: [&str; 4] = ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
 /// Trial widths of the prior of a random walk, in multiples of the typical size of the bias.
 const WALK_WIDTHS: [f64; 3] = [0.1, 0.5, 2.5];
@@ -75,7 +76,7 @@ fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     all
 }
 
-/// Effects that are significant beside generic hypotheses.
+/// Effects that are significant with generic hypotheses in the model.
 pub(super) struct KnownEffects {
     pub(super) members: Vec<Member>,
     pub(super) path: Vec<Score>,
@@ -91,8 +92,8 @@ struct Extended {
 }
 
 impl ForwardSearch<'_> {
-    /// The effects that are significant beside the generic hypotheses of the patterns; `None` if no hypothesis is
-    /// significant.
+    /// The effects that are significant with the generic hypotheses of the patterns in the model; `None` if no
+    /// hypothesis is significant.
     ///
     /// A random walk is tried instead of these hypotheses in two cases. First, if the hypotheses explain the residuals
     /// better than all selected effects, because the hypotheses may contain one of the effects. Second, if effects that
@@ -315,8 +316,8 @@ impl ForwardSearch<'_> {
     }
 }
 
-/// Removes effects that are not significant with the hypotheses in the model, and updates the scores of the others.
-/// Returns whether an effect was removed.
+/// Removes effects that are not significant with the hypotheses in the model, and updates the scores of the remaining
+/// effects. Returns whether an effect was removed.
 fn retain(
     beside: &Extended,
     members: &mut Vec<Member>,

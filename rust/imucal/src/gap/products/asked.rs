@@ -10,8 +10,8 @@ pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,
     pub(super) blocks: &'a [Range<usize>],
-    /// Products besides those of the model's columns: the index of a column, and the indices of the later columns with
-    /// which it is multiplied.
+    /// Needed products of columns that are not in the model. Each entry is the index of a column, and the indices of
+    /// the later columns with which it is multiplied.
     pairs: Vec<(usize, Vec<usize>)>,
     /// Initial Gram matrix: zero for products that are needed, NaN for others.
     nothing_yet: Mat<f64>,

@@ -65,7 +65,7 @@ pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) 
 /// Multiplications of one register of each row by some of the columns.
 struct Job {
     columns: Vec<usize>,
-    /// Positions of the columns within a row; the last position is repeated if there are fewer columns.
+    /// Positions of the columns within a row; if a job has fewer columns, its last position is repeated.
     places: [usize; OF_MODEL],
     /// Position of the register's first value within a row (`first`), and range of the positions whose products are
     /// used (`with`).
@@ -118,7 +118,7 @@ impl Plan {
         Self { columns, of_model, of_others, register }
     }
 
-    /// Initial sums of all jobs: for each column one register of zeros.
+    /// Initial sums of all jobs. Each column of a job has one register of zeros.
     fn nothing_yet(&self) -> Vec<f64> {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }

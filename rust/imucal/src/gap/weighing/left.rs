@@ -22,8 +22,8 @@ impl Left {
         self.sums.size() - 1
     }
 
-    /// The prior width, in typical sizes, with the largest increase of the log evidence, and this increase in nats;
-    /// `None` if the normal matrix is singular for all widths.
+    /// The prior width, in typical sizes, that gives the largest increase of the log evidence, and the increase in
+    /// nats. `None` if the normal matrix is singular for all widths.
     pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
         Arch::new().dispatch(BestWidth(self, widths))
     }
@@ -43,7 +43,7 @@ impl Left {
     /// one typical size, changes chi2 by at least `least` and by more than the rounding errors of the projection.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
-        // Fast path: usually all eigenvalues exceed the threshold, which a factorisation can test.
+        // Fast path: a factorisation tests whether all eigenvalues exceed the threshold, which is usually the case.
         if Arch::new().dispatch(AreAllAbove(self, least)) {
             return self.columns();
         }
