@@ -12,8 +12,8 @@
 //! two blocks are trimmed and do not contribute to the means.
 //!
 //! Detection works on raw or corrected samples in any unit, provided that the noise variances are in the square of this
-//! unit. It counts samples and does not use time; call [`RestDetector::finish`] at a gap in the data. Sample indices
-//! wrap around at `usize::MAX`. On a 32-bit processor this happens after 49 days at 1 kHz.
+//! unit. The detector counts samples and does not know their times, so call [`RestDetector::finish`] at a gap in the
+//! data. Sample indices wrap around at `usize::MAX`. On a 32-bit processor this happens after 49 days at 1 kHz.
 
 mod block;
 

@@ -29,7 +29,7 @@ pub struct Fit {
     pub effects: Vec<String>,
     /// Result of the calibration with these effects.
     pub outcome: Outcome,
-    /// Evaluation of the calibration on the control recordings; `None` if there are none.
+    /// Evaluation of the calibration on the control recordings; `None` if there are no control recordings.
     pub control: Option<Control>,
 }
 

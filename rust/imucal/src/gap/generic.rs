@@ -100,7 +100,7 @@ const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     all
 };
 
-/// A generic hypothesis: a parameter and the function that describes its variation.
+/// A generic hypothesis: the parameter that varies, and the form of its variation.
 pub(crate) struct Hypothesis {
     pub(crate) block: Block,
     pub(crate) kernel: Kernel,

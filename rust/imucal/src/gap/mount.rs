@@ -185,7 +185,7 @@ struct Step {
 }
 
 impl<'a> Residuals<'a> {
-    /// `None` if there are too few rests or no motor angles.
+    /// `None` if there are fewer than four times [`FEWEST_RESTS`] rests, or no motor angles.
     fn new(accelerometer: &Triad<f64>, recording: &Recording<'_>, rests: Vec<&'a StandRest>) -> Option<Self> {
         if rests.len() < 4 * FEWEST_RESTS {
             return None;
@@ -204,7 +204,8 @@ impl<'a> Residuals<'a> {
         let row = |k: usize| -> Vec<Vector3<f64>> {
             let angle = &angles[k];
             let by_parameter = |p: usize| {
-                // Analytic derivative for a small rotation m of the mount: d(up) = up x m.
+                // For the mount angles the derivative is analytic: a small rotation m of the mount changes the
+                // direction up by up x m.
                 if p < MOUNT {
                     return mount * by_stand[k].cross(&Vector3::ith(p, 1.0));
                 }

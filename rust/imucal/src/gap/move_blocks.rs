@@ -43,8 +43,8 @@ pub(super) struct Block {
     pub(super) specific_force: Vector3<f64>,
     /// Mean angular acceleration over the block, rad/s^2, body frame.
     pub(super) angular_acceleration: Vector3<f64>,
-    /// Temperature at the first sample minus the mean over the recording, K; `None` if temperature is not used as a
-    /// regressor.
+    /// Temperature at the first sample minus the mean temperature of the recording, K; `None` if temperature is not
+    /// used as a regressor.
     temperature_k: Option<f64>,
 }
 
@@ -79,8 +79,8 @@ impl MoveBlocks {
         Self { rotation, blocks }
     }
 
-    /// Rotation vector from the body frame at the end of the move to the body frame at its start, rad; its norm is at
-    /// most pi.
+    /// Rotation vector from the body frame at the end of the move to the body frame at its start, rad. The norm of the
+    /// vector is at most pi.
     pub(super) fn rotation_vector(&self) -> Vector3<f64> {
         self.rotation.scaled_axis()
     }
@@ -163,7 +163,7 @@ impl<'a> RelativeTemperature<'a> {
     }
 }
 
-/// Indices of the samples at the edges of the blocks; the last block is the longest.
+/// Indices of the samples at the edges of the blocks. Samples that do not fill another block extend the last block.
 fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
     let (first, last) = (span.first, span.last);
     let samples = BLOCK_S * (last - first) as f64 / (time_s[last] - time_s[first]);
@@ -204,7 +204,7 @@ mod tests {
     use super::*;
     use crate::rests::moves::Move;
 
-    /// A simulated move with a varying rotation axis and rate, to whose rate an error is added.
+    /// A simulated move with a varying rotation axis and rate. `error` is added to the rate.
     fn blocks(error: impl Fn(f64, &Vector3<f64>) -> Vector3<f64>) -> MoveBlocks {
         let time_s: Vec<f64> = (0..401).map(|k| f64::from(k) * 5e-3).collect();
         let rate = |t: f64| Vector3::new(1.2 * t, 0.8 - t, 0.5 * (2.0 * t).sin());
@@ -265,7 +265,7 @@ mod tests {
     #[test]
     fn the_mean_force_of_a_block_is_the_mean_of_propagated_gravity() {
         let time_s: Vec<f64> = (0..201).map(|k| f64::from(k) * 0.01).collect();
-        // A rotation about y with the smooth profile of a motor: 90 deg in 2 s.
+        // A rotation about y by 90 deg in 2 s, with the smooth rate profile of a motor.
         let turn = |t: f64| (std::f64::consts::PI * t / 2.0).cos();
         let angle = |t: f64| (1.0 - turn(t)) * std::f64::consts::FRAC_PI_4;
         let rate = |t: f64| (std::f64::consts::PI * t / 2.0).sin() * std::f64::consts::PI.powi(2) / 8.0;
@@ -276,7 +276,8 @@ mod tests {
         let found = MoveBlocks::new(&recording, &crate::evaluate::unusable_report(&span, ""), None);
         let error = |block: &Block| (block.specific_force - block.mean_of_constant(&Vector3::z())).norm();
         let worst = found.blocks.iter().map(error).fold(0.0, f64::max);
-        // dt^2 / 12 times the change of the angular acceleration between the ends of the move.
+        // Error of the trapezoidal rule: dt^2 / 12 times the change of the angular acceleration between the ends of the
+        // move.
         let integration = 0.01f64.powi(2) / 12.0 * std::f64::consts::PI.powi(3) / 8.0;
         assert!(worst < 1.01 * integration, "{worst:e} of gravity, {integration:e} is the error of integration");
     }

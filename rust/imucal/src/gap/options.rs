@@ -10,7 +10,7 @@ use crate::recording::Recording;
 /// Options of [`find_gap`](super::find_gap).
 #[derive(Clone, Default)]
 pub struct GapOptions<'a> {
-    /// Candidate effects from the catalogue; all of them if `None`.
+    /// Candidate effects from the catalogue. If `None`, all effects of the catalogue are candidates.
     pub candidates: Option<Vec<EffectChoice>>,
     /// User-defined effects, which are always candidates.
     pub user_effects: Option<&'a dyn UserEffects>,
@@ -28,9 +28,9 @@ pub struct GivenCalibration<'a> {
     pub calibration: &'a Calibration<f64>,
     /// Local gravity that was used to make the calibration, m/s^2.
     pub gravity_mps2: f64,
-    /// The evaluation recordings corrected by this calibration; `None` to correct them in this crate. Corrected
-    /// recordings are required if the calibration has user-defined effects, because this crate cannot evaluate such
-    /// effects.
+    /// The recordings on which the calibration is evaluated, corrected by this calibration. If `None`, this crate
+    /// corrects them. Corrected recordings are required if the calibration has user-defined effects, because this crate
+    /// cannot evaluate such effects.
     pub corrected: Option<&'a [Recording<'a>]>,
 }
 

@@ -14,8 +14,9 @@ use crate::error::Error;
 use crate::frame::Frame;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
 
-/// Length of the windows, s, over which corrected signals are averaged. A mean over one second hardly changes errors of
-/// a calibration, because they vary as slowly as the motion. It reduces white noise of density N to N / sqrt(1 s).
+/// Length of the windows, s, over which corrected signals are averaged. Averaging over one second hardly changes errors
+/// of a calibration, because they vary as slowly as the motion. It reduces the standard deviation of white noise with
+/// density N to N / sqrt(1 s).
 pub(super) const WINDOW_S: f64 = 1.0;
 /// Lower bound of the estimated size of an effect, in multiples of the effect's typical size.
 const LEAST_SIZE: f64 = 0.01;
@@ -83,8 +84,8 @@ impl Parameters {
     /// for P parameters.
     ///
     /// `corrected` is `recording` after correction. `user_fields` are the columns of user-defined effects at the
-    /// samples of `corrected`. Effects are evaluated at the corrected signals. Errors of these signals are neglected
-    /// there, because effects are small compared with the signals.
+    /// samples of `corrected`. Effects are evaluated at the corrected signals. Errors of the corrected signals are
+    /// neglected in this evaluation, because effects are small compared with the signals.
     pub(super) fn slopes(
         &self,
         outcome: &Outcome,
@@ -105,7 +106,8 @@ impl Parameters {
     /// parameters' standard deviations. `typical` are the typical sizes of the linear parameters of each effect.
     ///
     /// The prior in the fit has at least the typical size of an effect (docs/model.md (23)). If the estimated effect is
-    /// smaller, the prior is narrowed to the estimated size, also in directions that are not observable.
+    /// smaller, the prior is narrowed to the estimated size. The prior is also narrowed in directions that are not
+    /// observable.
     pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
         let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
         let mut first = 21;
@@ -371,7 +373,8 @@ mod tests {
     #[test]
     fn an_effect_smaller_than_typical_narrows_its_prior_in_all_directions() {
         let covariance = Mat::from_fn(3, 3, |i, j| if i == j { 1.0 } else { 0.0 });
-        // The first parameter is observable and zero. The second parameter has the standard deviation of its prior.
+        // The first parameter is observable, and its estimate is close to zero. The second parameter is not observable,
+        // so its standard deviation is that of its prior.
         let (shift, narrowed) = narrowed(&covariance, &[0, 1], &[0.1, 0.0], &[10.0, 1.0]);
         assert!(narrowed[(1, 1)] < 0.1 && narrowed[(2, 2)] == 1.0, "{}", narrowed[(1, 1)]);
         assert!(shift[0].abs() < 0.1 && shift[2] == 0.0, "{shift:?}");

@@ -69,8 +69,8 @@ impl<'a> Judge<'a> {
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // A hypothesis that hardly raises the evidence at the noise scales s_g^2 of the model does not raise it at
-        // smaller noise scales either.
+        // If a hypothesis hardly increases the evidence at the noise scales s_g^2 of the model, it does not increase
+        // the evidence at smaller noise scales either.
         let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(best, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the noise scales. At these smaller scales
@@ -84,7 +84,7 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// For each model, the generic hypothesis about the selected blocks with the largest evidence.
+/// For each model, the generic hypothesis with the largest evidence among the hypotheses about the selected blocks.
 pub(super) fn best_generics<const N: usize>(
     setting: &Setting<'_>,
     stages: [&Stage; N],
@@ -95,7 +95,8 @@ pub(super) fn best_generics<const N: usize>(
     let found = in_order(processors(), hypotheses.len(), |place| {
         let hypothesis = &hypotheses[place];
         let columns = setting.columns(hypothesis);
-        // The Gram matrix of the hypothesis is shared, because the rows have the same groups in all models.
+        // The Gram matrix of the hypothesis is computed once for all models, because the rows have the same groups in
+        // all models.
         let others = judges.first().map(|judge| judge.known.others(&columns));
         judges.each_ref().map(|judge| judge.evaluate(hypothesis, others.as_ref()?, columns.ncols()))
     });
@@ -158,12 +159,12 @@ impl Pattern {
 impl BestGeneric {
     pub(super) fn finding(&self) -> GenericFinding {
         let Self { block, kernel, log_bayes_factor, ref wrong, .. } = *self;
-        // Under noise alone a Bayes factor of at least B has a probability of at most 1/B.
+        // Under noise alone, the probability of a Bayes factor of B or more is at most 1/B.
         let p_value = (-log_bayes_factor).exp().min(1.0);
         // At rest the specific force is g times the unit vector up. A bias that depends on the direction of gravity is
-        // therefore indistinguishable at rest from a scale that depends on the specific force, and is reported as such
-        // a scale. A bias deviation b equals a relative scale deviation b / g, because the scale multiplies a force of
-        // magnitude g. The rms is therefore divided by g.
+        // therefore indistinguishable at rest from a scale that depends on the specific force, and is reported as a
+        // scale that depends on force. A scale deviation s changes the reading of a force of magnitude g by s g, so a
+        // bias deviation b equals a scale deviation of b / g. The rms is therefore divided by g.
         let (block, kernel, unit) = match (block, kernel) {
             (Block::AccelerometerBias, Kernel::GravityDirection) => {
                 (Block::AccelerometerScale, Kernel::Force, STANDARD_GRAVITY_MPS2)

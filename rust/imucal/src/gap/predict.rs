@@ -10,8 +10,8 @@
 //! this case, too, because an effect that only fits the excess scatter does not improve the prediction. Each
 //! superfluous parameter decreases the log predictive density by about half a nat. The standard deviation of the gain
 //! is estimated from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333), so a few outliers
-//! cannot make an effect significant. An item is a rest or a move. A fold is a contiguous period of time. Otherwise,
-//! because biases wander slowly, a rest would be predicted well from its neighbours by any model.
+//! cannot make an effect significant. An item is a rest or a move. A fold is a contiguous period of time. If single
+//! rests were held out, any model would predict them well from their neighbours, because biases wander slowly.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -72,7 +72,7 @@ impl Held<'_> {
         let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
         let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
         let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
-        // Columns normalised to unit length after weighting of the rows; the residual is the last column.
+        // The columns are normalised to unit length after the rows are weighted. The residual is the last column.
         let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
         let size: Vec<f64> = (0..=n).map(length).collect();
         for (j, of_column) in size.iter().enumerate() {
