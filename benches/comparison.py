@@ -176,7 +176,7 @@ def session(truth: Linear, noise: tuple[float, float], tilt_deg: float, seed: in
 
 
 def on_board(given: Session) -> Linear:
-    """Bias and scale of the accelerometer from six faces, and gyroscope bias, as in PX4 and ArduPilot."""
+    """Bias and scale of the accelerometer from six faces, and gyroscope bias: the parameters of PX4."""
     means = {name: part.mean(axis=0) for name, part in given.parts.items() if name in FACES}
     pairs = [(means[f"{axis}_p"][i], means[f"{axis}_a"][i]) for i, axis in enumerate("xyz")]
     bias = np.array([(plus + minus) / 2 for plus, minus in pairs])
@@ -272,10 +272,10 @@ def accuracy(folder: Path) -> str:
             "imucal, the SciPy program and imu-calib get 46 poses in random directions with moves between "
             "them. The on-board routine and FAU imucal get six faces for 5 s each. FAU imucal also gets "
             "three turns of 360 deg in 6 s. The faces and the axes of the turns are exact, or tilted by "
-            "1 deg (standard deviation), as on a table. The on-board routine is written from the sources "
-            "of PX4 (accelerometer_calibration.cpp) and ArduPilot (AccelCalibrator.cpp). It estimates bias "
-            "and scale of the accelerometer from six faces, and the bias of the gyroscope. Kalibr is not in "
-            "this table, because it needs a camera and a target."
+            "1 deg (standard deviation), as on a table. The on-board routine estimates the parameters that "
+            "PX4 and ArduPilot estimate from six faces: bias and scale of the accelerometer, and the bias "
+            "of the gyroscope. It was written for this table; the code of PX4 and ArduPilot was not run. "
+            "Kalibr is not in this table, because it needs a camera and a target."
         ),
     ]
     return "\n".join(lines)

@@ -21,6 +21,15 @@ class Code(NamedTuple):
 # Codes by heading of their group.
 CODES: Final[dict[str, dict[str, Code]]] = {
     "The recording cannot be used as it is": {
+        "not_enough_motion": Code(
+            "The motion does not determine every parameter.",
+            "Add the poses that the message names, or estimate [a smaller model](few-poses.md) with"
+            " `--model`.",
+        ),
+        "fit_failed": Code(
+            "The fit did not end acceptably.",
+            "Look at the recording with `imucal inspect`.",
+        ),
         "empty": Code(
             "The recording has no sample.",
             "Check that the file was written to its end.",
@@ -344,15 +353,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Look at the Allan plot; record at a constant temperature, away from motors.",
         ),
     },
-    "A run without a result (fleets)": {
-        "not_enough_motion": Code(
-            "The motion does not determine every parameter.",
-            "Add the poses that the message names, or estimate fewer parameters with `--model`.",
-        ),
-        "fit_failed": Code(
-            "The fit did not end acceptably.",
-            "Look at the recording with `imucal inspect`.",
-        ),
+    "A run without a result": {
         "format": Code(
             "A file is damaged, incomplete or of another format.",
             "Check it with `imucal inspect`; give `--format`.",
@@ -389,9 +390,12 @@ CODES: Final[dict[str, dict[str, Code]]] = {
 }
 HEAD: Final = """# Why refused? All reason codes
 
-Messages end with a code in brackets, such as `[gyro_units]`, and JSON documents have it in the field `code`.
-This page lists every code with its usual cause and cure. `imucal help gyro_units` prints an entry of it. An
-**error** is refused, because the result would be wrong; a **warning** is not. The codes do not change between
+Copy the code in brackets from the message, such as `[gyro_units]`, and find it on this page, or run
+`imucal help gyro_units`. A message without a code says itself what to do: most often it names poses to add
+(code `not_enough_motion` in JSON documents).
+
+A message that begins with **warning** is not a refusal. Every other message refuses the recording, because
+the result would be wrong. JSON documents have the code in the field `code`. The codes do not change between
 versions, so that scripts can rely on them. The codes of a production line, such as `dead_axis`, are on the
 page of [the stand](stand.md#one-unit-one-command).
 """
