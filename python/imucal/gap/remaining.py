@@ -28,7 +28,8 @@ def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Describe
         generic = notes.scatter_of(search.scattering_rests)
     if generic is None and found.pattern == "between_sessions" and session is not None:
         words = notes.session_in_words(session)
-        # The reasons are dropped if the control recordings are a good fit with biases fitted to them.
+        # Changed biases explain the poor fit if chi2 per degree of freedom of the control recordings is at
+        # most POOR_CHI2_PER_DOF with biases fitted to them. The other reasons are then omitted.
         left = reasons if session.chi2_per_dof_own > POOR_CHI2_PER_DOF else []
         generic = {
             "block": found.block,

@@ -42,7 +42,12 @@ LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
 def sentences(gap: GapFields) -> Iterator[str]:
-    """The lines of a summary: verdict, effects, residuals, next motion, and figures before and after."""
+    """The lines of the summary of a search for effects, in the order of the output.
+
+    The first line is the verdict. The lines after it describe the effects, the residuals that they do not
+    explain, and the recommended next motion. The last lines compare errors and residuals without and with the
+    effects.
+    """
     yield f"verdict: {gap.verdict}"
     # Rounding may hide effects, so it is reported before them.
     yield from (finding.line for finding in gap.findings if finding.code == BEFORE_EFFECTS)

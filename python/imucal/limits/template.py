@@ -23,19 +23,21 @@ __all__ = ["DEVIATIONS", "limits_from"]
 # Default half width of the ranges in standard deviations. With 3, one of 18 good units would fail, because
 # each of 21 parameters is outside its range with a probability of 0.27 %. With 4, one of 750 would fail.
 DEVIATIONS: Final = 4.0
-# Limit of the standard deviation of a parameter, as a multiple of the largest one of the units. A small
-# factor suffices, because standard deviations depend on motion and noise and hardly differ between units.
+# The limit for the standard deviation of a parameter is the largest standard deviation of this parameter
+# among the units, multiplied by this factor. A small factor suffices, because standard deviations depend on
+# motion and noise and hardly differ between units.
 STD_MARGIN: Final = 2.0
 
 
 def limits_from(calibrations: Sequence[Calibration], *, deviations: float = DEVIATIONS) -> Limits:
     """Limits for units of the same kind as these.
 
-    The limits of parameters and figures are the mean +- `deviations` standard deviations over the units. The
-    limit of a standard deviation is twice the largest one of the units, and the minimum number of rests and
-    moves is the smallest of the units. Effects are permitted if any unit has them, and the worst permitted
-    verdict is that of the worst unit. Figures of the calibration and control sets get limits if all units
-    have these figures.
+    The limits of a parameter are its mean over the units plus and minus `deviations` standard deviations over
+    the units. The limit of a figure is its mean plus `deviations` standard deviations. The limit for the
+    standard deviation of a parameter is twice the largest standard deviation of this parameter among the
+    units. The minimum numbers of rests and moves are the smallest numbers of any unit. Effects are permitted
+    if any unit has them, and the worst permitted verdict is that of the worst unit. Figures of the
+    calibration and control sets get limits if all units have these figures.
 
     Raises InputError for fewer than two units, a unit given twice, a unit with poor figures, and units with
     different parameters.

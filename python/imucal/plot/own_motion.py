@@ -29,8 +29,8 @@ SAMPLES: Final = 800
 LEAST_SHARE: Final = 0.3
 # Minimum number of rests or moves for a dependence, because a cubic fits fewer points by chance.
 LEAST_POINTS: Final = 8
-# Minimum cosine of the angle between an axis and the vertical for the norm of gravity to be taken as the
-# error of this axis: 0.9 is 26 deg.
+# Limit that decides whether the residual |f| - g of a rest is attributed to an axis: the angle between the
+# axis and the vertical must have a cosine of more than this value. The cosine of 26 deg is 0.9.
 VERTICAL: Final = 0.9
 MG: Final = 1e3 / STANDARD_GRAVITY_MPS2
 DPS: Final = 1.0 / DEGREE_RAD

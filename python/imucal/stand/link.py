@@ -30,7 +30,8 @@ class Link(Protocol):
     name: str
     # Whether a lost connection can be opened again.
     comes_back: bool
-    # Instruction for a person to make data arrive; empty if there is none.
+    # Instruction that tells the user how to make the unit send data; empty if the link has no such
+    # instruction.
     hint: str
 
     def open(self) -> None:

@@ -13,8 +13,8 @@ from imucal.io.streams import SAME_RATE, Stream, median_rate_hz, onto_clock
 
 __all__ = ["PhoneDecoder"]
 
-# Names of the accelerometer samples with gravity, and of the gyroscope samples. The name that arrives first
-# is used, as in files of the app.
+# Names under which Sensor Logger sends the specific force (acceleration with gravity) and the angular rate.
+# Only the samples with the name that arrives first are used for each sensor.
 ACCEL: Final = ("totalacceleration", "accelerometeruncalibrated")
 GYRO: Final = ("gyroscope", "gyroscopeuncalibrated")
 # Number of samples of each sensor from which the rates are determined.

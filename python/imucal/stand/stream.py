@@ -184,7 +184,7 @@ class StreamSource:
 
     @property
     def hint(self) -> str:
-        """Instruction for a person to make data arrive; empty if there is none."""
+        """Instruction that tells the user how to make the unit send data; empty if the link has none."""
         return self._link.hint
 
     @property

@@ -269,7 +269,8 @@ impl<F: RealField + Copy> Effect<F> {
         label
     }
 
-    /// Name of the shape for messages; `None` if the effect has no shape.
+    /// Name, for messages, of the shape: the parameter on which the effect depends nonlinearly, such as a time
+    /// constant. `None` if the effect has no shape. Without the feature `catalogue`, the name is always "shape".
     fn shape_label(&self) -> Option<&'static str> {
         #[cfg(feature = "catalogue")]
         let label = self.shape.map(|shape| shape.name);

@@ -115,7 +115,8 @@ pub(crate) struct GapAnalysis {
     /// fit with the rival fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
-    /// Magnitude and standard deviation, rad/s, of an estimated constant rate that is not the Earth's rate.
+    /// Magnitude and standard deviation, rad/s, of the constant rate that the effect `earth_rate` has in the fit, if
+    /// this rate differs significantly from the Earth's rate; None otherwise.
     not_the_earth: Option<(f64, f64)>,
     not_confirmed: Vec<Py<EffectScore>>,
     /// Names of contradicted effects, and chi2 per degree of freedom of the control recordings without and with these

@@ -280,8 +280,9 @@ mod tests {
     use crate::rests::moves::direction_error_rad;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-    /// Cross-validation of every third move and rest of the paper's run. The formula, which uses only the fit to all
-    /// data, agrees with actual fits without these moves and rests.
+    /// Cross-validation of a simulated run in three folds, each of which holds out every third move and every third
+    /// rest. The held-out errors are computed by a formula that needs only the fit to all data. They agree with the
+    /// errors of actual fits without the held-out moves and rests.
     #[test]
     fn what_is_held_out_is_predicted_as_by_a_fit_without_it() {
         let program = Program::random(&RandomMoves::default(), 5).unwrap();

@@ -2,11 +2,12 @@
 //! part of the uncertainty comes from the priors (model.md (40)).
 //!
 //! ```text
-//! K = C H^T,    prior part of the covariance: B = K K^T,    share of parameter j: B_jj / C_jj
+//! B = (C H^T) (C H^T)^T,     share of the priors in the variance of parameter j: B_jj / C_jj
 //! ```
 //!
-//! C is the covariance of the parameters. H contains the derivatives of the residuals of the priors, each divided by
-//! the standard deviation of the prior.
+//! C is the covariance of the estimated parameters, and B is the part of C that comes from the priors. Each prior adds
+//! a residual to the fit: the difference between parameter and prior, divided by the standard deviation of the prior. H
+//! contains the derivatives of these residuals with respect to the parameters.
 
 use std::f64::consts::FRAC_PI_2;
 

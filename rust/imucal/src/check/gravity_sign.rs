@@ -20,11 +20,14 @@ const STAND_ZERO_RAD: f64 = 0.02;
 /// Minimum component of the unit up vector along an axis for this axis to count as pointing up. It is the cosine of 20
 /// deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
-/// Minimum mean cosine between the measured up directions and those predicted from the motor angles for a hypothesis
-/// about the axes to be accepted. It is the cosine of 20 deg.
+/// Minimum agreement for a hypothesis to be accepted. There are two hypotheses for a reading of -g on z: the z axis
+/// points down, or the accelerometer has the reversed sign of gravity. Each hypothesis predicts the measured up
+/// direction at each rest from the motor angles. The agreement is the mean cosine of the angle between predicted and
+/// measured direction. The limit is the cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
-/// Minimum difference between the mean cosines of the two hypotheses for a decision between them. Without rests with x
-/// or y up, both hypotheses predict the same directions.
+/// Minimum difference between the agreements of the two hypotheses for a decision between them. The predicted
+/// directions differ only in the sign of the x component. Rests with a horizontal x axis therefore do not distinguish
+/// the hypotheses.
 const TOLD_APART: f64 = 0.1;
 
 /// Finding `gravity_sign` for a unit that reads -g on z where z is expected to point up.

@@ -144,7 +144,8 @@ fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl 
     tape.parts.iter().filter(is_searched).map(|(_, range)| range.end).max().unwrap_or(0)
 }
 
-/// First samples of the templates of a recording. In each third, the template begins with the longest rest.
+/// Start indices of the templates of a recording. A template is an excerpt that is searched for in other recordings.
+/// There is one template per third of the recording, at the start of the longest rest of this third.
 fn starts(at_rest: &AtRest<'_>, samples: usize) -> Vec<usize> {
     let length = at_rest.recording.len();
     let latest = length.saturating_sub(samples);

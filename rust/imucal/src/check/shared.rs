@@ -10,8 +10,8 @@ use crate::recording::Recording;
 /// recordings never coincides over so many rows.
 const SHARED_ROWS: usize = 100;
 
-/// For each row: its recording, its index among the rows that differ from the previous row, and its index in the
-/// recording.
+/// Maps the bits of a row to three indices: the recording, the index of the row after removal of consecutive duplicate
+/// rows, and the index of the row in the recording.
 type Seen = HashMap<[u64; 6], (usize, usize, usize)>;
 
 /// Finding `recordings_overlap` for every recording that contains an interval of an earlier one. Time stamps are

@@ -19,11 +19,13 @@ const WITH_MOVES: [f64; 2] = [0.5, 2.0];
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
-/// Maximum ratio of the standard deviation of the rate within a rest to its mean for the mean to count as a bias. The
-/// ratio is larger for a unit that is moved to and fro.
+/// Limit of the unsteadiness of the rate within a rest. The unsteadiness is the standard deviation of the rate, divided
+/// by the norm of the mean rate. Below this limit, the mean rate is taken to be a bias. If the unit is moved to and
+/// fro, the unsteadiness exceeds the limit.
 const STEADY: f64 = 0.3;
-/// Minimum and maximum ratio of the quartiles of a triad's norm to its median for a triad that measures gravity. The
-/// norm of angular rates varies by far more between rests and moves.
+/// Limits of the lower and of the upper quartile of the norm of a triad, as multiples of the median of the norm. If
+/// both quartiles are within the limits, the norm is steady enough to be that of gravity. The norm of angular rates
+/// varies by far more, because a recording contains rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
 /// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation for a file that is in this unit
 /// but was read in another one. Columns without a known unit were read as m/s^2.

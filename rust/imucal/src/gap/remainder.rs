@@ -19,8 +19,9 @@ pub struct Remainder {
     /// p-value under noise alone. It is the p-value of `pattern`, or of the residuals of unseen data if `pattern` is
     /// `None`.
     pub p_value: f64,
-    /// Whether the unexplained residuals limit the use of the calibration. They do not if the accepted effects remove
-    /// most of the gap.
+    /// Whether the unexplained residuals limit the use of the calibration. The value is `false` if noise explains the
+    /// residuals. For the pattern `above_noise`, it is also `false` if the accepted effects remove at least half of
+    /// chi2 from one kind of unseen residuals.
     pub matters: bool,
 }
 

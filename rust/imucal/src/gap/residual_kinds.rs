@@ -9,7 +9,8 @@ use crate::recording::Recording;
 pub struct CorrectedFit<'a> {
     /// The calibration, in the symmetric body frame.
     pub outcome: &'a Outcome,
-    /// Corrected recordings, SI units, body frame, in the order of the calibration.
+    /// The recordings after correction, in the body frame and in SI units. Their order is that of the recordings in the
+    /// calibration.
     pub corrected: &'a [Recording<'a>],
     /// Local gravity that was used to make the calibration, m/s^2.
     pub gravity_mps2: f64,
@@ -22,7 +23,8 @@ pub enum ResidualKind {
     RestNorm,
     /// Mean angular rate at a rest, rad/s. The expected value is zero.
     RestRate,
-    /// Angle between the gravity direction after a move predicted by the gyroscope and the measured direction, rad.
+    /// Angle, rad, between the measured direction of gravity after a move and the predicted direction. The prediction
+    /// rotates the direction of gravity before the move by the integrated angular rate.
     MoveDirection,
     /// Specific force inside a move minus gravity at the predicted attitude, m/s^2.
     MoveForce,

@@ -115,10 +115,10 @@ struct Look {
     judged: Option<Judged>,
 }
 
-/// Scores the candidate with the columns `own`. The third argument contains the normal matrix after elimination of the
-/// model's parameters, at two sets of noise scales. In the first element all scales s_g^2 are one; it is `None` if the
-/// model's own scales are all one. The second element has the model's own scales. Returns `None` if the candidate is
-/// not observable.
+/// Scores the candidate whose parameters have the columns `own`. `plain` and `widened` contain the normal matrix after
+/// elimination of the model's parameters, for two sets of noise scales s_g^2. In `plain`, all scales are one. In
+/// `widened`, the scales are those of the model. `plain` is `None` if the model's scales are all one, because both
+/// matrices are then equal. Returns `None` if the candidate is not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,

@@ -179,8 +179,9 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
             let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
             let own = walk * walk + ends + FINEST_RAD * FINEST_RAD;
             if m.is_within_rest(prepared.rests) {
-                // The residual of the step between two epochs contains the noise of the means of both. The excess
-                // scatter of these means is therefore added.
+                // The residual of the step from one epoch to the next contains the noise of the mean forces of both
+                // epochs. `scales.epochs` is the ratio of the scatter of such means to their noise, so the variance in
+                // excess of noise is added.
                 let means: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
                 return own + means * (scales.epochs * scales.epochs - 1.0);
             }

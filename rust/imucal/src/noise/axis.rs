@@ -122,8 +122,9 @@ impl AxisNoise {
                 (true, _) => estimate.bounded(0.0),
             }
         });
-        // A drift increases the misfit, which can lead to so many omitted octaves that the drift is no longer
-        // detectable. The search for drifts therefore omits at most one stage.
+        // A drift increases the deviation of the powers from the noise model. `Model::of` may then omit so many octaves
+        // that the drift is no longer detectable. The search for drifts therefore omits at most the smaller number of
+        // octaves in `FILTERED`.
         let filtered = model.filtered.min(FILTERED[0]);
         let noise = NoiseModel { kinds: model.kinds, rounding: model.rounding, filtered };
         let components = match blocks {

@@ -86,9 +86,10 @@ impl Likelihood<'_> {
 
     /// 95 % confidence band of one parameter.
     ///
-    /// The result is the union of two bands: one with the other parameters constrained to be non-negative, and one
-    /// without this constraint. The first band is too narrow if another kind of noise is absent, because the estimate
-    /// of that kind can then deviate only upwards.
+    /// The result is the union of two bands. For the first band, the parameters of the other kinds of noise are
+    /// constrained to be non-negative. For the second band, they may be negative. If one of the other kinds of noise is
+    /// absent, the first band is too narrow, because the constrained estimate of this kind cannot be below its true
+    /// value of zero.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);

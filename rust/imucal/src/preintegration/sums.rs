@@ -1,14 +1,22 @@
 //! Sums of the rotations R, and of R times each component of the rate, over all samples or at nodes.
 //!
-//! A node combines n = 16 short steps. The sum of `R w` over the samples of a node is approximated by `R W + R' D`,
-//! where R is the rotation in the middle of the node and R' the derivative of R. W is the sum of the rates at the
-//! samples of the node, with half weight for both ends (trapezoidal rule). D is a combination of differences of these
-//! rates.
+//! A node combines n = 16 short steps. w is the angular rate at a sample. The sum of `R w` over the samples of a node
+//! is approximated by `R W + R' D`. In this formula, R is the rotation matrix in the middle of the node, and R' is its
+//! derivative with respect to time in units of the node's duration. W is the sum of w over the samples of the node,
+//! with half weight for the first and the last sample (trapezoidal rule). D is a linear combination of differences
+//! between the rates of the node.
 //!
-//! The coefficients of D are derived for a sinusoidal rate w whose phase changes by x over a node. For this rate, W is
-//! `n w (1 - a x^2 + b x^4)`. D is `n a x w (1 - b / a x^2)` with a phase lag of a quarter period. Integration by parts
-//! transforms the sum of `R' w'` over a segment to that of `-R w''`, except for terms at the ends of the segment, which
-//! [`end_of_nodes`] adds. With these coefficients, all terms up to the fifth power of x are exact.
+//! The coefficients of D are derived for a sinusoidal rate whose phase changes by x over a node. For this rate, with w
+//! and its derivative w' in the middle of the node, W and D are
+//!
+//! ```text
+//! W = n w (1 - a x^2 + b x^4),     D = n a w' (1 - (b / a) x^2)
+//! ```
+//!
+//! up to higher powers of x. Integration by parts transforms the sum of `R' w'` over the nodes of a segment into the
+//! sum of `-R w''`, which is the sum of `x^2 R w`. It also gives terms at the ends of the segment, for which
+//! [`end_of_nodes`] corrects. The sum of `R' D` therefore cancels the error of W, and the result is exact up to the
+//! fifth power of x.
 
 use pulp::Simd;
 

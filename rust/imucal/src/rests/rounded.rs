@@ -27,9 +27,10 @@ const FOREIGN: f64 = 1e-3;
 /// bandwidth of 5 Hz, this part lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// Ratio of c - 1 before rounding to c - 1 of the rounded samples, with c of model.md (10), for a mean in the middle
-/// between two levels. For such a mean, rounding keeps only the sign of the noise, and the sign is less correlated than
-/// the noise. For all other means the ratio is larger.
+/// Factor that converts c - 1 of rounded samples to c - 1 of the noise before rounding. c is the factor of model.md
+/// (10) by which the correlation of the noise increases the variance of a mean. The value is valid for a channel whose
+/// mean is midway between two levels. Rounding then keeps only the sign of the noise, and the sign is less correlated
+/// than the noise. For any other mean, the factor is larger.
 const SIGN: f64 = 1.28;
 
 /// Factors c of model.md (10) of the noise before rounding, for channels whose noise is below the step. The farther the

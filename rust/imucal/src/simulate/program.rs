@@ -239,7 +239,7 @@ impl Program {
         Some(next_turn.map_or(f64::INFINITY, |steps| self.starts[started + steps].time_s))
     }
 
-    /// Number of steps of the program that have started by this time, s.
+    /// Number of steps of the program that start at or before `time_s`.
     fn started(&self, time_s: f64) -> usize {
         self.starts.partition_point(|start| start.time_s <= time_s)
     }

@@ -5,9 +5,14 @@
 //! x(t)    = x_k + (x_(k+1) - x_k) s(u)
 //! ```
 //!
-//! s goes from 0 to 1; b goes from 0 to 1 and back. Their first three derivatives are zero at both ends, so the unit is
-//! exactly still at rests. The sway b varies the axis of rotation during a move, because a hand does not rotate a unit
-//! about a fixed axis. The tremor is a sum of sines about each axis and continues during rests.
+//! R_wb and x are the attitude and the position of the unit. R_k and x_k are their values at rest k. `turn` is the
+//! rotation vector from the attitude at rest k to the next attitude, and `sway` is a random rotation vector. u
+//! increases from 0 to 1 during the move after rest k.
+//!
+//! s increases from 0 to 1 during the move, and b increases from 0 to 1 and returns to 0. The first three derivatives
+//! of s and b are zero at both ends of the move, so both are smooth where rests begin and end. The sway varies the axis
+//! of rotation during a move, because a hand does not rotate a unit about a fixed axis. R_tremor is the tremor, a sum
+//! of sines about each axis. The tremor is the only motion of the unit during rests.
 
 use imucal_core::so3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

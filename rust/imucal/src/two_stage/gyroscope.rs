@@ -116,9 +116,10 @@ impl<'a> PreintegratedMoves<'a> {
         triad_of(&best.parameters, self.bias)
     }
 
-    /// Fits the nine entries from a first estimate. Moves that contradict all others are excluded one by one (model.md
-    /// (14)), unless the accelerometer is only a start value (`is_start`). In that case, errors of the accelerometer
-    /// appear in the residuals, and the joint fit excludes outliers instead.
+    /// Fits the nine entries of the gyroscope's sensitivity matrix, starting from the estimate `first`. Moves that
+    /// contradict all other moves are excluded one by one (model.md (14)). If `is_start` is set, the calibration of the
+    /// accelerometer is only a start value, and its errors appear in the residuals. In that case no move is excluded
+    /// here, and the joint fit excludes outliers instead.
     ///
     /// # Errors
     /// * [`Error::NotEnoughMotion`] if the moves do not determine all entries.

@@ -67,7 +67,8 @@ impl Open {
         Ok(Self { traded: traded(&columns, projection), columns })
     }
 
-    /// The result without the columns `held`, whose parameters have a prior of known width.
+    /// Removes the parameters with the columns `held` from the undetermined parameters, because they have priors with
+    /// known standard deviations. Groups that contain such a parameter are removed, too.
     pub(crate) fn without(self, held: &[usize]) -> Self {
         let is_left = |j: &usize| !held.contains(j);
         let columns: Vec<usize> = self.columns.into_iter().filter(is_left).collect();

@@ -73,8 +73,8 @@ fn a_bad_move_is_named() {
     }
 }
 
-/// With this effect, the fit uses the force in blocks inside the moves, and these residuals do not show a short
-/// disturbance.
+/// With the effect `accel_lever_arm`, the fit also uses the force in blocks inside the moves. A short disturbance of
+/// the gyroscope is not visible in the residuals of these blocks.
 #[test]
 fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     let run = paper(1).with_bad_move(20);
@@ -83,7 +83,8 @@ fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     assert_eq!(left_out(&outcome), (vec![], vec![(20, 21, "contradicts_other_moves")]));
 }
 
-/// The two adjacent moves are not excluded, because both are accurate; one move over the rest replaces them.
+/// The direction of gravity at one rest is wrong, and the fit excludes this rest. The moves before and after the rest
+/// are accurate and are not reported as excluded. A single move from the previous rest to the next rest replaces them.
 #[test]
 fn a_rest_with_a_wrong_direction_is_named() {
     for (seed, rest) in [(1, 1), (2, 20), (3, 44)] {

@@ -16,9 +16,10 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// Limit of the quiet ends of a move: largest difference between a rate and its mean at the adjacent rest, in
-/// quantisation steps. Up to this difference, the rounding error of the rate is taken to be that of the rest. With 0.8,
-/// the computed rotation error agrees best with that of simulated moves, for filter bandwidths from 5 to 40 Hz.
+/// Limit that defines the quiet ends of a move, in quantisation steps. At a quiet end, the rate of an axis differs by
+/// less than this limit from the mean rate of the axis at the adjacent rest. The rounding error of the rate is then
+/// taken to be the rounding error at this rest. With a limit of 0.8 steps, the computed rotation error agrees best with
+/// the rotation error of simulated moves, for filter bandwidths from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
 /// Standard deviation of the error of the mean rates that the epochs of a long rest share because they share a pose,
 /// rad/s: 0.1 deg/s, the g-sensitivity of a consumer gyroscope at 1 g. The later epochs therefore determine only

@@ -230,8 +230,9 @@ impl Scales {
     }
 }
 
-/// New scale with which the chosen residuals have unit variance, if it is significantly above 1 or if it is kept; 1
-/// otherwise.
+/// New scale of the chosen residuals. The candidate is the scale with which these residuals have unit variance. It is
+/// returned if it is significantly above 1, or if it is above 1 and `is_kept` is set. Otherwise the new scale is 1. The
+/// scale does not change if the residuals have less than one degree of freedom.
 fn refine(
     (scale, is_kept): (f64, bool),
     residuals: &Mat<f64>,
