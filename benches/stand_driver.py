@@ -97,8 +97,8 @@ the path of the program (and so if they pass a target), if a run ends as complet
 by more than {AT_REST_DEG:g} deg at rest or {IN_MOVES_DEG:g} deg in moves, if a run waits longer than
 {SILENT_S:g} s without a word, or if it ends in another state than expected. The program has five poses, with
 moves at up to 60 deg/s. The imitation runs in virtual time. Firmware is compiled for the computer and runs
-in real time, so it needs a processor of its own: it ran with the priority of real-time processes
-(`chrt -r 1`), beside other work.
+in real time. Its simulator had a processor of its own, and the driver ran on another one with the priority of
+real-time processes (`chrt -r 2`).
 
 {tables_text}
 """
