@@ -74,6 +74,10 @@ def test_the_screen_shows_the_pose_the_hold_the_refusal_and_what_is_added(tmp_pa
                 await until(has_said)
                 assert bells
                 pose, numbers = text_of(app, "#pose"), text_of(app, "#numbers")
+                # The drawing has the height of its half of the screen, and no message is cut.
+                assert app.query_one("#pose").size.height > 20
+                panel = app.query_one("#messages")
+                assert max(len(line.text.rstrip()) for line in panel.lines) <= panel.scrollable_size.width
                 # Letters of six lines.
                 assert text_of(app, "#large").count("\n") >= 5
                 await pilot.press("u")

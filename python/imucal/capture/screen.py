@@ -64,7 +64,7 @@ class CaptureScreen(App[None]):
     CSS = """
     #large { height: 8; content-align: center middle; text-align: center; }
     #middle { height: 1fr; }
-    #pose { width: 1fr; border: round $primary; content-align: center middle; text-align: center; }
+    #pose { width: 1fr; height: 1fr; border: round $primary; content-align: center middle; text-align: center; }
     #right { width: 1fr; min-width: 60; }
     #numbers { height: auto; }
     #steadiness { margin: 0 1; }
@@ -96,7 +96,8 @@ class CaptureScreen(App[None]):
             with Vertical(id="right"):
                 yield Static(id="numbers")
                 yield ProgressBar(total=100, show_eta=False, id="steadiness")
-                yield RichLog(id="messages", wrap=True)
+                # Without a minimum width, so that lines break within the panel.
+                yield RichLog(id="messages", wrap=True, min_width=0)
         yield Footer()
 
     def on_mount(self) -> None:
@@ -181,8 +182,9 @@ class CaptureScreen(App[None]):
 
 def _numbers(snapshot: Snapshot) -> Table:
     """Table with the number of poses and the predicted standard deviations."""
-    table = Table(box=None, pad_edge=False, title_justify="left", show_header=True)
-    table.add_column(f"pose {snapshot.poses} of {snapshot.wanted}, {snapshot.samples} samples")
+    title = f"pose {snapshot.poses} of {snapshot.wanted}, {snapshot.samples} samples"
+    table = Table(title=title, box=None, pad_edge=False, title_justify="left", title_style="bold")
+    table.add_column("1 sigma")
     for name in ("before", "after the pose", "target"):
         table.add_column(name, justify="right")
     for row in snapshot.rows:
