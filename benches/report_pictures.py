@@ -1,7 +1,7 @@
 """Screenshots of reports for the documentation, in docs/pictures.
 
 report.png, report-phone.png   the report of a calibration
-gap-closing.png                the report of a search: the seconds that disagree most, and what is left
+gap-closing.png                the report of a search: the move with the largest residual
 """
 
 import shutil

@@ -1,32 +1,21 @@
 """A unit that rests on the faces of a box alone: rests and moves together determine all parameters."""
 
 import dataclasses
-import importlib.util
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import imucal
+from bench_module import bench_module
 
-BENCHES = Path(__file__).resolve().parents[2] / "benches"
 OFF_DIAGONAL = tuple(f"accel_sensitivity_{pair}" for pair in ("xy", "xz", "yz"))
 
 
 @pytest.fixture(scope="module")
 def bench():
-    """The bench of `make faces`; its other modules are found beside it."""
-    sys.path.insert(0, str(BENCHES))
-    try:
-        spec = importlib.util.spec_from_file_location("faces_bench", BENCHES / "faces.py")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules["faces_bench"] = module
-        spec.loader.exec_module(module)
+    """The bench of `make faces`."""
+    with bench_module("faces") as module:
         yield module
-    finally:
-        sys.path.remove(str(BENCHES))
-        sys.modules.pop("faces_bench", None)
 
 
 def skewed(seed):

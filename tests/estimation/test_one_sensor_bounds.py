@@ -1,28 +1,17 @@
 """Coverage and errors of one sensor over the Cramér-Rao bound; `make one-sensor` has more runs."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import pytest
 
-BENCHES = Path(__file__).resolve().parents[2] / "benches"
+from bench_module import bench_module
+
 RUNS = 10
 
 
 @pytest.fixture(scope="module")
 def bench():
-    """The bench of `make one-sensor`; its other modules are found beside it."""
-    sys.path.insert(0, str(BENCHES))
-    try:
-        spec = importlib.util.spec_from_file_location("one_sensor_bench", BENCHES / "one_sensor.py")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules["one_sensor_bench"] = module
-        spec.loader.exec_module(module)
+    """The bench of `make one-sensor`."""
+    with bench_module("one_sensor") as module:
         yield module
-    finally:
-        sys.path.remove(str(BENCHES))
-        sys.modules.pop("one_sensor_bench", None)
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,13 @@ browser shows them.
 """
 
 import json
-import shutil
 
 import numpy as np
 import pytest
 
 import imucal
 from children import HANGS_S
+from chromium import ARGUMENTS, CHROMIUM, sync_api
 from imucal.cli import main
 from imucal.document.plain import plain
 from imucal.plot.style import DARK, PAPER
@@ -20,14 +20,6 @@ from imucal.units import datasheet
 
 pytestmark = pytest.mark.slow
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="the browser test needs playwright")
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-if CHROMIUM is None:
-    pytest.skip("no Chromium is found: apt-get install chromium", allow_module_level=True)
-
-# WebGL is drawn by the processor where there is no graphics card.
-ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 DEVICES = {
     "desktop": {"viewport": {"width": 1200, "height": 900}},
     "phone": {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True},

@@ -1,13 +1,13 @@
 """The layout of the reports in a browser: widths of screens, overlaps, contrast, and pages on paper."""
 
 import re
-import shutil
 
 import numpy as np
 import pytest
 
 import imucal
 from children import HANGS_S
+from chromium import ARGUMENTS, CHROMIUM, sync_api
 from imucal.report import (
     write_calibration_page,
     write_gap_page,
@@ -17,14 +17,6 @@ from imucal.report import (
 
 pytestmark = pytest.mark.slow
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="the browser test needs playwright")
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-if CHROMIUM is None:
-    pytest.skip("no Chromium is found: apt-get install chromium", allow_module_level=True)
-
-# WebGL is drawn by the processor where there is no graphics card.
-ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 WIDTHS = (360, 768, 1600)
 MOST_PAGES = 6
 NAMES = ("calibration", "gap", "inspection", "noise")

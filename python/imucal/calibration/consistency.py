@@ -145,9 +145,8 @@ def require_covariance(node: Node, parameters: Sequence[str]) -> None:
         if name not in following:
             raise FormatError(
                 f"{node.file}: {node.path}.names[{k}] is {name}, but $.parameters[{parameters.index(name)}] "
-                "is: "
-                "the rows of the covariance are in the order of the parameters: exchange the names again, or "
-                "calibrate again"
+                "is: the rows of the covariance are in the order of the parameters: exchange the names "
+                "again, or calibrate again"
             )
     matrix = node.get("matrix").array(len(names), len(names))
     place = f"{node.path}.matrix"
@@ -162,8 +161,7 @@ def require_covariance(node: Node, parameters: Sequence[str]) -> None:
     if smallest < -CORRELATION_ROUNDING:
         raise FormatError(
             f"{node.file}: {place} is no covariance matrix: its correlations have the eigenvalue "
-            f"{smallest:.3g}, "
-            f"and none may be negative: {WAY_OUT}"
+            f"{smallest:.3g}, and none may be negative: {WAY_OUT}"
         )
 
 

@@ -339,14 +339,12 @@ def _provenance(node: Node, control_set: Node) -> Provenance:
             if source.sha256 == other.sha256:
                 raise FormatError(
                     f"{node.file}: {node.path}.control_files[{k}].sha256 is that of {node.path}.files[{j}]: "
-                    "a "
-                    "control recording is not one that the calibration is made of: calibrate again"
+                    "a control recording is not one that the calibration is made of: calibrate again"
                 )
     if control_files and control_set.value is None:
         raise FormatError(
             f"{node.file}: {node.path}.control_files has {len(control_files)} items, but {control_set.path} "
-            "is "
-            "null: correct one of them, or calibrate again"
+            "is null: correct one of them, or calibrate again"
         )
     return Provenance(
         files,

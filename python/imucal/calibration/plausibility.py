@@ -117,15 +117,13 @@ def _require_range(node: Node, triad: Triad, sensor: str, unit: str) -> None:
         wrong = smallest if smallest < low else largest
         raise FormatError(
             f"{node.file}: {node.path}.T is about {wrong:.3g} {unit} per {si_unit}, but $.raw_units.{sensor} "
-            "is "
-            f"{unit}, in which a sensor has {low:g} to {high:g}: correct the unit, or calibrate again"
+            f"is {unit}, in which a sensor has {low:g} to {high:g}: correct the unit, or calibrate again"
         )
     for axis, bias in enumerate(triad.bias.tolist()):
         if abs(bias) > BIAS[unit]:
             raise FormatError(
                 f"{node.file}: {node.path}.bias[{axis}] is {bias} {unit}, beyond the {BIAS[unit]:.4g} {unit} "
-                "that "
-                f"a sensor can have: {AGAIN}"
+                f"that a sensor can have: {AGAIN}"
             )
 
 
@@ -150,8 +148,7 @@ def require_temperature_range(node: Node) -> tuple[float, float] | None:
     if low > high:
         raise FormatError(
             f"{node.file}: {node.path}[0] is {low}, but {node.path}[1] is {high}: the lowest temperature "
-            "comes "
-            "first: exchange them"
+            "comes first: exchange them"
         )
     for index, degc in enumerate((low, high)):
         if not TEMPERATURE_DEGC[0] <= degc <= TEMPERATURE_DEGC[1]:

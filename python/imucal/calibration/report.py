@@ -99,8 +99,7 @@ def require_fit(
         if sorted(tested) != sorted(effects):
             raise FormatError(
                 f"{node.file}: {node.path}.effects is of {', '.join(tested) or 'no effect'}, but $.effects "
-                "has "
-                f"{', '.join(effects) or 'none'}: {AGAIN}"
+                f"has {', '.join(effects) or 'none'}: {AGAIN}"
             )
         for item in node.get("effects").items():
             _require_statistic(item, effects, names, covariance)
@@ -109,8 +108,7 @@ def require_fit(
         if counts[0] != counts[1]:
             raise FormatError(
                 f"{node.file}: {node.path}.tremor_deg has {counts[0]} items, but {node.path}.rest_thresholds "
-                "has "
-                f"{counts[1]}: both have one for each recording: {AGAIN}"
+                f"has {counts[1]}: both have one for each recording: {AGAIN}"
             )
     for name in ("tremor_deg", "bias_instability_radps"):
         for item in node.get(name).items() if isinstance(fit.get(name), list) else ():
@@ -199,8 +197,7 @@ def _require_statistic(
     if len(own) != dof:
         raise FormatError(
             f"{node.file}: {node.path} is of {name} with {dof} parameters, but $.effects has {len(own)} of "
-            "them: "
-            f"{AGAIN}"
+            f"them: {AGAIN}"
         )
     _require_range(statistic, 0.0, np.inf)
     if covariance is None or not own.keys() <= set(names):
@@ -218,8 +215,7 @@ def _require_statistic(
     if not agree(statistic.number(), expected, relative=1e-2, absolute=1e-2):
         raise FormatError(
             f"{node.file}: {statistic.path} is {statistic.value}, but the values and the covariance of "
-            f"{name} "
-            f"give {expected:.6g}: {AGAIN}"
+            f"{name} give {expected:.6g}: {AGAIN}"
         )
 
 
@@ -233,8 +229,7 @@ def _require_threshold(node: Node) -> None:
     if len(floors) != NOISE_FLOORS:
         raise FormatError(
             f"{node.file}: {node.path}.noise_floor has {len(floors)} items, but there are {NOISE_FLOORS} "
-            "axes of "
-            "gyroscope and accelerometer: calibrate again"
+            "axes of gyroscope and accelerometer: calibrate again"
         )
     for item in floors:
         if item.value is not None:
@@ -247,8 +242,7 @@ def _require_threshold(node: Node) -> None:
     if None not in (factor, low, high) and not low <= factor <= high:  # type: ignore[operator]
         raise FormatError(
             f"{node.file}: {node.path}.factor is {factor}, outside {node.path}.stable_from and stable_to, "
-            f"{low} to "
-            f"{high}: {AGAIN}"
+            f"{low} to {high}: {AGAIN}"
         )
 
 

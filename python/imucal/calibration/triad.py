@@ -101,8 +101,7 @@ class Triad:
             raise InputError(
                 f"the sensitivity {sensitivity.tolist()} is nearly singular: its condition number is "
                 f"{condition:.3g}, that of a sensor is below {MAX_CONDITION:g}: an axis is missing, or two "
-                "axes are "
-                "nearly parallel"
+                "axes are nearly parallel"
             )
 
 

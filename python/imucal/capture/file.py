@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.arrays import FloatArray
+from imucal.document.appending import lock, write_all
 from imucal.document.atomic import write_text
 from imucal.errors import FormatError, InputError
 
@@ -132,9 +133,8 @@ class CaptureFile:
         if not content.startswith(self._header):
             names = content.split(b"\n", 1)[0].decode("utf-8", "replace")
             raise InputError(
-                f"{self.path} has the columns {names}, but the unit sends {','.join(self.columns)}: give "
-                "the options "
-                "of the interrupted recording, or another file"
+                f"{self.path} has the columns {names}, but the unit sends {','.join(self.columns)}: give the "
+                "options of the interrupted recording, or another file"
             )
         lines = content[len(self._header) :].split(b"\n")[:-1]
         try:
@@ -142,9 +142,8 @@ class CaptureFile:
             self.existing = np.array(rows, dtype=np.float64).reshape(len(rows), len(self.columns))
         except ValueError:
             raise FormatError(
-                f"{self.path} has rows that are not {len(self.columns)} numbers: it was changed since it "
-                "was recorded; "
-                "record into another file"
+                f"{self.path} has rows that are not {len(self.columns)} numbers: it was changed since it was "
+                "recorded; record into another file"
             ) from None
         sizes = [len(line) + 1 for line in lines]
         self._ends = (len(self._header) + np.cumsum(sizes, dtype=np.int64)).tolist() if sizes else []
@@ -152,17 +151,14 @@ class CaptureFile:
 
     def _write(self, data: bytes) -> None:
         try:
-            done = os.write(self._file, data)
-            while done < len(data):
-                done += os.write(self._file, data[done:])
+            write_all(self._file, data)
         except OSError as error:
             raise self._unwritable(error) from error
 
     def _unwritable(self, error: OSError) -> InputError:
         return InputError(
             f"{self.path} cannot be written: {error.strerror}; the rows before are kept: solve the problem "
-            "(for a full "
-            "disk: make room), and give the same command to continue"
+            "(for a full disk: make room), and give the same command to continue"
         )
 
 
@@ -184,19 +180,13 @@ def _require_same(path: Path, marker: Path, document: Mapping[str, Any]) -> None
         if before.get(name) != value:
             raise InputError(
                 f"{path} is an unfinished recording with {name} {before.get(name)!r}, not {value!r}: give "
-                "the options "
-                "of that recording to continue it, or another file"
+                "the options of that recording to continue it, or another file"
             )
 
 
 def _lock(file: int, path: Path) -> None:
     try:
-        import fcntl
-    except ImportError:
-        # Windows has no fcntl, so a second process that records into the file is not detected there.
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(file)
     except BlockingIOError:
         raise InputError(
             f"{path} is being recorded by another process: wait until it ends, or give another file"

@@ -148,8 +148,7 @@ class Capture:
         if not self.source.counts()["samples"] and self.source.bytes_received:
             text = (
                 "data arrive, but none of them can be read: check the baud rate, and that --columns or "
-                "--packet describes "
-                f"what the unit sends{_example(self.source)}"
+                f"--packet describes what the unit sends{_example(self.source)}"
             )
         elif not self.source.counts()["samples"]:
             text = f"no data yet: {self.source.hint or UNIT_SILENT}"

@@ -64,7 +64,8 @@ class CaptureScreen(App[None]):
     CSS = """
     #large { height: 8; content-align: center middle; text-align: center; }
     #middle { height: 1fr; }
-    #pose { width: 1fr; height: 1fr; border: round $primary; content-align: center middle; text-align: center; }
+    #pose { width: 1fr; height: 1fr; border: round $primary; }
+    #pose { content-align: center middle; text-align: center; }
     #right { width: 1fr; min-width: 60; }
     #numbers { height: auto; }
     #steadiness { margin: 0 1; }

@@ -252,14 +252,12 @@ class Session:
         if self._has_gap(rest.end_s, now_s):
             text = (
                 f"{pose_words(rest.up)}: data are missing after {rest.duration_s:.1f} s, and the pose does "
-                "not count yet: "
-                "hold on"
+                "not count yet: hold on"
             )
             return [Event(now_s, "refused", "interrupted", text)]
         text = (
             f"moved too early: held still for {rest.duration_s:.1f} s, and {self.order.hold_s:g} s are "
-            "needed; "
-            f"the pose {pose_words(rest.up)} does not count, hold it again"
+            f"needed; the pose {pose_words(rest.up)} does not count, hold it again"
         )
         return [Event(now_s, "refused", "moved_too_early", text)]
 

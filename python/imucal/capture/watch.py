@@ -169,8 +169,7 @@ def _text(finding: Finding, before: int) -> str:
     if finding.code == "samples_missing":
         return (
             f"{finding.count - before} samples are missing: check the cable, the baud rate and the load of "
-            "the computer; "
-            f"{finding.count} in all"
+            f"the computer; {finding.count} in all"
         )
     if finding.code in ("accel_saturation", "gyro_saturation"):
         return (
@@ -184,8 +183,7 @@ def _text(finding: Finding, before: int) -> str:
 def _fast_text(rate_dps: float) -> str:
     return (
         f"rotated too fast, at about {rate_dps:.0f} deg/s: many gyroscopes saturate at 250 deg/s; take one "
-        "to two "
-        "seconds for 90 deg"
+        "to two seconds for 90 deg"
     )
 
 
@@ -193,8 +191,7 @@ def _units_text(rate_dps: float, how: str) -> str:
     unit = "_dps" if how == "much" else "_radps"
     return (
         f"the gyroscope reads at most {rate_dps:.3g} deg/s, which is too {how} for this motion: check the "
-        "unit in the "
-        f"names of its columns, such as gyro_x{unit}"
+        f"unit in the names of its columns, such as gyro_x{unit}"
     )
 
 

@@ -30,8 +30,7 @@ def require_name(name: object, what: str) -> str:
         wrong = next(character for character in name if not character.isprintable())
         raise InputError(
             f"{what} is '{shown(name)}', which contains the character U+{ord(wrong):04X}: give characters "
-            "that "
-            "can be printed on one line"
+            "that can be printed on one line"
         )
     return name
 

@@ -24,13 +24,11 @@ class Meaning:
 
 _THERMAL_CAUSE: Final = (
     "Dimensions, stiffness and electronics of the sensor change with temperature; the compensation on the "
-    "chip "
-    "leaves a part of it."
+    "chip leaves a part of it."
 )
 _THERMAL_REMEDY: Final = (
     "Keep it in the calibration and give the temperature of every sample to the correction. Calibrate over "
-    "the "
-    "temperatures of use: the correction is not reliable beyond them."
+    "the temperatures of use: the correction is not reliable beyond them."
 )
 _HISTORY_CAUSE: Final = (
     "The thermometer is not where the sensor is, so it lags while the temperature changes, or stress in the "
@@ -50,8 +48,7 @@ _DRIFT_CAUSE: Final = (
 )
 _DRIFT_REMEDY: Final = (
     "Record the temperature: if it explains the drift, the correction holds in other recordings. A drift "
-    "with "
-    "time alone describes this recording only."
+    "with time alone describes this recording only."
 )
 _ENCODER_REMEDY: Final = (
     "It is an error of the stand, not of the unit, so the calibration of the sensors does not contain it. "
@@ -65,15 +62,13 @@ MEANINGS: Final[dict[str, Meaning]] = {
         "Gravity and acceleration displace the vibrating mass, because its suspension is not perfectly "
         "symmetric.",
         "Keep it in the calibration and correct the rate with the force of the same sample. Mount the unit "
-        "on "
-        "dampers if vibration is strong, because the correction needs forces within the bandwidth.",
+        "on dampers if vibration is strong, because the correction needs forces within the bandwidth.",
     ),
     "gyro_g2_sensitivity": Meaning(
         "The gyroscope's bias depends on products of the specific force, so vibration shifts its mean.",
         "Nonlinear displacement of the vibrating mass, and rectification of vibration by the electronics.",
         "Keep it in the calibration; damp the mount if the unit vibrates, because vibration beyond the "
-        "bandwidth "
-        "is rectified but not measured.",
+        "bandwidth is rectified but not measured.",
     ),
     "gyro_scale_g_sensitivity": Meaning(
         "The gyroscope's scale depends on the specific force along its axis.",
@@ -125,8 +120,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
         "Forces along other axes cause an error that grows with products of the forces.",
         "A mass that all axes share, or suspension that twists under a force across it.",
         "Keep it in the calibration only if the poses come from a stand with known angles, which separates "
-        "it "
-        "from the other nonlinear terms.",
+        "it from the other nonlinear terms.",
     ),
     "gyro_bias_temperature": Meaning(
         "The gyroscope's bias depends on the temperature.", _THERMAL_CAUSE, _THERMAL_REMEDY
@@ -169,23 +163,20 @@ MEANINGS: Final[dict[str, Meaning]] = {
         "The gyroscope's samples are older or newer than those of the accelerometer.",
         "Different filters of the two sensors, or time stamps that are given when a sample is read.",
         "Shift the time stamps of the gyroscope by the parameter, and give both sensors the same filter and "
-        "the "
-        "time stamps of one clock.",
+        "the time stamps of one clock.",
     ),
     "earth_rate": Meaning(
         "The gyroscope measures the rotation of the Earth, 15 deg/h.",
         "It is a true rate and not an error, but the model takes a unit at rest as not rotating.",
-        "Include it in the calibration of gyroscopes whose noise is well below 15 deg/h; navigation corrects "
-        "it by "
-        "the latitude and the heading.",
+        "Include it in the calibration of gyroscopes whose noise is well below 15 deg/h; navigation "
+        "corrects it by the latitude and the heading.",
     ),
     "accel_lever_arm": Meaning(
         "The accelerometer is not at the point about which the unit rotates, so it measures centripetal and "
         "tangential forces.",
         "The distance of the accelerometer from the axes of the stand, or from the origin of the body frame.",
         "It belongs to the mount: keep the lever arm of the calibration, or transform the force to the "
-        "origin of "
-        "the body frame with it.",
+        "origin of the body frame with it.",
     ),
     "accel_size_effect": Meaning(
         "The three axes of the accelerometer measure at different points.",

@@ -108,8 +108,7 @@ def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[Eff
             if abs(value) > LARGEST_SIZE * parameter.typical:
                 raise FormatError(
                     f"{item.file}: {item.path}.values[{k}] is {value} {parameter.unit}, but its typical size "
-                    "is "
-                    f"{parameter.typical}: correct it"
+                    f"is {parameter.typical}: correct it"
                 )
         effects.append(effect)
     return tuple(effects)

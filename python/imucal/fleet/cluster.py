@@ -46,8 +46,7 @@ class DaskPool:
         except (OSError, ValueError) as error:
             raise ImucalError(
                 f"{self._address}: no scheduler answers within {connect_s:g} s: {error}: start `dask "
-                "scheduler`, and "
-                "workers with `dask worker ADDRESS`"
+                "scheduler`, and workers with `dask worker ADDRESS`"
             ) from None
         self.processes = max(threads, 1)
         self.capacity = PER_THREAD * self.processes
@@ -100,8 +99,7 @@ class DaskPool:
                     return work, Ended()
                 raise ImucalError(
                     f"a worker of {self._address} cannot run tasks: {type(failure).__name__}: {failure}: "
-                    "install the "
-                    "same version of imucal on it"
+                    "install the same version of imucal on it"
                 )
 
     def _replace_worker_of(self, future: Any) -> None:
@@ -129,6 +127,5 @@ class DaskPool:
     def _lost(self) -> ImucalError:
         return ImucalError(
             f"the scheduler {self._address} is lost: what was in the store is in it; start the scheduler, "
-            "and run "
-            "the same command again"
+            "and run the same command again"
         )

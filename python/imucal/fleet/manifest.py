@@ -86,8 +86,7 @@ def _rows(path: str | os.PathLike[str]) -> Iterator[tuple[int, Mapping[str, str]
                 if None in row or None in row.values():
                     raise FormatError(
                         f"{name}, line {reader.line_num}: the row has not the {len(names)} cells of the "
-                        "header: "
-                        "put text with a comma into quotes"
+                        "header: put text with a comma into quotes"
                     )
                 yield reader.line_num, row
     except OSError as error:

@@ -62,8 +62,7 @@ class Naming:
             if not runs:
                 raise InputError(
                     f"{controls[0]} is a control recording, and unit {serial} has no other recording in its "
-                    "folder: "
-                    "give the pattern of the names with --names, or a manifest"
+                    "folder: give the pattern of the names with --names, or a manifest"
                 )
             fields = dict(zip(FIELDS[1:], others, strict=True))
             jobs.append(Job(serial or "", tuple(runs), tuple(controls), **fields))

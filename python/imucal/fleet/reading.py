@@ -194,8 +194,7 @@ def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...],
             if units.setdefault(name, unit) != unit:
                 raise InputError(
                     f"{name} is in {units[name]} for some units and in {unit} for others: select units of "
-                    "one kind, "
-                    "such as those of one batch"
+                    "one kind, such as those of one batch"
                 )
     base = [name for name in BASE_NAMES if name in units]
     names = (*base, *(name for name in units if name not in BASE_NAMES))

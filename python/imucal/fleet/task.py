@@ -156,8 +156,7 @@ def _read(files: Sequence[str], options: Options) -> list[Recording]:
     if len(files) % size:
         raise InputError(
             f"{len(files)} files given, but a recording consists of {size}: give them in pairs, "
-            "accelerometer "
-            "and gyroscope"
+            "accelerometer and gyroscope"
         )
     return [read(*files[start : start + size], **options.read) for start in range(0, len(files), size)]
 

@@ -138,23 +138,20 @@ def _require_passable(
                 if not low <= value <= high:  # type: ignore[operator]
                     raise FormatError(
                         f"{node.file}: {path}.{side} is {value}, but {parameter} of a sensor is {low:.4g} to "
-                        f"{high:.4g} "
-                        f"{limit.unit}: correct the number or $.parameters.{limit.name}.unit"
+                        f"{high:.4g} {limit.unit}: correct the number or $.parameters.{limit.name}.unit"
                     )
             for other in ranges[:number]:
                 if other.covers(parameter) and other.unit == limit.unit and _are_apart(limit, other):
                     raise FormatError(
                         f"{node.file}: {path} is {limit.low} to {limit.high}, but $.parameters.{other.name} "
-                        "is "
-                        f"{other.low} to {other.high}: no {parameter} is in both: correct one of them"
+                        f"is {other.low} to {other.high}: no {parameter} is in both: correct one of them"
                     )
     for limit in limits if effects is not None else ():
         of = [name for name in known if limit.covers(name)]
         if not any(_is_permitted(name, effects or ()) for name in of):
             raise FormatError(
                 f"{node.file}: $.parameters.{limit.name} has a limit, but $.effects does not permit its "
-                "effect: every "
-                "unit would fail: add the effect, or leave the limit out"
+                "effect: every unit would fail: add the effect, or leave the limit out"
             )
 
 

@@ -6,7 +6,18 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.effects.table import has_parameter
-from imucal.plot.style import BAND, BLUE, GREEN, GREY, VERMILION, plotly, rows_of, shown_unit, styled
+from imucal.plot.style import (
+    BAND,
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILION,
+    plotly,
+    rows_of,
+    shown_unit,
+    stacked_panels,
+    styled,
+)
 from imucal.units import Scale, datasheet
 
 if TYPE_CHECKING:
@@ -19,8 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["limits", "parameters", "sigmas"]
 
-# Short names of the sensors in titles of panels, which must fit on the screen of a phone.
-SENSORS: Final = {"accel": "accel", "gyro": "gyro"}
 # Heights, pixels: row of a parameter, row of a check, title and labels of a panel, and margin of the figure.
 ROW_PX: Final = 24
 CHECK_PX: Final = 29
@@ -121,22 +130,13 @@ def _panels(result: CalibrationResult | Calibration, trace: Callable[[Any, list[
     kinds: dict[str, list[Parameter]] = {}
     for parameter in calibration.parameters:
         kinds.setdefault(_kind(parameter, calibration), []).append(parameter)
-    go, make_subplots = plotly()
-    rows = [len(panel) for panel in kinds.values()]
-    height = sum(rows) * ROW_PX + len(rows) * PANEL_PX
-    figure = make_subplots(
-        rows=len(rows),
-        row_heights=rows,
-        # Titles and tick labels need space between the panels.
-        vertical_spacing=PANEL_PX / height if len(rows) > 1 else 0.0,
-        subplot_titles=list(kinds),
-    )
+    go, _ = plotly()
+    rows = {title: len(panel) for title, panel in kinds.items()}
+    figure, height = stacked_panels(rows, row_px=ROW_PX, panel_px=PANEL_PX)
     for row, panel in enumerate(kinds.values(), start=1):
         figure.add_trace(trace(go, panel), row=row, col=1)
         figure.update_yaxes(rows_of([p.name for p in panel]), row=row, col=1)
-    figure.update_annotations(x=0, xanchor="left", font={"size": 13})
     figure.update_xaxes(nticks=4, tickangle=0, tickfont={"size": 11})
-    figure.update_layout(showlegend=False)
     return styled(figure, height + 2 * MARGIN_PX)
 
 
@@ -148,10 +148,10 @@ def _kind(parameter: Parameter, calibration: Calibration) -> str:
     if effect is not None:
         return f"{effect}{unit}"
     if rest.startswith("bias"):
-        return f"{SENSORS[sensor]} bias{unit}"
+        return f"{sensor} bias{unit}"
     on_diagonal = "scale error" if _scale(parameter).zero else "scale"
     what = on_diagonal if rest[-1] == rest[-2] else "misalignment"
-    return f"{SENSORS[sensor]} {what}{unit}"
+    return f"{sensor} {what}{unit}"
 
 
 def _scale(parameter: Parameter) -> Scale:

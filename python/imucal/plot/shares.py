@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Final
 
 from imucal.errors import InputError
 from imucal.gap.sizes import for_people
-from imucal.plot.style import BLUE, GREEN, GREY, VERMILION, plotly, rows_of, shown_unit, styled
+from imucal.plot.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILION,
+    plotly,
+    rows_of,
+    shown_unit,
+    stacked_panels,
+    styled,
+)
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -21,7 +31,9 @@ KINDS: Final = {
     "move_direction": "gravity direction after moves",
     "rest_rate": "rate at rest",
 }
+# Heights, pixels: row of a share, row of a parameter, and title and labels of a panel.
 ROW_PX: Final = 34
+SIZE_ROW_PX: Final = 24
 PANEL_PX: Final = 66
 # Minimum probability of a drawn candidate, and maximum number of drawn candidates.
 LEAST: Final = 1e-3
@@ -53,15 +65,9 @@ def waterfall(gap: Gap) -> Figure:
     steps = waterfall_steps(gap)
     if not steps:
         raise InputError("no effect closes a part of the gap")
-    go, make_subplots = plotly()
-    rows = [len(own) + 1 for own in steps.values()]
-    height = sum(rows) * ROW_PX + len(rows) * PANEL_PX
-    figure = make_subplots(
-        rows=len(rows),
-        row_heights=rows,
-        vertical_spacing=PANEL_PX / height if len(rows) > 1 else 0.0,
-        subplot_titles=[KINDS[kind] for kind in steps],
-    )
+    go, _ = plotly()
+    rows = {KINDS[kind]: len(own) + 1 for kind, own in steps.items()}
+    figure, height = stacked_panels(rows, row_px=ROW_PX, panel_px=PANEL_PX)
     for row, own in enumerate(steps.values(), start=1):
         names = ["gap", *(name for name, _ in own)]
         # The remaining share is clipped, because it may be slightly negative due to the scatter of unseen
@@ -89,8 +95,6 @@ def waterfall(gap: Gap) -> Figure:
         labels = [f"{name}<br>{share}" for name, share in zip(names, text, strict=True)]
         figure.update_yaxes(rows_of(names), ticktext=labels, row=row, col=1)
     figure.update_xaxes(rangemode="tozero", ticksuffix=" %")
-    figure.update_annotations(x=0, xanchor="left", font={"size": 13})
-    figure.update_layout(showlegend=False)
     return styled(figure, height + 60)
 
 
@@ -109,15 +113,8 @@ def effect_sizes(gap: Gap) -> Figure:
             groups.setdefault(title, []).append((p["name"], value, std))
     if not groups:
         raise InputError("there is no effect to show")
-    _, make_subplots = plotly()
-    rows = [len(own) for own in groups.values()]
-    height = sum(rows) * 24 + len(rows) * PANEL_PX
-    figure = make_subplots(
-        rows=len(rows),
-        row_heights=rows,
-        vertical_spacing=PANEL_PX / height if len(rows) > 1 else 0.0,
-        subplot_titles=list(groups),
-    )
+    rows = {title: len(own) for title, own in groups.items()}
+    figure, height = stacked_panels(rows, row_px=SIZE_ROW_PX, panel_px=PANEL_PX)
     for row, own in enumerate(groups.values(), start=1):
         names = [name for name, _, _ in own]
         for factor, thickness in ((INTERVAL_95, 1.2), (1.0, 4.0)):
@@ -140,8 +137,6 @@ def effect_sizes(gap: Gap) -> Figure:
             )
         figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dash"}, row=row, col=1)
         figure.update_yaxes(rows_of(names), row=row, col=1)
-    figure.update_annotations(x=0, xanchor="left", font={"size": 13})
-    figure.update_layout(showlegend=False)
     return styled(figure, height + 50)
 
 

@@ -7,6 +7,7 @@ theme replaces each of them by its entry in `DARK`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.errors import ImucalError
@@ -81,6 +82,26 @@ def rows_of(names: list[str]) -> dict[str, Any]:
         "tickvals": names,
         "tickfont": {"size": 12},
     }
+
+
+def stacked_panels(rows: Mapping[str, int], *, row_px: int, panel_px: int) -> tuple[Figure, int]:
+    """A figure with one panel below the other, and the height of all panels, pixels.
+
+    rows      number of rows of each panel, by its title
+    row_px    height of a row
+    panel_px  height of the title and of the tick labels of a panel
+    """
+    _, make_subplots = plotly()
+    height = sum(rows.values()) * row_px + len(rows) * panel_px
+    figure = make_subplots(
+        rows=len(rows),
+        row_heights=list(rows.values()),
+        vertical_spacing=panel_px / height if len(rows) > 1 else 0.0,
+        subplot_titles=list(rows),
+    )
+    figure.update_annotations(x=0, xanchor="left", font={"size": 13})
+    figure.update_layout(showlegend=False)
+    return figure, height
 
 
 def plotly() -> tuple[Any, Any]:

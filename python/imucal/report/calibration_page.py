@@ -124,8 +124,7 @@ def _sphere_tab(result: CalibrationResult) -> Tab:
     )
     caption = (
         "Gravity at each rest before and after the calibration. The sphere has the radius g, and the "
-        "distance "
-        f"of a point from it is |f| − g, magnified {factor:.3g} times.{zero}"
+        f"distance of a point from it is |f| − g, magnified {factor:.3g} times.{zero}"
     )
     sphere = Shown("sphere", figure, caption, printed=False)
     return Tab(covered.heading, (sphere, *covered.content))

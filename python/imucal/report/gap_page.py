@@ -97,8 +97,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
             signals, has_effects=bool(gap.effects or gap.laws), is_hand_moved=gap.is_hand_moved
         ),
         f"Move {signals.move} of the {kind} {signals.recording}: gravity as the accelerometer measures it, "
-        "and as "
-        f"the gyroscope predicts it from the rest before the move (shaded).{of_hand}",
+        f"and as the gyroscope predicts it from the rest before the move (shaded).{of_hand}",
     )
 
 
@@ -106,7 +105,7 @@ def _left(gap: Gap) -> Iterator[str]:
     """Section on the residuals that effects and laws leave: the remainder, its channels, and bias changes."""
     if gap.remainder is None:
         return
-    yield heading("What is left")
+    yield heading("Remaining residuals")
     words = gap.remainder.description or "noise explains the residuals"
     kind = gap.remainder.kind.capitalize()
     yield paragraph(f"{kind}: {words} (p {gap.remainder.p_value:.2g}).")

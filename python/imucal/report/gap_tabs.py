@@ -102,8 +102,7 @@ def _curve(law: Law, motion: OwnMotion | None) -> Shown:
         f"law-{law.name}",
         plot.law(law, points),
         f"Error of the {law.sensor} over {law.curve.variable}, relative to its mean, with the 95 % band of "
-        "its "
-        f"parameters.{measured}",
+        f"its parameters.{measured}",
     )
 
 
@@ -113,8 +112,7 @@ def evidence(gap: Gap) -> Iterator[Shown | str]:
         "probabilities",
         plot.probabilities(gap),
         "Probability that a candidate is the first missing effect, if all candidates and no effect are "
-        "equally "
-        "likely beforehand.",
+        "equally likely beforehand.",
     )
     if any(effect["parameters"] for effect in gap.effects):
         yield Shown(
@@ -158,7 +156,7 @@ def change(gap: Gap) -> Iterator[Shown | str]:
     words = f"Figures without and with the found effects. The fits have used the set named {seen}{but}."
     yield Shown("change", plot.before_and_after(gap), words)
     yield gap_figures_table(gap)
-    error = getattr(gap, "corrected_error", None)
+    error = gap.corrected_error
     if error:
         yield heading("Predicted error of the corrected signals, averaged over 1 s")
         rows = []

@@ -99,8 +99,7 @@ def _content(inspection: Inspection, recording: Recording, number: int) -> Itera
         f"signals-{number}",
         plot.recording_signals(recording, inspection),
         f"Signals over time, the smallest and the largest sample of each of many intervals; {rests}. Crosses "
-        "are "
-        "samples at the end of a sensor's range."
+        "are samples at the end of a sensor's range."
         if any(finding.code.endswith("_saturation") for finding in inspection.findings)
         else f"Signals over time, the smallest and the largest sample of each of many intervals; {rests}.",
     )
@@ -115,8 +114,7 @@ def _content(inspection: Inspection, recording: Recording, number: int) -> Itera
         yield heading("Accuracy that this recording can give")
         yield paragraph(
             "Predicted from the rests, the moves and the noise at rest. It is that of a calibration if the "
-            "data "
-            "contain no errors other than noise and the linear model."
+            "data contain no errors other than noise and the linear model."
         )
         yield predicted_table(inspection)
 

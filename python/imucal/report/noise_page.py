@@ -38,10 +38,8 @@ def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
     )
     caption = (
         "Overlapping Allan deviation with 95 % confidence intervals; curves: the identified noise model. "
-        "Straight "
-        "lines: its white noise N, bias instability B and random walk K, as far as they are detected. Stars: "
-        "N "
-        "is read at 1 s, K at 3 s, and B is the flat part divided by 0.664."
+        "Straight lines: its white noise N, bias instability B and random walk K, as far as they are "
+        "detected. Stars: N is read at 1 s, K at 3 s, and B is the flat part divided by 0.664."
     )
     sensors: tuple[tuple[Literal["accel", "gyro"], str], ...] = (
         ("accel", "Accelerometer"),

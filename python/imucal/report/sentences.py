@@ -144,8 +144,7 @@ def _better_norm(judged: Evaluation) -> str:
         return ""
     return (
         f"On the control recordings, the norm of gravity at the rests has an rms error of {MG * after:.2g} "
-        "mg, "
-        f"compared to {MG * before:.2g} mg without calibration."
+        f"mg, compared to {MG * before:.2g} mg without calibration."
     )
 
 

@@ -221,8 +221,7 @@ def _axis(node: Node) -> AxisLimits | None:
     if span is not None and not span[0] <= 0.0 <= span[1]:
         raise FormatError(
             f"{node.file}: {node.path}.range_deg is {list(span)}: angles count from the start of a program, "
-            "so 0 is "
-            "between them"
+            "so 0 is between them"
         )
     return AxisLimits(**numbers, range_deg=span)
 
@@ -241,8 +240,7 @@ def _require_free_start(node: Node) -> None:
     if all(math.ceil(low / 360.0) * 360.0 <= high for low, high in spans):
         raise FormatError(
             f"{node.file}: {node.path} contains 0 for every motor, where every program starts: correct it, "
-            "or "
-            "leave it out"
+            "or leave it out"
         )
 
 

@@ -78,8 +78,7 @@ def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Col
         if not (sizes <= largest.get(name, np.inf)).all():
             raise FormatError(
                 f"{node.file}: {node.path}.{name} is {_given(node, name)}, more than the {largest[name]:.4g} "
-                "in SI "
-                "units that a sensor can have: correct the number or its unit"
+                "in SI units that a sensor can have: correct the number or its unit"
             )
     if "bits" in found and found["bits"] != int(found["bits"]):
         raise FormatError(f"{node.file}: {node.path}.bits.value is {found['bits']}: give a whole number")
@@ -87,8 +86,7 @@ def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Col
     if {"bandwidth", "output_rate"} <= found.keys() and found["bandwidth"] > found["output_rate"]:
         raise FormatError(
             f"{node.file}: {node.path}.bandwidth is {found['bandwidth']:g} Hz, but {node.path}.output_rate "
-            "is "
-            f"{found['output_rate']:g} Hz: the bandwidth is the smaller: correct one of them"
+            f"is {found['output_rate']:g} Hz: the bandwidth is the smaller: correct one of them"
         )
     if "sensitivity" in found:
         _require_sensitivity(
@@ -149,8 +147,7 @@ def _require_sensitivity(node: Node, matrix: Any, *, is_frame: bool) -> None:
                 raise FormatError(
                     f"{node.file}: {node.path}[{row}][{column}] is {matrix[row, column]}, but "
                     f"{node.path}[{column}][{row}] is {matrix[column, row]}: in the body frame of a unit "
-                    "file, the "
-                    "symmetric one, both are the same number: correct one of them"
+                    "file, the symmetric one, both are the same number: correct one of them"
                 )
     sizes = np.linalg.svd(matrix / np.abs(matrix).max(), compute_uv=False) * np.abs(matrix).max()
     if not (SENSITIVITY[0] <= sizes[-1] and sizes[0] <= SENSITIVITY[1]) or np.linalg.det(matrix) <= 0:

@@ -145,8 +145,7 @@ def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
     if duration_s(blocks) > MAX_DURATION_S:
         raise InputError(
             f"the program takes the motors {duration_s(blocks):.3g} s, more than {MAX_DURATION_S:g} s, a "
-            "week: give "
-            "higher rates and accelerations, or a shorter program"
+            "week: give higher rates and accelerations, or a shorter program"
         )
     return blocks
 

@@ -28,6 +28,7 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.arrays import FloatArray
+from imucal.document.appending import lock, write_all
 from imucal.errors import FormatError, InputError
 
 __all__ = ["Journal", "Logged", "read_journal"]
@@ -64,7 +65,7 @@ class Journal:
         try:
             # Some network file systems do not support locks.
             with suppress(OSError):
-                _lock(self._file)
+                lock(self._file)
             header = {"schema": SCHEMA, "columns": list(self.columns), **about}
             self._append(HEADER, json.dumps(header).encode())
             self.sync()
@@ -89,7 +90,7 @@ class Journal:
         try:
             journal._file = os.open(journal.path, os.O_RDWR | getattr(os, "O_BINARY", 0))
             with suppress(OSError):
-                _lock(journal._file)
+                lock(journal._file)
             os.ftruncate(journal._file, logged.end)
             os.lseek(journal._file, 0, os.SEEK_END)
         except OSError as error:
@@ -136,9 +137,7 @@ class Journal:
         block = _block(kind, self._number, payload)
         self._number += 1
         try:
-            done = os.write(self._file, block)
-            while done < len(block):
-                done += os.write(self._file, block[done:])
+            write_all(self._file, block)
         except OSError as error:
             raise self._unwritable(error) from error
 
@@ -229,16 +228,6 @@ def read_journal(path: str | os.PathLike[str]) -> Logged:
     )
 
 
-def _lock(file: int) -> None:
-    """Lock an open file until it is closed. Raises BlockingIOError if another process holds the lock."""
-    try:
-        import fcntl
-    except ImportError:
-        # Windows has no fcntl, so another recording process is not detected there.
-        return
-    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
 def _is_locked(path: Path) -> bool:
     """Whether another process is writing this journal."""
     try:
@@ -246,7 +235,7 @@ def _is_locked(path: Path) -> bool:
     except OSError:
         return False
     try:
-        _lock(file)
+        lock(file)
     except BlockingIOError:
         return True
     except OSError:

@@ -113,14 +113,34 @@ class _Serial:
             self._port.close()
 
 
-class _Tcp:
-    comes_back = True
-    hint = ""
+class _Socket:
+    """What a TCP connection and a UDP port have in common."""
 
-    def __init__(self, host: str, port: int) -> None:
-        self.name = f"tcp://{host}:{port}"
-        self._address = (host, port)
+    comes_back = True
+
+    def __init__(self, name: str, hint: str, address: tuple[str, int]) -> None:
+        self.name, self.hint = name, hint
+        self._address = address
         self._socket: socket.socket | None = None
+
+    def _received(self) -> bytes | None:
+        """Bytes that arrive within a short wait; None if nothing arrives, empty at the end of a stream."""
+        assert self._socket is not None
+        try:
+            return self._socket.recv(AT_ONCE)
+        except TimeoutError:
+            return None
+        except OSError as error:
+            raise LinkLostError(f"{self.name} is lost: {error}") from None
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+class _Tcp(_Socket):
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__(f"tcp://{host}:{port}", "", (host, port))
 
     def open(self) -> None:
         try:
@@ -130,32 +150,18 @@ class _Tcp:
             raise LinkLostError(f"{self.name} cannot be reached: {error}") from None
 
     def read(self) -> bytes:
-        assert self._socket is not None
-        try:
-            data = self._socket.recv(AT_ONCE)
-        except TimeoutError:
-            return b""
-        except OSError as error:
-            raise LinkLostError(f"{self.name} is lost: {error}") from None
-        if not data:
+        data = self._received()
+        if data == b"":
             raise LinkLostError(f"{self.name} has closed the connection")
-        return data
-
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
+        return data or b""
 
 
-class _Udp:
+class _Udp(_Socket):
     """Datagrams of text or of packets. A datagram may or may not end with a line end."""
 
-    comes_back = True
-
     def __init__(self, host: str, port: int) -> None:
-        self.name = f"udp://{host}:{port}"
-        self.hint = f"the unit has to send to UDP port {port} of this computer ({own_address()})"
-        self._address = (host, port)
-        self._socket: socket.socket | None = None
+        hint = f"the unit has to send to UDP port {port} of this computer ({own_address()})"
+        super().__init__(f"udp://{host}:{port}", hint, (host, port))
 
     def open(self) -> None:
         family = socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET
@@ -167,20 +173,12 @@ class _Udp:
             raise LinkLostError(f"{self.name} cannot be opened: {error}") from None
 
     def read(self) -> bytes:
-        assert self._socket is not None
-        try:
-            data = self._socket.recv(AT_ONCE)
-        except TimeoutError:
+        data = self._received()
+        if data is None:
             return b""
-        except OSError as error:
-            raise LinkLostError(f"{self.name} is lost: {error}") from None
         # A line end is added, because apps send a line or a JSON message in a datagram without a line end.
         # After a packet, which ends with its checksum, the decoder skips the line end.
         return data if data.endswith(b"\n") else data + b"\n"
-
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
 
 
 def own_address() -> str:

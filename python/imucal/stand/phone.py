@@ -41,8 +41,7 @@ PHYPHOX_PORTS: Final = (8080, 80)
 PHYPHOX_INPUTS: Final = {"accelerometer": "totalacceleration", "gyroscope": "gyroscope"}
 NO_SENSORS: Final = (
     "the phyphox experiment does not record both sensors: add a simple experiment with accelerometer and "
-    "gyroscope "
-    "(the + button), open it, and switch on remote access"
+    "gyroscope (the + button), open it, and switch on remote access"
 )
 
 

@@ -95,8 +95,7 @@ class PhoneDecoder:
         elif not self._samples["accel"] and "accelerometer" in names:
             self.remark = (
                 "the accelerometer arrives without gravity: switch on Total Acceleration (Android) or "
-                "Accelerometer "
-                "Uncalibrated (iOS, with Standardise Units & Frames)"
+                "Accelerometer Uncalibrated (iOS, with Standardise Units & Frames)"
             )
         else:
             missing = " and ".join(

@@ -19,6 +19,9 @@ from imucal.stand.stream import Decoder, StreamSource
 
 __all__ = ["unit_source"]
 
+PHONE = ("http://", "phyphox://")
+ROS = "ros2://"
+
 
 def unit_source(
     address: str,
@@ -32,8 +35,7 @@ def unit_source(
     """The source at an address.
 
     address  as `link_to` takes it, or http://[HOST]:PORT to which Sensor Logger pushes,
-    phyphox://HOST[:PORT], or
-             ros2://TOPIC
+             phyphox://HOST[:PORT], or ros2://TOPIC
     columns  template of text lines, see `LineDecoder`
     packet   file that describes binary packets
     rate_hz  sampling rate of a unit that sends no time, Hz
@@ -49,22 +51,22 @@ def unit_source(
 
 
 def _link(address: str, baud: int) -> Link:
-    if address.startswith(("http://", "phyphox://")):
+    if address.startswith(PHONE):
         return phone_link(address)
-    if address.startswith("ros2://"):
-        return RosTopic(address.removeprefix("ros2://"))
+    if address.startswith(ROS):
+        return RosTopic(address.removeprefix(ROS))
     return link_to(address, baud)
 
 
 def _decoder(address: str, columns: str | None, packet: str | os.PathLike[str] | None) -> Decoder:
-    is_known = address.startswith(("http://", "phyphox://", "ros2://"))
+    is_known = address.startswith((*PHONE, ROS))
     if (columns is not None and packet is not None) or (is_known and (columns or packet) is not None):
         raise InputError(
             f"the format of {address} is known: leave --columns and --packet out"
             if is_known
             else "the format of the unit's data is needed: give either --columns or --packet"
         )
-    if address.startswith("ros2://"):
+    if address.startswith(ROS):
         return LineDecoder(TEMPLATE)
     if packet is not None:
         return PacketDecoder(PacketFormat.read(packet))

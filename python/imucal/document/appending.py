@@ -1,0 +1,27 @@
+"""Files to which data are appended while they arrive: complete writes, and a lock against a second writer."""
+
+from __future__ import annotations
+
+import os
+
+__all__ = ["lock", "write_all"]
+
+
+def write_all(file: int, data: bytes) -> None:
+    """Write all bytes to an open file. Raises OSError."""
+    done = os.write(file, data)
+    while done < len(data):
+        done += os.write(file, data[done:])
+
+
+def lock(file: int) -> None:
+    """Lock an open file until it is closed.
+
+    Raises BlockingIOError if another process holds the lock, and OSError if the file system has no locks.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        # Windows has no fcntl, so another recording process is not detected there.
+        return
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
