@@ -222,9 +222,9 @@ mod tests {
 
     #[test]
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
-        // Derivative of each effect with respect to the quantity that the affected sensor measures. The derivative of a
-        // rate effect with respect to force is not needed. Force effects do not depend on rate, except for lever arms,
-        // so the error of the force in a rate effect vanishes after two passes.
+        // The slope of an effect is its derivative with respect to the quantity that the affected sensor measures. The
+        // derivative of a gyroscope effect with respect to force is left out. The force converges first, because no
+        // accelerometer effect depends on rate, except for lever arms.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());
@@ -303,8 +303,8 @@ mod tests {
 
     #[test]
     fn rest_and_zero_settle_too() {
-        // These are the difficult cases for the convergence test. At rest an effect is larger than the rate, and at
-        // zero force there is no magnitude to which a change can be compared.
+        // These two states are difficult for the convergence test. At rest, an effect is larger than the rate. At zero
+        // force, there is no magnitude to which a change of the force can be compared.
         for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };

@@ -16,7 +16,7 @@
 //! | 16 | 12 | lowest, highest and reference temperature, degC |
 //! | 28 | 48 | gyroscope: inverse sensitivity by rows, then bias in raw units |
 //! | 76 | 48 | accelerometer: the same |
-//! | 124 | | effects: number, count of values, 2 bytes 0, shape (1 if it has none), values |
+//! | 124 | | for each effect: number, count of values, 2 zero bytes, shape (1 if the effect has no shape), values |
 //! | length - 4 | 4 | CRC-32 of all bytes before it, as in zlib and Ethernet |
 
 use crate::{

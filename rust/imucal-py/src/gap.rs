@@ -66,8 +66,8 @@ pub(crate) struct SessionStep {
     chi2: (f64, f64),
 }
 
-/// Name of an effect, ratio to noise of the residuals that the effect causes for each kind of residual, and share of
-/// the chi2 of the effect that the base parameters absorb.
+/// Name of an effect. For each kind of residual, the rms of the residuals that the effect causes, divided by their
+/// standard deviations from noise. Share of the effect's chi2 that a refit of the base parameters removes.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Scores of all candidates, generic hypotheses and detection limits; see `imucal::gap::Search`.
@@ -89,8 +89,9 @@ pub(crate) struct Search {
     is_hand_moved: bool,
 }
 
-/// Name of a rejected effect, and the reason: the message of its failed fit, chi2 per degree of freedom of unseen data
-/// without and with the effect, or the p-value of its parameters; the other two are None.
+/// Name of a rejected effect, and three possible reasons, of which only one is not None: the message of the failed fit
+/// with the effect; chi2 per degree of freedom of unseen data without and with the effect; the p-value of the effect's
+/// parameters.
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.

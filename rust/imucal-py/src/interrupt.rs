@@ -8,8 +8,9 @@ use pyo3::prelude::*;
 
 use crate::error::ToPython;
 
-/// Runs `work` while the interpreter is released. If a Python signal handler raises an exception meanwhile, the
-/// calculation is cancelled, and the exception is returned. Python runs signal handlers only on its main thread.
+/// Runs `work` while the Python interpreter lock (GIL) is released. If a Python signal handler raises an exception
+/// during `work`, the calculation is cancelled, and the exception is returned. Python runs signal handlers only on its
+/// main thread.
 pub(crate) fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<T> {
     let raised: Arc<Mutex<Option<PyErr>>> = Arc::default();
     let kept = raised.clone();

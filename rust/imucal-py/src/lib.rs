@@ -1,7 +1,8 @@
 //! `imucal._core`: Python bindings of the Rust library. They only convert types and contain no calculations.
 //!
-//! Arrays are passed as C-contiguous float64 without a copy and are verified in one place (`arrays`). The interpreter
-//! is released during all calculations. Errors are converted to the classes of `imucal.errors` (`error`).
+//! Arrays are passed as C-contiguous float64 without a copy and are verified in one place (`arrays`). The Python
+//! interpreter lock (GIL) is released during all calculations. Errors are converted to the classes of `imucal.errors`
+//! (`error`).
 
 mod arrays;
 mod calibration;
@@ -63,8 +64,8 @@ mod _core {
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
-    /// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the difference
-    /// from this temperature.
+    /// Reference temperature of sensitivities and biases, degC. Temperature effects are functions of the temperature
+    /// minus this reference.
     #[pymodule_export]
     const REFERENCE_TEMPERATURE_DEGC: f64 = library::recording::REFERENCE_TEMPERATURE_DEGC;
 
@@ -283,8 +284,8 @@ mod _core {
 
     /// Findings of all checks that need no fit, and the rests of the recording.
     ///
-    /// `grows` states that the recording has not ended yet. In this case, a recording that is still too short for a
-    /// calibration is not reported as a finding.
+    /// `grows` states that the recording is still being written. In this case, the recording is not reported as too
+    /// short.
     #[pyfunction]
     #[pyo3(signature = (recording, gravity_mps2, min_rest_s, grows = false))]
     fn inspect(

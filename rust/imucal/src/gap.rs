@@ -100,8 +100,8 @@ pub struct Search {
     pub smallest_visible: Vec<(String, f64, String)>,
     /// For each effect, the residuals that it would cause at its typical size.
     pub traces: Vec<Trace>,
-    /// Of all kinds of residuals at rests, the kind whose scatter under the final model exceeds noise most; `None` if
-    /// no excess is significant. If effects were selected, only residuals of the sensors of these effects are tested.
+    /// The kind of residuals at rests whose scatter under the final model exceeds noise most; `None` if no excess is
+    /// significant. If effects were selected, only residuals of the sensors of these effects are tested.
     pub scattering_rests: Option<Scattering>,
     /// Whether the search ignores accelerometer samples inside moves. It does so if the unit was moved by hand, because
     /// the specific force then contains accelerations besides gravity. It also does so if the accelerometer noise is
@@ -132,8 +132,8 @@ pub struct Score {
     pub rivals: Vec<String>,
 }
 
-/// Residuals that remain, if an effect of typical size is present, after the base parameters are refitted without the
-/// effect.
+/// Residuals that an effect of typical size causes in a model without the effect. The base parameters are refitted to
+/// these residuals, and the remaining residuals are given.
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// Name of the effect.

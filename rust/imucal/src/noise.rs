@@ -168,7 +168,7 @@ fn analyse(recording: &Recording<'_>, samples: Range<usize>, threads: NonZeroUsi
 }
 
 impl Analysis {
-    /// The result, with the findings that follow from the axes.
+    /// The result of the identification, with the findings about the noise of the axes.
     fn noise(self, recording: &Recording<'_>, mut findings: Vec<Finding>) -> Result<Noise, Error> {
         let Self { samples, rate_hz, axes, steps, cut, drifts } = self;
         let (start_s, end_s) = (recording.time_s[samples.start], recording.time_s[samples.end - 1]);
@@ -278,7 +278,7 @@ fn moving(recording: &Recording<'_>, rest: &Range<usize>) -> Finding {
     }
 }
 
-/// Findings that follow from the results of the axes, accelerometer first.
+/// Findings about the noise of the axes. `axes` has the order accelerometer x, y, z, gyroscope x, y, z.
 fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[Option<AxisNoise>]) -> Vec<Finding> {
     let columns = |of: &dyn Fn(&AxisNoise) -> bool| -> Vec<String> {
         let found = check::CHANNELS.iter().zip(axes).filter(|(_, axis)| axis.as_ref().is_some_and(of));
@@ -395,7 +395,7 @@ mod tests {
             converter: Some(Converter { lsb: noise_std * counts, bits: 24 }),
             ..Sensor::ideal()
         };
-        // Without the correction the estimate would be 4 % too large.
+        // If the rounding variance were not subtracted, the estimate would be 4 % too large.
         for axis in axes(&noise_of(&still(counted(1.0), 1200.0, 5))) {
             let (value, std) = (axis.noise_density.value.unwrap(), axis.noise_density.std.unwrap());
             assert!(((value - 1e-3) / std).abs() < 4.0, "{value}");

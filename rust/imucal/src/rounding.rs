@@ -38,8 +38,8 @@ const MEANS: usize = 24;
 const REACH: f64 = 0.75;
 /// Decrease of the log-likelihood from its maximum at which the likelihood becomes negligible.
 const NEGLIGIBLE: f64 = 12.0;
-/// Prior standard deviation of the logarithm of the noise ratio of two axes of a triad. It determines how much the
-/// levels of one axis contribute to the noise of another.
+/// Prior standard deviation of the logarithm of the noise ratio of two axes of a triad. A smaller value gives the
+/// levels of one axis more influence on the estimated noise of another axis.
 const SIMILAR: f64 = 0.3;
 /// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;

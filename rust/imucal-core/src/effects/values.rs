@@ -213,9 +213,9 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
     Vector3::new(F::zero(), F::zero(), F::zero())
 }
 
-/// Whether the change of `seen - effects` between two iterations is of the order of rounding errors. The argument
-/// `seen` is the magnitude of the largest component. If no field depends on the quantity (`counts` is false), its
-/// change may have any size.
+/// Whether the iteration of a quantity (rate or force) has converged: the change of `seen - effects` between two
+/// iterations is of the order of rounding errors. `seen` is the largest absolute component of the quantity before the
+/// effects are removed. If no field depends on the quantity (`counts` is false), its change may have any size.
 fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen + largest(effects));

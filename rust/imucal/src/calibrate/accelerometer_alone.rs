@@ -135,7 +135,8 @@ pub(super) fn of_accelerometer(held: Vec<HeldParameter>) -> Vec<HeldParameter> {
 }
 
 impl AccelerometerOutcome {
-    /// The result of a fit to rests with the reports `rests`. The thresholds, the noise and the findings remain empty.
+    /// The result of an accelerometer fit to `rests`. `reports` are the reports of these rests. The fields for
+    /// thresholds, noise and findings remain empty.
     pub(super) fn of_fit(
         fit: &AccelerometerFit,
         rests: &[&Rest],

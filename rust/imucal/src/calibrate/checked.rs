@@ -52,7 +52,7 @@ pub struct Checked<'a> {
 type Plain = ([Triad<f64>; 2], Selection);
 
 impl<'a> Checked<'a> {
-    /// Returns an error if the reason of `error` is that the recordings are of several units.
+    /// Returns an error if the recordings are of several units and therefore caused `error`.
     pub(super) fn refuse_several_units(
         recordings: &[Recording<'_>],
         options: &Options<'_>,
@@ -61,8 +61,8 @@ impl<'a> Checked<'a> {
         refuse_errors(&several_units(recordings, Err(error), |recording| fit_alone(recording, options))?)
     }
 
-    /// As [`Checked::try_new`], but error messages do not offer a model with fewer parameters, and after a failure it
-    /// is not tested whether the recordings are of several units.
+    /// As [`Checked::try_new`], with two differences. Error messages do not offer a model with fewer parameters. After
+    /// a failed fit, it is not tested whether the recordings are of several units.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let mut accelerometer = data.fit_accelerometer(options)?;
@@ -80,8 +80,8 @@ impl<'a> Checked<'a> {
                     data.free_of_tremor(triads[0], triads[1], &selection.used);
                 }
             }
-            // Rests are cut into epochs only now, because the two-stage fit uses one mean for each rest, even for long
-            // ones.
+            // Long rests are divided into epochs, each with its own mean, only for the joint fit. The two-stage fit
+            // above uses one mean for each rest.
             if data.cut_into_epochs() {
                 data.use_epochs(&mut accelerometer);
                 (moves, unusable) = between(recordings, &data.rests, &accelerometer.used, &data.saturated);
@@ -144,7 +144,7 @@ impl<'a> Checked<'a> {
         Ok(self.units.get_or_init(|| found).clone())
     }
 
-    /// As [`calibrate`](Self::calibrate), but after a failure it is not tested whether the recordings are of several
+    /// As [`calibrate`](Self::calibrate), but after a failed fit it is not tested whether the recordings are of several
     /// units.
     fn calibrate_one_unit(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
         let options = &self.options.with_model(model);
@@ -207,7 +207,8 @@ impl<'a> Checked<'a> {
     }
 
     /// Prepares the residuals of the joint fit without effects for a search, and passes them to `work` with both
-    /// triads. In a search, any sensor may drift. `temperatures_degc` replaces the temperatures of the recordings.
+    /// triads. The residuals allow for drifts of both sensors within a rest. `temperatures_degc` replaces the
+    /// temperatures of the recordings.
     pub(crate) fn prepare<T>(
         &self,
         temperatures_degc: &[Option<Vec<f64>>],
@@ -239,7 +240,8 @@ impl<'a> Checked<'a> {
         Ok(([joint.model.accelerometer, joint.model.gyroscope], selection))
     }
 
-    /// Whether the unit is hand-held in any recording. The hand then also accelerates the unit in the moves.
+    /// Whether the unit is hand-held in any recording. In the moves of a hand-held unit, the hand adds accelerations to
+    /// gravity.
     pub(crate) fn is_held(&self) -> bool {
         self.data.is_held()
     }

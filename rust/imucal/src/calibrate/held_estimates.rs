@@ -60,9 +60,9 @@ impl HeldEstimate {
     }
 }
 
-/// The held parameters of a fit with these parameters and their covariance, and the prior part B of the covariance.
-/// `residuals` are the residuals of the priors in standard deviations, each with the share of the prior's variance that
-/// the fit leaves in it.
+/// Estimates of the held parameters from a fit with these parameters and their covariance, and the prior part B of the
+/// covariance. For each held parameter, `residuals` contains the residual of its prior in standard deviations, and one
+/// minus the leverage of this residual.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
@@ -90,14 +90,15 @@ pub(super) fn held_estimates(
 }
 
 /// Difference between prior and recordings in standard deviations. `None` for recordings that barely determine the
-/// parameter, because their information comes only from the nonlinearity of the model and is no evidence against the
-/// prior.
+/// parameter. The information of such recordings comes only from the nonlinearity of the model, and is no evidence
+/// against the prior.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
-/// Errors in the direction of gravity and in a rotation due to this covariance of the parameters (symmetric frame).
+/// Standard deviations of the gravity direction and of a rotation due to this covariance of the parameters (symmetric
+/// frame).
 pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
     let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
     let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));

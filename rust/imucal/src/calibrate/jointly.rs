@@ -139,7 +139,8 @@ impl UnitData<'_> {
             }
         }
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
-        // A move across an excluded rest is excluded, too, if one of the moves that it replaces contradicts the others.
+        // If an excluded rest lies between two moves, one move across this rest replaces them. This move is excluded,
+        // too, if one of the two moves contradicts the others.
         let within = |m: &Move, bad: &Move| m.recording == bad.recording && m.first <= bad.first && bad.last <= m.last;
         let contradicts: Vec<Move> = moves.iter().filter(|m| bad.iter().any(|bad| within(m, bad))).copied().collect();
         let mut selection = Selection { used, moves, left_out };
@@ -192,8 +193,8 @@ impl UnitData<'_> {
     }
 
     /// Cross-validation of the joint fit: the error of each rest and move in a fit without this rest or move. `moves`
-    /// contains all usable moves, and `model` is the start of the fit. Moves that the fit excludes as outliers are
-    /// predicted without a further fit.
+    /// contains all usable moves, and `model` is the start of the fit. Moves that the fit excluded as outliers are
+    /// predicted directly from the fit.
     pub(super) fn held_out(
         &self,
         fit: &JointFit,

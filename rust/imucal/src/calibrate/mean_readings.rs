@@ -22,9 +22,9 @@ use crate::rests::unit_rest::rests_of_means;
 use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
-/// Relative noise of the means that the first fit assumes if the noise is not known. With this large value, no row is
-/// excluded as an outlier. It is the largest value at which the fit does not reject the ellipsoid as one fitted to
-/// noise.
+/// Standard deviation of the means in the first fit if their noise is not known, as a fraction of the size of the
+/// ellipsoid. The value is so large that no row is excluded as an outlier. With a larger value, the fit would be
+/// refused, because the means would count as an ellipsoid of pure noise.
 const FIRST_GUESS: f64 = 0.015;
 
 /// Mean readings at rest, one row for each rest.
@@ -123,8 +123,8 @@ struct Fitted {
     noise_from_residuals_mps2: Option<f64>,
 }
 
-/// The fit with the noise of the table. If the noise is not given for each mean, a first fit provides the residuals,
-/// and the sensitivity with which noise in m/s^2 is converted to raw units.
+/// The fit with the noise of the table. If the table does not contain the noise of each mean, a first fit is made. Its
+/// residuals give the noise if the noise is unknown. Its sensitivity converts the noise from m/s^2 to raw units.
 fn fit(table: &MeanReadings<'_>, held: &[HeldParameter], options: &Options<'_>) -> Result<Fitted, Error> {
     let held = &StageRows::new(held, ACCEL);
     let fit_with = |variances: &dyn Fn(usize) -> Vector3<f64>| {
@@ -166,7 +166,7 @@ fn scales(triad: &Triad<f64>) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| triad.sensitivity().row(axis).norm())
 }
 
-/// Standard deviation of the norms from the residuals of a fit, m/s^2.
+/// Standard deviation of the norms of the means, m/s^2, computed from the residuals of a fit.
 fn noise_of_residuals(table: &MeanReadings<'_>, fit: &AccelerometerFit, options: &Options<'_>) -> Result<f64, Error> {
     let free = fit.report.degrees_of_freedom;
     let rows = table.specific_force.len();

@@ -173,7 +173,7 @@ impl Outcome {
         let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();
         let (held, of_priors) =
             held_estimates((&joint.model.parameters(), &joint.covariance), &data.held(options)?, &misfits.held);
-        // A parameter that is determined by its prior does not reduce the degrees of freedom of the residuals.
+        // A parameter that its prior determines does not reduce the degrees of freedom of the residuals.
         let by_priors = held.iter().map(|held| (held.sigma / held.prior.sigma).powi(2)).sum::<f64>().round() as usize;
         let is_any_held = held.iter().any(|held| !held.prior.is_combination());
         let prior_cost = is_any_held.then(|| prior_cost(&of_priors, force, rate));

@@ -136,8 +136,8 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
     found
 }
 
-/// End of the part of a tape in which a recording is searched for. This part contains the recordings before it in
-/// `order`.
+/// End of the part of a tape in which a recording is searched for. This part contains only recordings that precede the
+/// recording in `order`.
 fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl Fn(usize, usize) -> bool) -> usize {
     let before: Vec<usize> = order.iter().copied().take_while(|&other| other != index).collect();
     let is_searched = |part: &&(usize, Range<usize>)| before.contains(&part.0) && is_compared(part.0, index);

@@ -59,7 +59,7 @@ pub(super) struct OnTape {
 }
 
 impl Tape {
-    /// Tapes of all recordings, in the given order, and the place of each recording.
+    /// The recordings in the order `order`, joined to tapes, and the place of each recording on its tape.
     pub(super) fn of(recordings: &[AtRest<'_>], order: &[usize]) -> (Vec<Self>, Vec<OnTape>) {
         let mut tapes: Vec<Self> = Vec::new();
         let mut places = vec![OnTape { tape: 0, range: 0..0 }; recordings.len()];

@@ -58,7 +58,8 @@ impl<'a> Part<'a> {
     }
 }
 
-/// For each number, 1 if it equals the number of the same axis in the previous row, otherwise 0. Unused entries are 0.
+/// For each number, 1 if it equals the number of the same axis in the previous row, otherwise 0. Entries beyond the
+/// last number are 0.
 #[inline(always)]
 fn same(numbers: &[f64]) -> [u8; 3 * PART] {
     let mut same = [0; 3 * PART];

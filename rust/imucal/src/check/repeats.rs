@@ -37,15 +37,15 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
     })
 }
 
-/// Numbers of rows, between rows that change, that repeat the previous row completely or in all values but one.
+/// Number of rows that repeat the previous row completely, and number of rows that repeat all but one of its values. A
+/// sequence of such rows counts only between two rows that change, that is, rows with at most one repeated value.
 #[derive(Default)]
 pub(super) struct Repeats {
     /// Rows in which all values repeat.
     doubled: Tally,
     /// Number of rows in which all values but one repeat.
     near: usize,
-    /// Whether the last row that was neither repeated nor nearly repeated was one that changes, with at most one
-    /// repeated value.
+    /// Whether the last row with two or more new values repeated at most one value of its predecessor.
     changes_before: bool,
     /// Number of fully repeated rows since the last row with two or more new values.
     equal_rows: usize,

@@ -25,8 +25,8 @@ pub(super) struct Judged<'a> {
 
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals (norms and directions). `changed` returns the triads after a change
-    /// by one standard deviation along each direction of the uncertainty of the calibration. It is called only if noise
-    /// alone does not clearly explain the residuals.
+    /// by one standard deviation along each direction of the uncertainty of the calibration. `changed` is called only
+    /// if noise alone may not explain the residuals.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
@@ -73,7 +73,7 @@ impl Judged<'_> {
         }
     }
 
-    /// Difference between |f| at each rest after correction with `triad` and the reported |f|, divided by the noise of
+    /// Change of |f| at each rest if `triad` replaces the accelerometer of the calibration, divided by the noise of
     /// |f|.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
@@ -83,7 +83,8 @@ impl Judged<'_> {
         self.rests.iter().map(change).collect()
     }
 
-    /// Residuals of the moves, divided by their noise, for samples corrected with these triads and for these rotations.
+    /// Residuals of the moves, divided by their noise, for a changed accelerometer and for the rotations of the moves
+    /// by a changed gyroscope.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();

@@ -146,8 +146,9 @@ impl Fits<'_> {
                 Ok(fit) => fit,
                 Err(error) => {
                     accepted.refused.push(Refusal::NotFitted { name: name.clone(), error });
-                    // The effects selected after this effect were selected for the residuals that remain with it in the
-                    // model. Without it they would explain a part of its residuals, so they are not tried.
+                    // Each later effect of the path was selected from residuals of a model that contains the rejected
+                    // effect. In a model without the rejected effect, it could fit residuals that the rejected effect
+                    // causes. Later effects are therefore not tried.
                     break;
                 }
             };
@@ -239,8 +240,8 @@ impl Fit {
     /// The figure of merit on unseen data whose relative improvement from this fit to the fit `after` is largest.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
-            // Without accepted effects the figure is computed with the biases of the calibration, even if the biases
-            // have changed since.
+            // Without accepted effects, the figure is computed with the biases of the calibration. It is not corrected
+            // for a change of the biases between the sessions.
             let is_same = std::ptr::eq(own, other);
             let chi2 = |control: &Control| match is_same {
                 true => control.evaluation.figures.chi2_per_dof,
@@ -350,9 +351,9 @@ impl Fit {
         (3.0 * least).min(1.0)
     }
 
-    /// Of the norms at rest and the directions after moves, the kinds of residuals that exceed noise significantly and
-    /// by more than a factor of two. The residuals are those of the control recordings, or of the calibration
-    /// recordings if there are no control recordings.
+    /// The kinds of residuals that exceed noise significantly and by more than a factor of two. Only the norms at rest
+    /// and the directions after moves are tested. The residuals are those of the control recordings, or of the
+    /// calibration recordings if there are no control recordings.
     pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
         const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];
         let groups = match &self.control {

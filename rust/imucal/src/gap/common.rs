@@ -8,8 +8,8 @@ use super::evidence::{Column, Gram};
 use super::weighing::{Aside, Columns, Swept, Weighing};
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Gram matrices of a model with many candidate columns. Only a few candidate columns are evaluated at a time, so only
-/// the rows of the model's columns are stored.
+/// Gram matrices of a model with many candidate columns. Only the rows of the model's columns are stored. Products of
+/// candidate columns are added for a few candidates at a time ([`Common::weighing`]).
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
     /// The model's rows of the normalised Gram matrices, for each group of residuals.
@@ -91,7 +91,7 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// The part of the shared eliminated normal matrix that belongs to the columns of `weighing`.
+    /// The result of the shared elimination for the columns of `weighing`: the rows of the model's columns.
     known: SymmetricMatrix,
     /// Index of each column of `weighing` among all candidate columns.
     columns: Vec<usize>,

@@ -59,7 +59,7 @@ pub(crate) struct Rows {
 
 /// Whitened Jacobian columns. The residual is stored as the last column.
 struct Made {
-    /// All rows, except rows inside moves if these are stored in `inside`.
+    /// All rows. If `inside` is present, it contains the rows inside moves instead.
     head: Lanes,
     inside: Option<Insides>,
     /// For each column, its position within a stored row.
@@ -102,8 +102,8 @@ impl Rows {
     }
 }
 
-/// Linearises the residuals at the parameters of a model. `own` are the effects of the model, with the precisions of
-/// their priors. `all` are the effects of the model and the candidates.
+/// Linearises the residuals at the parameters of a model. `own` contains the effects of the model and the precisions of
+/// their priors. `all` contains the effects of the model and the candidates.
 pub(crate) fn design(
     prepared: &Prepared<'_>,
     (own, precisions): (&Terms<'_>, &[f64]),

@@ -163,8 +163,8 @@ impl<'a> Fits<'a> {
         let rate_chi2 = rate_chi2(&outcome.calibration, &evaluation, self.control, corrected.as_deref());
         let is_corrected = corrected.is_some();
         let sets = [self.checked.recordings(), self.control];
-        // A change of the biases between sessions is considered only if the fit without effects shows one. Otherwise a
-        // wrong effect could be mistaken for a change.
+        // A change of the biases between sessions is considered only if the fit without effects shows a change. A wrong
+        // effect causes errors in the control recordings that could otherwise be mistaken for a change of the biases.
         let first = self.made.first().and_then(|fit| fit.control.as_ref());
         let step = match first.is_none_or(|control| control.step.is_some()) {
             true => SessionStep::find(outcome, &evaluation, is_corrected, sets),

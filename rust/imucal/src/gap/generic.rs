@@ -123,8 +123,8 @@ enum Shape {
 const CURVE_LENGTH: f64 = 0.5;
 /// Number of equally spaced nodes of the smooth curve along an axis, from minus to plus the sensor's largest input.
 const CURVE_POINTS: usize = 9;
-/// Time lag, s, by which columns of the angular acceleration are multiplied, so that their coefficients have the same
-/// typical size as scale deviations.
+/// Factor, s, by which columns of the angular acceleration are multiplied. It gives their coefficients the same typical
+/// size as scale deviations.
 const LAG_S: f64 = 0.1;
 
 /// All selected hypotheses that are observable in the recordings.

@@ -69,8 +69,8 @@ impl<'a> Judge<'a> {
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // If a hypothesis hardly increases the evidence at the noise scales s_g^2 of the model, it does not increase
-        // the evidence at smaller noise scales either.
+        // A hypothesis that hardly increases the evidence at the noise scales s_g^2 of the model does not increase the
+        // evidence at smaller noise scales either.
         let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(best, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the noise scales. At these smaller scales

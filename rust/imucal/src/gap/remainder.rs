@@ -1,4 +1,5 @@
-//! The residuals that the accepted effects leave unexplained or, if no effect was accepted, the model without effects.
+//! Residuals that the final model leaves unexplained. The final model contains the accepted effects. If no effect was
+//! accepted, it is the model without effects.
 
 use super::kernel::Kernel;
 use super::session::SessionStep;

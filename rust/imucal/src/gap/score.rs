@@ -192,8 +192,9 @@ impl Candidate {
     }
 }
 
-/// Residuals of each kind that remain, if a candidate effect of typical size is present, after the model is refitted
-/// without the candidate. For a candidate with a time constant, the trial value with the largest residuals is used.
+/// For each candidate, the residuals that an effect of typical size causes if the model does not contain it. The
+/// parameters of the model are refitted to these residuals. For a candidate with a time constant, the trial value with
+/// the largest residuals is used.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     const NAMES: [&str; 11] = [
         "rest_norm",
@@ -228,9 +229,9 @@ pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     traces
 }
 
-/// Expected chi2 in each group of residuals if a candidate of typical size is present and the model is refitted without
-/// it. The second value is the chi2 of all groups before the refit. The expectation is over independent random signs of
-/// the candidate's parameters.
+/// Expected chi2, in each group of residuals, of an effect of typical size that the model does not contain, after the
+/// parameters of the model are refitted. The second value is the chi2 of all groups before the refit. The expectation
+/// is over independent random signs of the effect's parameters.
 fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Option<(Vec<f64>, f64)> {
     let n = model.len();
     let p = candidate.typical.len();
@@ -261,11 +262,11 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
     Some((left, given))
 }
 
-/// Of the residuals at rests and the residuals relative to the stand, the kind with the largest significant excess over
-/// noise. Residuals of moves are not tested, because their excess may come from gyroscope noise that increases in
-/// motion, which is not a missing effect. If effects were selected, only residuals of the sensors of these effects are
-/// tested, because a real unit has several small deviations from the model. The linearisation error [`REMAINDER`] of
-/// large effects is tolerated. `before` are the noise scales of the model without effects.
+/// The kind of residuals with the largest significant excess over noise. Only residuals at rests and residuals relative
+/// to the stand are tested. Residuals of moves may exceed noise because gyroscope noise increases in motion, which is
+/// not a missing effect. If effects were selected, only residuals of the sensors of these effects are tested, because a
+/// real unit has several small deviations from the model. The linearisation error [`REMAINDER`] of large effects is
+/// tolerated. `before` are the noise scales of the model without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),

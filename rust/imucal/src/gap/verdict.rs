@@ -160,7 +160,8 @@ impl Basis<'_> {
         Judgement { verdict, faults, rivals, not_confirmed, contradiction, remainder }
     }
 
-    /// What the accepted effects leave unexplained, or the model without effects if none are accepted.
+    /// Residuals that the final model leaves unexplained. The final model contains the accepted effects if
+    /// `are_accepted` is true. Otherwise it is the model without effects.
     fn remainder(&self, are_accepted: bool, not_confirmed: &[Score]) -> Remainder {
         let Self { search, before, after, .. } = self;
         let last = if are_accepted { after } else { before };

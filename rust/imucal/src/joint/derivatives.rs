@@ -74,7 +74,8 @@ fn derivatives_in_a_hand_meet_central_differences() {
 /// by less than this limit.
 const SEEN: f64 = 1e-3;
 
-/// Largest error of each column, compared with a central difference, as a share of the largest entry of the column.
+/// For each column of the Jacobian, the largest difference from a central difference, divided by the largest entry of
+/// the column.
 ///
 /// The difference step changes a whitened residual by at most one, and an effect by at most its typical size.
 fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64> {
@@ -105,7 +106,7 @@ fn name(terms: &Terms<'_>, p: usize) -> String {
     base.chain(names).nth(p).unwrap_or_else(|| format!("stand {}", p - BASE - terms.count))
 }
 
-/// Asserts that the error of each column is below `tolerance`, as a share of the largest entry of the column.
+/// Asserts that the error of each column, as a share of the largest entry of the column, is below `tolerance`.
 fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: impl Fn(usize) -> f64) {
     for (p, error) in errors(problem, terms, parameters).into_iter().enumerate() {
         assert!(error < tolerance(p), "{:?} {}: {error:e}", terms.kinds, name(terms, p));
@@ -121,8 +122,8 @@ fn derivatives_meet_central_differences() {
     const NONE: (bool, bool) = (false, false);
     let runs = [(NONE, 100.0), ((true, false), 100.0), ((false, true), 100.0), ((true, true), 100.0)];
     for ((in_motion, encoders), rate_hz) in runs.into_iter().chain([(NONE, 400.0), ((true, false), 400.0)]) {
-        // All effects are tested with the residuals of rests and moves. With the residuals inside moves, only effects
-        // that need these residuals and the effects in `FEW` are tested.
+        // With the residuals of rests and moves, all effects are tested. With the residuals inside moves, the tested
+        // effects are those that need these residuals and those in `FEW`.
         let seen = |effect: &&'static Effect<f64>| {
             let own = match effect.sensor {
                 Sensor::Encoder => encoders,
@@ -152,8 +153,8 @@ fn derivatives_meet_central_differences() {
     }
 }
 
-/// Whitened rows that are computed move by move equal those that are computed in one matrix, even after a first-order
-/// update of the linearisation.
+/// Rows that are whitened move by move equal the rows that are whitened in one matrix. This also holds after a
+/// first-order update of the linearisation.
 #[test]
 fn what_stands_apart_is_whitened_alike() {
     let kinds = Kinds { in_motion: true, encoders: false };

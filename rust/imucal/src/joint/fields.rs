@@ -54,8 +54,8 @@ impl Field {
         axis * count..(axis + 1) * count
     }
 
-    /// Adds `matrix` times the field: component i of `to` gets `matrix[(i, axis)] * value` for each column, where
-    /// `axis` is the body axis of that column.
+    /// Adds `matrix` times the field. For each column, component i of `to` is increased by `matrix[(i, axis)] * value`,
+    /// where `axis` is the body axis on which the column acts.
     fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
         let width = to.len() / 3;
         for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {
@@ -77,8 +77,8 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// Attitude error due to each column, at each segment of a move and at the end of the move, rad. Between two
-    /// segments the attitude error is interpolated linearly.
+    /// For each column, the attitude error at each segment of a move and at the end of the move, rad. Between two
+    /// segments, the attitude error is interpolated linearly.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);

@@ -30,7 +30,7 @@ pub(crate) struct Line {
     pub(crate) jacobian: Vec<f64>,
     pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
     pub(crate) source: Source,
-    /// Whether the residual belongs to an epoch of a long rest after its first one, or to the step to such an epoch.
+    /// Whether the residual belongs to the second or a later epoch of a long rest, or to the step to such an epoch.
     pub(crate) is_of_later_epoch: bool,
 }
 
@@ -151,12 +151,12 @@ pub(crate) const INSIDE: usize = 5;
 pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves relative to the stand.
 pub(crate) const STAND_MOVES: usize = 7;
-/// Index of a kind of residuals: norms at the epochs of long rests after their first ones. These norms scatter only
-/// because the biases drift within a rest, so they are kept out of the scatter of the norms at different poses.
+/// Index of a kind of residuals: norms at the second and later epochs of long rests. These norms scatter only because
+/// the biases drift within a rest, so they are kept out of the scatter of the norms at different poses.
 pub(crate) const EPOCH_NORMS: usize = 8;
 /// Index of a kind of residuals: changes of the gravity direction between the epochs of a rest.
 pub(crate) const EPOCH_STEPS: usize = 9;
-/// Index of a kind of residuals: mean rates at the epochs of long rests after their first ones, all axes.
+/// Index of a kind of residuals: mean rates at the second and later epochs of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
 /// Computing time of a sample with effects or with blocks inside the move, relative to a sample of plain

@@ -55,8 +55,8 @@ pub(crate) struct Misfits {
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// For each held parameter, the residual of its prior in standard deviations, and the share of the variance of the
-    /// prior that the fit leaves in this residual. `None` if no other residual depends on the parameter.
+    /// For each held parameter, the residual of its prior in standard deviations, and one minus the leverage of this
+    /// residual. `None` if no other residual depends on the parameter.
     pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 
@@ -66,7 +66,7 @@ impl Misfits {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let (residuals, jacobian) = problem.whiten(linear);
         let without = LeaveOut::new(&problem, linear, (&residuals, &jacobian));
-        // The epochs of a rest are judged together.
+        // All epochs of a rest are judged as one rest.
         let (whole, count) =
             (|k: usize| prepared.rests[k].whole, prepared.rests.last().map_or(0, |rest| rest.whole + 1));
         let (mut of_rests, mut of_moves) = (vec![Vec::new(); count], vec![Vec::new(); linear.moves.len()]);
@@ -102,8 +102,8 @@ impl Misfits {
 /// of the other columns, dimensionless. The value is far above rounding errors.
 const LEAST: f64 = 1e-6;
 
-/// Prediction errors of rests and moves from fits without them (model.md (34)). `None` if the remaining residuals do
-/// not determine all parameters.
+/// Prediction errors of held-out rests and moves (model.md (34)). `None` if the residuals that are not held out do not
+/// determine all parameters.
 pub(crate) struct HeldOut {
     /// Angle between propagated and measured gravity direction of each move, rad.
     pub(crate) direction_rad: Vec<Option<f64>>,
@@ -147,8 +147,8 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals divided into correlated and independent parts, so that the fit can be repeated without those of a
-/// fold.
+/// Whitened residuals, divided into a correlated and an independent part. The fit can then be repeated without the
+/// residuals of a fold.
 struct Parts {
     /// Length of each column of the whitened Jacobian.
     size: Vec<f64>,

@@ -43,7 +43,8 @@ pub(crate) fn first_attitude(up: &Vector3<f64>) -> UnitQuaternion<f64> {
     upright(up)
 }
 
-/// Attitude after a move. Roll and pitch are corrected with the gravity direction `up` measured there.
+/// Attitude after a move. Roll and pitch are corrected with the gravity direction `up` measured at the rest after the
+/// move.
 pub(crate) fn attitude_after(
     start: &UnitQuaternion<f64>,
     rotation: &Matrix3<f64>,

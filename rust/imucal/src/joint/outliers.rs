@@ -63,8 +63,8 @@ struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
-    /// Whether the item is an epoch of a long rest after its first one, or the step to it. Such items are scaled
-    /// separately, because their errors are those of a single pose.
+    /// Whether the item is the second or a later epoch of a long rest, or the step to such an epoch. Such items have a
+    /// separate scale, because their errors are those of a single pose.
     is_of_later_epoch: bool,
 }
 
@@ -160,7 +160,7 @@ pub(crate) fn outliers(
 }
 
 /// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. Only the moves predict
-/// such a norm, so it is judged with the excess scatter of the moves. The rows of the design matrix of the norms are
+/// such a norm, so its excess scatter is taken to be that of the moves. The rows of the design matrix of the norms are
 /// divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();

@@ -27,8 +27,8 @@ pub(crate) struct Prepared<'a> {
     pub(crate) ends: &'a [[End; 2]],
     /// Window width of the numerical derivative of the rate in each move. It is kept constant during a fit.
     pub(crate) widths: &'a [Width],
-    /// Eigenvectors of the flicker covariance relative to the noise of the mean rates, per axis. Computed on first use
-    /// and then kept, because it does not depend on the model, apart from a lower limit of the noise.
+    /// Eigenvectors of the flicker covariance relative to the noise of the mean rates, for each axis. They are computed
+    /// on first use and then kept, because the model affects them only through the lower limit of the noise.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,

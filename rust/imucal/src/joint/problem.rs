@@ -116,8 +116,8 @@ impl<'a> Joint<'a> {
         self.weigh_with(found, &excess)
     }
 
-    /// Excess of the residuals of a fit over their noise. The kinds of residuals in `kept` are widened even if their
-    /// excess is not significant.
+    /// Excess of the residuals of a fit over their noise. The standard deviations of the kinds of residuals in `kept`
+    /// are increased even if their excess is not significant.
     pub(super) fn excess_of(&self, found: &Solution, kept: Option<&Widened>) -> Result<Widening, Error> {
         let linear = self.linear(&found.parameters)?;
         Ok(self.weights.excess(self.prepared, &linear, found, kept))
@@ -205,7 +205,7 @@ impl<'a> Joint<'a> {
         self.rows
     }
 
-    /// Whitens columns for the covariance of varying biases, if there is one.
+    /// Whitens columns for the covariance of varying biases. Columns are not changed if the biases are constant.
     pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
         if let Some(wandering) = &self.wandering {
             wandering.apply(columns);

@@ -101,9 +101,9 @@ impl<'a> Rests<'a> {
 
     /// Error of the bias of a hand-held rest; `None` for a rest without tremor. The bias was estimated without effects,
     /// as the mean rate of the rest shrunk towards the mean rate of all rests. If the effects of the model explain why
-    /// the mean rates differ, the estimated bias lacks part of this difference, and the missing part is the error. It
-    /// has two contributions: the share removed by shrinkage, and the share that was interpreted as a rotation of the
-    /// hand because the samples had been propagated with the mean bias.
+    /// the mean rates differ, the estimated bias lacks a part of this difference. The missing part is the error. It has
+    /// two contributions. The first is removed by the shrinkage. The second was interpreted as a rotation of the hand,
+    /// because the samples had been propagated with the mean bias.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;

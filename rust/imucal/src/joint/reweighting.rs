@@ -1,9 +1,10 @@
 //! Weights of the repeated fits (model.md (19)).
 //!
-//! Each fit gives the excess of its residuals, from which the weights of the next fit follow. Plain repetition has two
-//! defects. An excess near its significance limit may be significant after a fit with weights from noise alone, and not
-//! significant after a fit whose weights contain this excess, so the weights alternate. If residuals of two kinds
-//! determine the same parameter, the excess converges slowly, by a constant factor per fit.
+//! Each fit gives the excess of its residuals over noise, from which the weights of the next fit follow. Plain
+//! repetition has two defects. First, an excess near its significance limit may be significant after a fit with weights
+//! from noise alone, and not significant after a fit whose weights contain this excess. The weights then alternate.
+//! Second, if residuals of two kinds determine the same parameter, the excess converges slowly, by a constant factor
+//! per fit.
 
 use super::problem::Joint;
 use super::weights::{FACTORS, WIDENINGS, Widened, Widening};
@@ -20,11 +21,11 @@ const LARGEST_STEP: f64 = 10.0;
 /// State of the iteration over the weights.
 #[derive(Default)]
 pub(super) struct Reweighting {
-    /// For each set of weights so far, the residuals that were widened.
+    /// For each set of weights so far, the kinds of residuals whose standard deviations were increased.
     widened: Vec<Widened>,
-    /// Residuals that are widened even if their excess is not significant.
+    /// Kinds of residuals whose standard deviations are increased even if their excess is not significant.
     kept: Option<Widened>,
-    /// Logarithms of the last widening, and of the excess estimated from the fit with this widening.
+    /// Logarithms of the last excess in the weights, and of the excess estimated from the fit with these weights.
     last: Option<[[f64; WIDENINGS]; 2]>,
     fits: usize,
 }
@@ -36,8 +37,9 @@ impl Reweighting {
         let mut excess = problem.excess_of(found, self.kept.as_ref())?;
         let widened = excess.widened();
         if self.alternates(widened) {
-            // The significance test applies to a fit without widening, and in that fit the excess is significant. From
-            // now on, the residuals are therefore widened without the test.
+            // The significance test applies to a fit with weights from noise alone, and in that fit the excess is
+            // significant. From now on, the standard deviations of these kinds are therefore increased without the
+            // test.
             let all = self.widened.iter().copied().chain(self.kept).fold(widened, |all, one| one.union(all));
             self.kept = Some(all);
             self.widened.clear();
@@ -49,21 +51,21 @@ impl Reweighting {
         problem.weigh_with(found, &next)
     }
 
-    /// Whether the widened residuals alternate: `widened` differs from the residuals widened in the last fit, but
-    /// equals those of an earlier fit.
+    /// Whether the kinds with increased standard deviations alternate: `widened` differs from the kinds of the last
+    /// fit, but equals those of an earlier fit.
     fn alternates(&self, widened: Widened) -> bool {
         self.widened.last().is_some_and(|last| *last != widened) && self.widened.contains(&widened)
     }
 
     /// Excess at which the iteration is expected to settle, by a secant step along the last change (Anderson
-    /// acceleration of depth one). `None` unless the same residuals were widened in the last two fits.
+    /// acceleration of depth one). `None` unless the last two fits increased the standard deviations of the same kinds.
     fn extrapolated(&mut self, from: &Widening, to: &Widening) -> Option<Widening> {
         let now = [from.logarithms(), to.logarithms()];
         let before = self.last.replace(now)?;
         if self.fits <= EXTRAPOLATE_AFTER {
             return None;
         }
-        // Factors of 1 and zero excess are not extrapolated, because these residuals are not widened.
+        // Factors of 1 and zero excess are not extrapolated, because these standard deviations are not increased.
         let is_none = |i: usize, value: f64| value == f64::NEG_INFINITY || (i < FACTORS && value == 0.0);
         let (mut along, mut square) = (0.0, 0.0);
         let mut next = now[1];

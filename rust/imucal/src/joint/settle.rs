@@ -91,9 +91,9 @@ impl Terms<'_> {
         force
     }
 
-    /// Computes the mean columns over a rest at the given force and attitude, for the effects for which `is_asked` is
-    /// true. Columns that are constant during a rest are evaluated only once, at the first part of the rest. The
-    /// columns of a user-defined effect are averaged over its samples.
+    /// Computes the mean columns over a rest at the given force and attitude, for the effects that `is_asked` selects.
+    /// Columns that are constant during a rest are evaluated only once, for the first part of the rest. The columns of
+    /// a user-defined effect are averaged over the samples of the rest.
     pub(super) fn mean_columns(
         &self,
         values: &[f64],

@@ -62,8 +62,8 @@ impl Weights {
         Self::with(prepared, terms, linear, &Widening::of(prepared, linear, None, None))
     }
 
-    /// Excess of the residuals of the fit `found`, which had these weights and ended at `linear`. The kinds of
-    /// residuals in `kept` are widened even if their excess is not significant.
+    /// Excess of the residuals of the fit `found`, which had these weights and ended at `linear`. The standard
+    /// deviations of the kinds of residuals in `kept` are increased even if their excess is not significant.
     pub(super) fn excess(
         &self,
         prepared: &Prepared<'_>,
@@ -137,7 +137,8 @@ impl Weights {
         self.widening.epoch_rates
     }
 
-    /// Scatter of each kind of residuals relative to noise, as assumed by the weights. The mean rates are last.
+    /// Ratio of scatter to noise that the weights assume for each kind of residuals. The ratio of the mean rates is
+    /// last.
     pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 7] {
         let Scales { norms, moves, inside, stand_rests, stand_moves, epochs } = self.widening.scales;
         let mut rates = 1.0f64;

@@ -123,8 +123,8 @@ impl AxisNoise {
             }
         });
         // A drift increases the deviation of the powers from the noise model. `Model::of` may then omit so many octaves
-        // that the drift is no longer detectable. The search for drifts therefore omits at most the smaller number of
-        // octaves in `FILTERED`.
+        // that the drift can no longer be detected. Therefore the search for drifts omits at most the smaller number in
+        // `FILTERED`.
         let filtered = model.filtered.min(FILTERED[0]);
         let noise = NoiseModel { kinds: model.kinds, rounding: model.rounding, filtered };
         let components = match blocks {

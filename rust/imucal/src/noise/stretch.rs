@@ -35,8 +35,8 @@ pub(super) struct Stretch {
     pub(super) places: usize,
 }
 
-/// The longest stretch. `has_repeats` states whether equal consecutive rows count as repeated samples and not as a
-/// coincidence.
+/// The longest stretch. `has_repeats` states whether equal consecutive rows count as repeated samples. Otherwise they
+/// count as a coincidence.
 pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     let faults = faults(recording, has_repeats);
     let (lost, repeated) = faults.iter().fold((0, 0), |(lost, repeated), fault| match fault.is_lost {

@@ -34,7 +34,8 @@ const WIDER: f64 = 1.7;
 /// Minimum number of samples for choosing the width from the data. With fewer samples, noise and motion cannot be
 /// separated, and the narrowest stencil is used.
 const FEWEST: usize = 4 * BOXES;
-/// Number of fourth differences from which the noise is estimated. It is sufficient for an accuracy of one per cent.
+/// Number of fourth differences from which the noise is estimated. With this number, the estimate is accurate to one
+/// per cent.
 const ENOUGH: usize = 100_000;
 
 /// A differentiation rule for given times.

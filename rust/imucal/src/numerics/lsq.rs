@@ -55,7 +55,7 @@ pub(crate) struct Solution {
 }
 
 impl Solution {
-    /// The start of a fit: parameters with their residuals and Jacobian, before the first iteration.
+    /// A fit before its first iteration: the start parameters, with their residuals and Jacobian.
     pub(crate) fn at(parameters: &[f64], residuals: Mat<f64>, jacobian: Mat<f64>) -> Self {
         Self {
             parameters: parameters.to_vec(),

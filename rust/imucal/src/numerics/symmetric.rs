@@ -123,7 +123,7 @@ impl SymmetricMatrix {
         Some(log_determinant.logarithm())
     }
 
-    /// [`sweep`](Self::sweep) of the first `known` rows, reusing the known result `swept` for these rows. `whole`
+    /// As [`sweep`](Self::sweep) of the first `known` rows, for which the result `swept` is already known. `whole`
     /// contains these rows before the sweep. `places` are the columns of `whole` that correspond to the columns of this
     /// matrix after the first `known` columns.
     #[inline(always)]

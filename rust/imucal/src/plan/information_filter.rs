@@ -117,8 +117,8 @@ mod tests {
 
     use super::*;
 
-    /// Compares the filter, for three directions and two parameters, with the full matrix, from which all directions
-    /// are eliminated at once.
+    /// Compares the information after step-by-step elimination with the information after elimination of all directions
+    /// at once. The example has three directions and two parameters.
     #[test]
     fn what_is_eliminated_step_by_step_is_what_is_eliminated_at_once() {
         let value = |i: usize| ((i * 37 + 11) as f64).sin();

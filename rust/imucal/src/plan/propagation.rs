@@ -24,8 +24,8 @@ const STEPS: usize = 32;
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
     rate: [Vec<f64>; 3],
-    /// Variances of the rounding errors of the mean force and of the mean rate, divided by the variances of the means
-    /// over one second.
+    /// Variances of the rounding errors of the mean force and of the mean rate. Each is divided by the variance, due to
+    /// white noise, of the mean over one second.
     rounding: [f64; 2],
     /// Propagation of the direction of gravity over half an interval of a hand-held rest; `None` on a stand.
     half_interval: Option<Propagation>,

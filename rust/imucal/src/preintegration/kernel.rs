@@ -25,8 +25,8 @@ pub(super) struct Block<'a> {
 }
 
 /// Map from raw readings to rates, in a frame in which the matrix of the map is upper triangular. The triangular form
-/// saves a third of the multiplications. The rates are in rad/s or, for equal time steps, multiplied by a sixth of the
-/// time step.
+/// saves a third of the multiplications. Rates are in rad/s. For equal time steps, they are multiplied by a sixth of
+/// the time step.
 #[derive(Clone, Copy)]
 pub(super) struct Map {
     pub(super) upper: Matrix3<f64>,
@@ -36,8 +36,8 @@ pub(super) struct Map {
 /// Result of integrating steps, in the frame of the kernel.
 pub(super) struct Increment {
     pub(super) rotation: UnitQuaternion<f64>,
-    /// Sums of R with the weights of the samples, and of R times each component of the rate. For component j only the
-    /// columns c <= j are valid.
+    /// Four sums over the samples: the sum of R, with the integration weights of the samples, and the sums of R times
+    /// each component of the rate. For component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
     /// Number of steps that were processed. The number of remaining steps of a block is less than the number of lanes,
     /// or less than one node per lane.
@@ -58,12 +58,14 @@ impl Increment {
     }
 }
 
-/// The work on a block. `CUBIC`: the rate is interpolated by a cubic instead of linearly. `SUMS`: the sums are
-/// calculated. `RANGE`: index of the range of step angles in [`ANGLE_RANGES`](super::step::ANGLE_RANGES).
+/// The work on a block. `CUBIC` states whether the rate is interpolated by a cubic instead of linearly. `SUMS` states
+/// whether the sums are calculated. `RANGE` is an index into [`ANGLE_RANGES`](super::step::ANGLE_RANGES), the ranges of
+/// step angles.
 pub(super) struct Kernel<'a, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(pub(super) Block<'a>);
 
 impl<const CUBIC: bool, const SUMS: bool, const RANGE: usize> WithSimd for Kernel<'_, CUBIC, SUMS, RANGE> {
-    /// `None` if the angle of a step exceeds the range of the polynomials, or if there is less than one node per lane.
+    /// `None` if the angle of a step exceeds the range of the polynomials, or if the block has less than one node per
+    /// lane.
     type Output = Option<Increment>;
 
     #[inline(always)]
@@ -96,8 +98,8 @@ impl Block<'_> {
             std::array::from_fn(|l| self.stamps_s.map_or(&[][..], |stamps| &stamps[first(l)..first(l) + samples]));
         let map = LaneMap::new(simd, self.map);
 
-        // Number of samples that are read before the first step: up to the start of this step, or to its end for cubic
-        // interpolation.
+        // Number of samples that are read before the first step: all samples up to the start of this step. For cubic
+        // interpolation, the sample at the end of this step is read as well.
         let known = samples - steps;
         let (zero, half) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 0.5));
         let mut run: LaneState<S> = LaneState::new(simd);
@@ -116,7 +118,7 @@ impl Block<'_> {
         if at_nodes {
             totals.add::<false>(&[end_of_nodes(simd, -1.0, run.sample::<CUBIC>(), &run.rotation_at_node())]);
         } else if SUMS && EVEN {
-            // The trapezoidal rule gives the first sample half weight. It is added with full weight below, so half of
+            // In the trapezoidal rule, the first sample has half weight. It is added with full weight below, so half of
             // it is subtracted here.
             totals.add::<false>(&[run.here::<CUBIC>(zero - half)]);
         }

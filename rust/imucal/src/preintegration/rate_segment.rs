@@ -59,8 +59,8 @@ thread_local! {
 /// Number of steps per lane in a block. The number is large because the first samples of each lane are not prefetched.
 /// It is not a power of two, because the lanes would then compete for the same cache sets.
 const STEPS_OF_A_LANE: usize = 4000;
-/// Angular rate that decides which range of step angles is tried first, rad/s (340 deg/s): the smallest range that
-/// contains the step angle at this rate. With a smaller range, the first trial would often fail.
+/// Angular rate that decides which range of step angles is tried first, rad/s (340 deg/s). The first trial uses the
+/// smallest range that contains the step angle at this rate. With a smaller range, the first trial would often fail.
 const FAST_RAD_PER_S: f64 = 5.9;
 /// Minimum number of steps for vectorised integration. Fewer steps are integrated one by one.
 const FEW: usize = 16;
@@ -163,8 +163,8 @@ impl<'a> RateSegment<'a> {
             let block = Block { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
             let in_lanes = count >= FEW && self.interpolation != Interpolation::UnevenCubic;
             let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(block, &mut angle_range) } else { None };
-            // If the angle of a step exceeds the range of the polynomials, some steps are integrated without SIMD, and
-            // then the vectorised integration is tried again.
+            // If the angle of a step exceeds the range of the polynomials, this step and some further steps are
+            // integrated without SIMD. The vectorised integration is then tried again.
             let alone = at..at + count.min(STEPS_OF_A_LANE);
             all.then(&turned.unwrap_or_else(|| self.scalar_steps::<CUBIC>(gyroscope, &frame, alone)));
         }
@@ -232,8 +232,8 @@ impl<'a> RateSegment<'a> {
         Increment { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
     }
 
-    /// Factors that convert the sums of the kernel: the sum of R to s, and the sums of R times a component of the rate
-    /// to rad.
+    /// Factors that convert the sums of the kernel to SI units. The first converts the sum of R to s. The second
+    /// converts the sums of R times a component of the rate to rad.
     fn units_of_sums(&self) -> (f64, f64) {
         match self.sample_times {
             SampleTimes::Even(interval_s) => (interval_s, 6.0),

@@ -79,7 +79,7 @@ impl<S: Simd> StepTerm<S> {
 #[repr(align(64))]
 pub(super) struct LaneState<S: Simd> {
     simd: S,
-    /// The last three samples, oldest first.
+    /// The last three samples (`a`) and their times, oldest first.
     a: [Three<S>; 3],
     times: [Lanes<S>; 3],
     /// Length of the previous step, s.
@@ -116,8 +116,8 @@ impl<S: Simd> LaneState<S> {
         self.times = [self.times[1], self.times[2], time];
     }
 
-    /// Adds the next sample, which is the end of a step or, for cubic interpolation, the sample after the end. Writes
-    /// those quantities of the step that do not depend on the rotation.
+    /// Adds the next sample, which is the end of a step. For cubic interpolation, it is the sample after the end of a
+    /// step. Writes the quantities of the step that do not depend on the rotation before the step.
     #[inline(always)]
     pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(
         &mut self,
@@ -192,8 +192,8 @@ impl<S: Simd> LaneState<S> {
         [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 
-    /// Columns of the rotation matrix, after the norm of the quaternion, which is not tracked between nodes, is
-    /// computed.
+    /// Columns of the rotation matrix at a node. The norm of the quaternion is computed first, because it is not
+    /// tracked between nodes.
     #[inline(always)]
     pub(super) fn rotation_at_node(&mut self) -> [Three<S>; 3] {
         self.double = Lanes::splat(self.simd, 2.0) / self.square_of_length();

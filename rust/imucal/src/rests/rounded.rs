@@ -13,9 +13,10 @@ use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
 use crate::rounding::{Levels, Rounding};
 
-/// Maximum difference between two readings, next to each other in ascending order, whose samples are pooled, in
-/// quantisation steps. The gyroscope has nearly equal readings at all rests. If these readings were treated as separate
-/// means, the likelihood of a wide transition between two levels, and thus of large noise, would be overestimated.
+/// Maximum difference, in quantisation steps, between neighbouring readings whose samples are pooled. Readings are
+/// sorted in ascending order. The gyroscope has nearly equal readings at all rests. If these readings were treated as
+/// separate means, the likelihood of a wide transition between two levels, and thus of large noise, would be
+/// overestimated.
 const SAME_READING: f64 = 0.15;
 /// Minimum share of the samples at a level that is more than 1.5 steps from the mean. A level with fewer samples is
 /// omitted, because its samples come from a jolt or a faulty transmission, and a single such sample would dominate the
@@ -64,8 +65,9 @@ pub(super) fn roundings(
     [a, b, c, d, e, f]
 }
 
-/// Rounding of the six channels at one rest. If all samples of a force channel have the same level, its reading does
-/// not determine the rounding error. This does not apply to the rate, whose true value is zero at every rest.
+/// Rounding of the six channels at one rest. If all samples of a force channel have the same level, the reading of this
+/// channel does not determine its rounding error. For a rate channel the rounding error is determined, because the true
+/// rate is zero at every rest.
 pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Rounding; 6]) -> [Rounding; 6] {
     std::array::from_fn(|channel| {
         let (rows, axis) = of_channel(recording, channel);

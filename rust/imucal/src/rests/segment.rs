@@ -37,7 +37,7 @@ use threshold::{choose_threshold, still, window_statistic};
 const BLOCK_S: f64 = 0.05;
 /// Number of blocks in a window, which is therefore 0.5 s long.
 const WINDOW_BLOCKS: usize = 10;
-/// The chosen threshold of the statistic, and the reason for the choice.
+/// Threshold of the window statistic, with the range of thresholds from which it was chosen.
 #[derive(Clone, Debug)]
 pub struct Threshold {
     /// The threshold: a window is at rest if its statistic (a ratio of variances) is below this multiple of the noise

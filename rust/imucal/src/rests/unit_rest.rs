@@ -27,8 +27,8 @@ pub(crate) struct UnitRest {
     pub(crate) epoch: usize,
 }
 
-/// Parameters of the mean of a hand-held rest: its samples are rotated by the gyroscope to the ends of the rest
-/// (model.md (27)).
+/// Parameters of the mean of a hand-held rest. For this mean, the samples are rotated by the integrated gyroscope rate
+/// to the ends of the rest (model.md (27)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PropagatedMean {
     /// Time constant of the exponential weights, s.

@@ -24,7 +24,7 @@ pub(super) struct Seen {
     pub(super) moving: bool,
 }
 
-/// Simulation of one triad, sample by sample, with the state that is kept between samples.
+/// Simulation of one triad, sample by sample. It stores the state of filter and noise from one sample to the next.
 pub(super) struct Sampler<'a> {
     sensor: &'a Sensor,
     noise: Noise,

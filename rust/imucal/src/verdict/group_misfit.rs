@@ -39,8 +39,7 @@ pub enum ResidualGroup {
 }
 
 impl ResidualGroup {
-    /// Name in documents. It equals the name of the factor by which the fit widens the standard deviations of this
-    /// kind.
+    /// Name in documents. The factor by which the fit increases the standard deviations of this kind has the same name.
     pub fn name(self) -> &'static str {
         match self {
             Self::RestNorms => "norms",

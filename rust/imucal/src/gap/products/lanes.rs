@@ -13,10 +13,10 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Number of moves per partial sum. It is constant, so that rounding does not depend on the number of threads.
 const MOVES: usize = 8;
-/// Number of the model's columns that are multiplied by one register in one job. It is a third of the 21 base columns,
-/// so that base columns fill three jobs.
+/// Number of columns of the model in one job. In each row, a job multiplies the values of these columns by the values
+/// of one SIMD register. Seven is a third of the 21 base columns, so the base columns fill three jobs.
 const OF_MODEL: usize = 7;
-/// Number of columns other than the model's that are multiplied by one register in one job.
+/// Number of candidate columns, or of the residual's column, in one job.
 const OF_OTHERS: usize = 4;
 /// Number of rows per block. A block of this size fits into the first-level cache.
 const NEAR: usize = 32;
@@ -62,13 +62,13 @@ pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) 
     (sum, residual)
 }
 
-/// Multiplications of one register of each row by some of the columns.
+/// Products of some columns with the consecutive values of each row that fill one SIMD register.
 struct Job {
     columns: Vec<usize>,
-    /// Positions of the columns within a row; if a job has fewer columns, its last position is repeated.
+    /// Position of each column within a row. In a job with fewer columns, the last position is repeated.
     places: [usize; OF_MODEL],
-    /// Position of the register's first value within a row (`first`), and range of the positions whose products are
-    /// used (`with`).
+    /// `first` is the position within a row of the register's first value. `with` is the range of the columns whose
+    /// products are used.
     first: usize,
     with: Range<usize>,
 }
@@ -118,7 +118,7 @@ impl Plan {
         Self { columns, of_model, of_others, register }
     }
 
-    /// Initial sums of all jobs. Each column of a job has one register of zeros.
+    /// Sums of zeros for all jobs: one register for each column of a job.
     fn nothing_yet(&self) -> Vec<f64> {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }

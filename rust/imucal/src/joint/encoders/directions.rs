@@ -99,8 +99,8 @@ impl Motor {
         signs
     }
 
-    /// Estimates the first sample of a motion that is detected at the end of `stretch` and whose slow start lies within
-    /// `stretch`. Returns the end of `stretch` if it is too short for an estimate.
+    /// Estimates the first sample of a motion. The motion is detected at the end of `stretch`, and its slow start lies
+    /// within `stretch`. If `stretch` is too short for an estimate, its end is returned.
     fn start(&self, stretch: Range<usize>) -> usize {
         let (readings, clear) = (&self.readings, stretch.end);
         // The first half of `stretch` is not used because it contains the end of the previous motion.
@@ -187,7 +187,7 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// Sum of the squared errors of readings due to wrong signs, in units of the noise variance.
+    /// Sum of the squared errors of the readings that wrong signs cause, in units of the noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();

@@ -95,8 +95,8 @@ impl EncoderMove<'_> {
                 for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
                     *value = d.dot(column);
                 }
-                // The mean of a random walk over n steps has a smaller variance than its value at the centre. The
-                // difference is q (n - 1/n) / 6 with the variance q per step.
+                // The mean of a random walk over n steps has a smaller variance than its value at the centre. With the
+                // variance q per step, the difference is q (n - 1/n) / 6.
                 let count = block.samples.len() as f64;
                 let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
                 filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);

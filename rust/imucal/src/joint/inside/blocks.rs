@@ -13,11 +13,11 @@ use crate::joint::pass::planes::Planes;
 pub(super) struct Derivatives<'a> {
     pub(super) inside: &'a Inside<'a>,
     pub(super) planes: &'a Planes,
-    /// For each block, one vector per direction. The dot product of this vector with the state of the block is the
-    /// contribution of the block to the residual along the direction.
+    /// For each block, one vector for each of the three directions. Its dot product with the state of the block is the
+    /// derivative of the block's residual along the direction.
     pub(super) toward: &'a [[Vector3<f64>; 3]],
-    /// Derivatives through the gravity directions at both ends, lane by lane: three rows for the start, then two rows
-    /// for the end.
+    /// Contributions of the gravity directions at both ends of the move, one value per parameter: three rows for the
+    /// direction at the start, then two rows for the direction at the end.
     pub(super) at_edges: &'a [f64],
 }
 
@@ -38,8 +38,8 @@ pub(super) struct IntoLanes<'a> {
 impl WithSimd for IntoColumns<'_> {
     type Output = ();
 
-    /// Processes one register of parameters from the start of the move to its end, and then transposes the result into
-    /// columns of the matrix while it is still in the L1 cache.
+    /// Processes the parameters of one register from the start of the move to its end. The results are then transposed
+    /// into columns of the matrix, while they are still in the L1 cache.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { seen: Derivatives { inside, planes, toward, at_edges }, matrix, first } = self;
@@ -113,7 +113,7 @@ fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3
     [along, one, other]
 }
 
-/// Dot product of `direction` with the three planes of a state, plus `there`.
+/// Dot product of `direction` with the three planes of a state, added to `there`.
 #[inline(always)]
 fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s; 3], there: S::f64s) -> S::f64s {
     let mut seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.x), planes[0], there);

@@ -44,7 +44,7 @@ impl<const N: usize> WalkFilter<N> {
     }
 }
 
-/// Filter states for a residual and for all its derivatives. The gains are the same for all of them.
+/// Filter states for a residual and for all its derivatives. All of them have the same gains.
 pub(crate) struct Filter<const N: usize> {
     states: Vec<[f64; N]>,
     pub(crate) walk: WalkFilter<N>,

@@ -152,8 +152,7 @@ fn a_rest_with_a_wrong_rate_is_named() {
     }
 }
 
-/// A fit keeps its final residuals. Results computed from these residuals equal those of a new integration of the
-/// samples.
+/// Results computed from the final residuals of a fit equal the results after a new integration of the samples.
 #[test]
 fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let run = paper(2).with_bad_move(20);

@@ -32,7 +32,7 @@ pub(super) struct Turns<'a> {
     model: &'a Model,
     freed: &'a Corrected,
     stretches: Stretches,
-    /// Rotation at the midpoint of each segment times the duration of the segment, s.
+    /// For each segment, the rotation at its midpoint times its duration, s.
     weights: Vec<Matrix3<f64>>,
     /// Attitude error over each segment, and change of the force at its midpoint, in the body frame at the start of the
     /// move.
@@ -41,7 +41,7 @@ pub(super) struct Turns<'a> {
     /// Columns of rate and force at the midpoint of a segment, in the current body frame.
     rates: Columns<'a>,
     forces: Columns<'a>,
-    /// First segment of the next block, and in `turned` the attitude error accumulated up to that segment.
+    /// `next` is the first segment of the next block. `turned` is the attitude error accumulated up to this segment.
     next: usize,
     turned: Vec<f64>,
     /// Number of segments per block.
@@ -112,8 +112,8 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Computes the columns of all segments before `end` that are not computed yet. The force columns of the base
-    /// parameters are evaluated at the propagated gravity.
+    /// Computes the columns of all segments before `end` that have not been computed before. The force columns of the
+    /// base parameters are evaluated at the propagated gravity.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();
@@ -190,7 +190,7 @@ impl WithSimd for NextStretch<'_, '_> {
 /// Number of segments kept in memory: the current one and its two neighbours.
 const KEPT: usize = 3;
 
-/// Matrix-vector products of the latest segments, and the sum over all segments.
+/// Matrix-vector products of the latest segments, and their sum over all segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,
@@ -198,7 +198,7 @@ pub(super) struct Turned {
 }
 
 impl Turned {
-    /// Sum without any segment; `parameters` are the indices of the columns in the parameter vector.
+    /// An empty sum. `parameters` are the indices of the columns in the parameter vector.
     pub(super) fn new(parameters: Vec<usize>) -> Self {
         let last = Planes::zeros(parameters, KEPT);
         Self { sum: Aligned::zeros(3 * last.width()), last, count: 0 }
@@ -223,13 +223,13 @@ impl Turned {
         self.count
     }
 
-    /// Matrix-vector products of one of the latest segments, plane by plane (x, y, z).
+    /// Matrix-vector products of one of the latest segments: the x components of all parameters, then y, then z.
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         self.last.of(state % KEPT)
     }
 
-    /// Sum over all segments, plane by plane (x, y, z).
+    /// Sum over all segments: the x components of all parameters, then y, then z.
     pub(super) fn sum(&self) -> &[f64] {
         &self.sum
     }

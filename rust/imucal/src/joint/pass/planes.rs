@@ -132,8 +132,8 @@ impl Groups {
     }
 }
 
-/// Derivatives inside a move, with one state per block. The sign is that of an effect, so that the correction of rate
-/// and force subtracts these values.
+/// Derivatives inside a move, with one state per block. They have the sign of an effect. The correction of rate and
+/// force subtracts effects, so it subtracts these values.
 pub(crate) struct Changes {
     /// Mean attitude error over each block, rad per unit of the parameter.
     pub(crate) turn: Planes,

@@ -15,7 +15,7 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::preintegration::{Sums, preintegrate};
 use crate::recording::Samples;
 
-/// Segment of a move. Generic error fields have one value per segment.
+/// Segment of a move. Generic error fields have one value for each segment.
 pub(crate) struct Stretch {
     /// Time of the midpoint since the first sample of the recording, s.
     pub(crate) time_s: f64,
@@ -35,7 +35,8 @@ pub(crate) struct MoveSegments {
 }
 
 impl Route<'_> {
-    /// Segments without effects, of which only every `every`-th is kept. `pass` is the integration of this move.
+    /// Segments of a move without effects. Only every `every`-th segment is kept. `pass` is the integration of this
+    /// move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();

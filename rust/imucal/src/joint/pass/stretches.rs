@@ -23,7 +23,7 @@ use crate::rests::moves::Move;
 
 /// Segments of a move.
 pub(super) struct Stretches {
-    /// Samples of each segment, counted from the first corrected sample.
+    /// Division of the corrected samples into segments, counted from the first corrected sample.
     pub(super) groups: Groups,
     /// True state at the midpoint of each segment.
     pub(super) states: Vec<State<f64>>,
@@ -31,7 +31,7 @@ pub(super) struct Stretches {
     pub(super) rotations: Vec<Matrix3<f64>>,
     /// Duration of the part of each segment that lies within the move, s.
     pub(super) durations_s: Vec<f64>,
-    /// Whether the midpoints of the adjacent segments are equally far from the midpoint of each segment.
+    /// For each segment, whether the midpoints of the previous and of the next segment are at equal distances in time.
     pub(super) are_even: Vec<bool>,
     /// Correction factor `1 - 1/n^2` of the second difference for means over n discrete samples.
     pub(super) spread: f64,
@@ -42,7 +42,7 @@ impl Stretches {
         self.states.len()
     }
 
-    /// Rotation at the midpoint of each segment times the duration of the segment, s.
+    /// For each segment, the rotation at its midpoint times its duration, s.
     pub(super) fn weights(&self) -> Vec<Matrix3<f64>> {
         self.rotations.iter().zip(&self.durations_s).map(|(rotation, duration_s)| rotation * *duration_s).collect()
     }
@@ -169,7 +169,7 @@ impl Route<'_> {
     }
 }
 
-/// Whether the previous and the next time are equally far from time `k`.
+/// Whether time `k` is equally far from the previous and from the next time.
 fn is_even(time_s: &[f64], k: usize) -> bool {
     match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
         Some([t0, t1, t2]) => are_equal_steps(t1 - t0, t2 - t1),

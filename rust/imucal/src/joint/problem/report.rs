@@ -109,7 +109,8 @@ impl JointFit {
             .collect();
         let scales = &problem.weights.widening.scales;
         let mut report = FitReport { inflation: scales.largest(), iterations, ..FitReport::of(&solution) };
-        // The gradient test of the last minimisation does not check whether the weights have settled; `ending` does.
+        // The gradient test of the last minimisation does not show whether the weights have settled. `ending` states
+        // this.
         if let Some(ending) = ending.filter(|_| report.termination == Termination::Converged) {
             report.termination = ending;
         }

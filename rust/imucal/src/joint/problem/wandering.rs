@@ -144,7 +144,7 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Adds the covariance of the whitened mean rates due to an error that the later epochs of a rest share.
+    /// Adds, to the covariance of the whitened mean rates, an error that is common to the later epochs of a rest.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
         // The bias may also have drifted between the first epoch and the later ones.

@@ -23,7 +23,8 @@ impl Whitening {
     /// `own` contains the variance of each residual's independent error, which must be positive. `shares` contains the
     /// dependence of each residual on common errors.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
-        // The first residual that depends on an error determines the first nonzero entry of the rows.
+        // For each error, the first residual that depends on it. It determines where the nonzero entries of a row
+        // begin.
         let mut first_row_of = vec![usize::MAX; error_count];
         let mut rows: Vec<(usize, Vec<f64>)> = Vec::with_capacity(own.len());
         for (i, seen) in shares.iter().enumerate() {

@@ -30,7 +30,7 @@ pub(crate) struct Widening {
     pub(super) epoch_rates: [f64; 3],
 }
 
-/// Factors by which the standard deviations of the residuals are widened beyond noise; 1 if noise explains the
+/// Factors by which the standard deviations of the residuals exceed those from noise; 1 if noise explains the
 /// residuals.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
@@ -39,7 +39,7 @@ pub(crate) struct Scales {
     pub(crate) inside: f64,
     pub(crate) stand_rests: f64,
     pub(crate) stand_moves: f64,
-    /// Mean force at the epochs of long rests after their first ones.
+    /// Factor for the mean forces at the second and later epochs of long rests.
     pub(crate) epochs: f64,
 }
 
@@ -55,7 +55,7 @@ pub(in crate::joint) struct Widened {
 }
 
 impl Widened {
-    /// Residuals that `self` or `other` widens. Whether the biases wander is taken from `other`.
+    /// Kinds of residuals that are widened in `self` or in `other`. The flag for bias instability is that of `other`.
     pub(in crate::joint) fn union(self, other: Self) -> Self {
         let either = |(a, b): (bool, bool)| a || b;
         let mut all = other;
@@ -70,8 +70,9 @@ impl Widening {
     pub(super) const NONE: Self =
         Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3], epoch_rates: [0.0; 3] };
 
-    /// Excess of the residuals at a linearisation. `found` is the fit that ended there, if any, with the scales used in
-    /// that fit. A kind of residuals is widened if its excess is significant or if it is contained in `kept`.
+    /// Excess of the residuals at a linearisation. `found` is the fit that ended at this linearisation, if any, with
+    /// the scales used in that fit. The standard deviations of a kind of residuals are increased if the excess of this
+    /// kind is significant, or if `kept` contains this kind.
     pub(super) fn of(
         prepared: &Prepared<'_>,
         linear: &Linear,
@@ -230,9 +231,9 @@ impl Scales {
     }
 }
 
-/// New scale of the chosen residuals. The candidate is the scale with which these residuals have unit variance. It is
-/// returned if it is significantly above 1, or if it is above 1 and `is_kept` is set. Otherwise the new scale is 1. The
-/// scale does not change if the residuals have less than one degree of freedom.
+/// New scale of the chosen residuals. The candidate is the scale with which these residuals have unit variance. The
+/// candidate is returned if it is significantly above 1, or if it is above 1 and `is_kept` is set. Otherwise the new
+/// scale is 1. The scale is not changed if the residuals have less than one degree of freedom.
 fn refine(
     (scale, is_kept): (f64, bool),
     residuals: &Mat<f64>,

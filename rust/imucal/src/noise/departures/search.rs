@@ -66,10 +66,10 @@ impl Search<'_> {
         2.0 * (self.shapes.iter().filter(is_same).count() as f64).ln() + length
     }
 
-    /// The present explanation extended by the best further component. Candidates are scored twice, with the noise
-    /// parameters of the present explanation and with noise parameters fitted without a random walk. The second score
-    /// is needed because a large step increases the estimated random walk so much that the step is no longer
-    /// significant.
+    /// The present set of components, extended by the best further component. Candidates are scored twice: with the
+    /// noise parameters estimated for the present set, and with noise parameters fitted without a random walk. The
+    /// second score is needed because a large step increases the estimated random walk so much that the step is no
+    /// longer significant.
     fn next(&self, present: &Explained) -> Option<Explained> {
         let mut without_walk = self.noise.kinds;
         without_walk[WALK] = false;
@@ -99,7 +99,7 @@ impl Search<'_> {
         best.map(|(_, explained)| explained)
     }
 
-    /// The best step and the two best drifts for given noise parameters.
+    /// The best step and the two best drifts, for given noise parameters.
     fn best_shapes(&self, residual: &[f64], theta: &PerKind, present: &Explained) -> Vec<Shape> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let used = self.used(&weights);
@@ -180,7 +180,7 @@ impl Search<'_> {
         end.max(FEWEST.min(weights.len()))
     }
 
-    /// Amplitudes of these components and noise parameters, estimated alternately. The iteration starts from noise of
+    /// Amplitudes of these components, and noise parameters, estimated alternately. The iteration starts from noise of
     /// the kinds in `start`, fitted to the data without components. The final noise parameters contain all kinds of the
     /// model.
     fn explained(

@@ -174,8 +174,8 @@ impl Stencil {
         self.stride as f64 * self.steps.interval_s
     }
 
-    /// Means over each box of the powers of the time since sample `k`, in box widths. The boxes begin at sample
-    /// `first`. With fewer than five boxes, the polynomial has a lower degree.
+    /// Means over each box of the powers of the time since sample `k`, with the time in box widths. The boxes begin at
+    /// sample `first`. With fewer than five boxes, the polynomial has a lower degree.
     fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
         let mut powers = Polynomial::identity();
         for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
@@ -211,7 +211,7 @@ impl Stencil {
         let apart = (self.stride / 2).max(length / MOST_LOOKS).max(1);
         let both = |k: usize| (self.at(time_s, k), narrower.at(time_s, k));
         let noise_of = |(wide, narrow): (Boxes, Boxes)| wide.noise_of_difference(&narrow);
-        // With equal time steps, the noise of the difference has equal variance at all samples.
+        // With equal time steps, the noise of the difference between the slopes has the same variance at all samples.
         let runs = self.run().zip(narrower.run());
         let of_even = runs.map(|(wide, narrow)| ([wide, narrow], noise_of(both(self.before()))));
         (0..count).all(|part| {
@@ -331,7 +331,8 @@ impl Boxes {
         slope.xyz() / self.stride as f64
     }
 
-    /// Variance of the difference between the slopes of this stencil and of a narrower one, for noise of unit variance.
+    /// Variance of the difference between the slopes of this stencil and of a narrower one, if the data are noise of
+    /// unit variance.
     fn noise_of_difference(&self, narrower: &Self) -> f64 {
         let of = |boxes: &Self, k: usize| {
             let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);

@@ -40,8 +40,8 @@ pub(super) fn cut(
         return Vec::new();
     }
     let most = ((duration_s / MIN_EPOCH_S) as usize).min(MAX_EPOCHS).min(blocks.len());
-    // The temperature may rise and fall again, so absolute changes are summed. They are differences of means, in which
-    // the noise of the thermometer is averaged down.
+    // The temperature may rise and fall again, so absolute changes are summed. The changes are differences of means, in
+    // which the noise of the thermometer is averaged out.
     let temperatures: Vec<f64> = parts(blocks, most).into_iter().filter_map(temperature_degc).collect();
     let change_k: f64 = temperatures.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
     let count = (duration_s / EPOCH_S).max(change_k / EPOCH_K).ceil() as usize;

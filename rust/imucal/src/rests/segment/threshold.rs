@@ -13,8 +13,8 @@ use crate::rounding::LEAST_SCATTER;
 /// Returns the statistic of each window, the noise floor of each channel (a variance, raw units squared), and the
 /// quantisation step of each channel whose noise is below its step (zero for all other channels).
 ///
-/// `variances` contains the variance of each channel in each window, `steps` the smallest step (resolution) of each
-/// channel, divided by the root of the number of samples per mean. `step_of` finds the step of a channel.
+/// `variances` contains the variance of each channel in each window. `steps` contains the smallest step (resolution) of
+/// each channel, divided by the root of the number of samples per mean. `step_of` finds the step of a channel.
 pub(super) fn window_statistic(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,
@@ -31,8 +31,8 @@ pub(super) fn window_statistic(
         let quietest = quantile_of(of_channel.len(), write, 0.05);
         let may_be_coarse = steps[channel].is_finite() && quietest < (LEAST_SCATTER * steps[channel]).powi(2);
         if let Some(step) = may_be_coarse.then(|| step_of(channel)).flatten() {
-            // If the mean lies in the middle between two levels, both are equally frequent, and the samples have this
-            // variance even for very small noise.
+            // If the mean lies in the middle between two levels, both levels are equally frequent. The samples then
+            // have this variance even for very small noise.
             rounding[channel] = steps[channel] * steps[channel] / 4.0;
             coarse[channel] = step;
         }
