@@ -1,8 +1,8 @@
 //! Fast reader for columns of numbers in a text table.
 //!
-//! The text is passed in blocks, so that a long file is never in memory as a whole. Only plain tables are read, in
-//! which each used field is a decimal number and all lines have equal numbers of fields. Anything else (quotes, empty
-//! fields, dates, text) is the error [`NotPlain`], after which a more general reader must read the file.
+//! The text is passed in blocks, so that a long file is never in memory as a whole. Only plain tables are read. In a
+//! plain table, each used field is a decimal number, and all lines have equal numbers of fields. Anything else (quotes,
+//! empty fields, dates, text) is the error [`NotPlain`], after which a more general reader must read the file.
 //!
 //! Numbers are rounded correctly, like those of [`str::parse`].
 
@@ -64,7 +64,8 @@ impl NumberColumns {
     ///
     /// # Errors
     ///
-    /// [`NotPlain`] if the block is not plain. The table must not be used afterwards.
+    /// [`NotPlain`] if the block contains anything other than lines of decimal numbers. The table must not be used
+    /// afterwards.
     pub fn add(&mut self, block: &[u8]) -> Result<(), NotPlain> {
         let Some(first) = block.iter().position(|&byte| byte == b'\n') else {
             self.rest.extend_from_slice(block);
@@ -83,7 +84,7 @@ impl NumberColumns {
     ///
     /// # Errors
     ///
-    /// [`NotPlain`] if the last line, which may lack a line end, is not plain.
+    /// [`NotPlain`] if the last line contains anything other than decimal numbers. The last line may lack a line end.
     pub fn finish(mut self) -> Result<Vec<Column>, NotPlain> {
         let rest = std::mem::take(&mut self.rest);
         self.add_lines(&rest)?;

@@ -12,15 +12,15 @@ use crate::numerics::symmetric::SymmetricMatrix;
 /// candidate columns are added for a few candidates at a time ([`Common::weighing`]).
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// The model's rows of the normalised Gram matrices, for each group of residuals.
+    /// For each group of residuals, the rows of the normalised Gram matrix that belong to the model's columns.
     parts: Vec<SymmetricMatrix>,
 }
 
-/// The normal matrix after elimination of the model's parameters, at given noise scales s_g^2. It contains the entries
-/// of the model's rows, which are needed for every candidate.
+/// The normal matrix after elimination of the model's parameters, at given noise scales s_g^2. Only the rows of the
+/// model's columns are computed, because every candidate needs them.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// Sum of the Gram matrices divided by their scales: `whole` before the elimination, `sums` after it.
+    /// Sum of the Gram matrices divided by their scales: before the elimination (`whole`) and after it (`sums`).
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -64,7 +64,7 @@ impl<'a> Common<'a> {
         Arch::new().dispatch(SweepAs { weighing, common: swept, known, columns: own.chain(last).collect() })
     }
 
-    /// Index ranges of the model's columns, of the candidate columns `own`, and of the residual.
+    /// Index ranges of three sets of columns: the model's columns, the candidate columns `own`, and the residual.
     fn runs(&self, own: Range<usize>) -> [Range<usize>; 3] {
         let (n, last) = (self.columns.model.len(), self.columns.count());
         [0..n, n + own.start..n + own.end, last..last + 1]

@@ -20,7 +20,7 @@ pub(crate) struct Others<'a> {
 }
 
 impl<'a> Known<'a> {
-    /// `gram` must be the Gram matrices of `columns` and `residual`.
+    /// Prepares a design with these columns and this residual. `gram` must contain their Gram matrices.
     pub(crate) fn new(columns: &'a Mat<f64>, residual: &[f64], group_of_row: &[usize], gram: &'a Gram) -> Self {
         let of_group = |rows: Rows| {
             let (part, residual) = (rows.part(columns), rows.values(residual));
@@ -34,7 +34,7 @@ impl<'a> Known<'a> {
         let width = columns.ncols();
         let of_group = |(rows, ..): &(Rows, Part<'_>, Vec<f64>)| {
             let part = rows.part(columns);
-            // Single-threaded, because hypotheses are evaluated in parallel.
+            // One thread, because several hypotheses are evaluated in parallel.
             let own = square(part.view(), 1);
             (part, own)
         };

@@ -16,7 +16,7 @@ use crate::numerics::stats::dot;
 use crate::numerics::workers::{in_order, processors};
 use asked::Asked;
 
-/// Row indices of a group, as ranges of consecutive rows.
+/// The rows of one group of residuals, as ranges of consecutive row indices.
 pub(super) struct Rows {
     group: usize,
     runs: Vec<Range<usize>>,
@@ -37,9 +37,8 @@ impl Gram {
     }
 
     /// Gram matrices with only the products that scoring needs. These are products of the model's columns, which come
-    /// first, with all columns, and products within each block of candidate columns. Other entries are NaN. `order`
-    /// gives the position of each column within a row, with the residual last. Also returns the residual of the rows
-    /// inside moves.
+    /// first, with all columns, and products within each block of candidate columns. All other entries are NaN. `order`
+    /// gives the position of each column within a row; the residual is last. Also returns the residuals inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,
@@ -108,7 +107,7 @@ impl Rows {
         self.runs.iter().flat_map(|run| &column[run.clone()]).copied().collect()
     }
 
-    /// The rows of this group in a matrix. They are copied only if they are not consecutive.
+    /// The rows of this group in a matrix. They are copied only if the group has several ranges of rows.
     pub(super) fn part<'m>(&self, columns: &'m Mat<f64>) -> Part<'m> {
         if let [run] = self.runs.as_slice() {
             return Part { columns: Cow::Borrowed(columns), rows: run.clone() };
@@ -142,7 +141,8 @@ impl Part<'_> {
     }
 }
 
-/// Number of rows per partial sum. It is constant, so that rounding does not depend on the number of threads.
+/// Number of rows per partial sum. It is constant, so that the rounding of sums does not depend on the number of
+/// threads.
 const TOGETHER: usize = 2048;
 
 /// Applies a function to consecutive parts of the rows. Returns the results in the order of the parts.

@@ -33,7 +33,7 @@ const FORESEEN: f64 = 0.05;
 /// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
-/// Columns of a model and additional columns, each normalised to unit length.
+/// Columns of a model and additional columns. All columns are normalised to unit length.
 pub(super) struct Columns<'a> {
     pub(super) gram: &'a Gram,
     pub(super) model: &'a [Column],
@@ -46,11 +46,12 @@ pub(super) struct Columns<'a> {
 /// The Gram matrices of a model with additional columns.
 pub(crate) struct Weighing<'a> {
     pub(super) columns: Columns<'a>,
-    /// Gram matrix of the normalised columns and the residual for each group of residuals.
+    /// For each group of residuals, the Gram matrix of the normalised columns and the residual.
     pub(super) parts: Vec<SymmetricMatrix>,
 }
 
-/// The sum of the Gram matrices divided by their scales, after elimination of the model's parameters.
+/// The normal matrix after elimination of the model's parameters. It is the sum of the Gram matrices, each divided by
+/// its noise scale.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
@@ -82,7 +83,7 @@ impl<'a> Columns<'a> {
         columns.chain([self.gram.residual]).collect()
     }
 
-    /// Writes the given rows of the normalised Gram matrices.
+    /// Writes the rows `rows` of the normalised Gram matrices to `sums`.
     pub(super) fn fill(&self, sums: &mut [SymmetricMatrix], rows: &Range<usize>) {
         let (place, unit) = (self.places(), &self.unit);
         for (part, sum) in sums.iter_mut().zip(&self.gram.sums) {
@@ -94,7 +95,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Adds, from row `from` on, the Gram matrices divided by their scales, and the prior precisions of the model.
+    /// Sets the rows of `to`, from row `from` to the last one, to the sum of the Gram matrices divided by their scales,
+    /// plus the prior precisions of the model.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
@@ -151,7 +153,8 @@ impl<'a> Weighing<'a> {
         Arch::new().dispatch(Settle(self, width, swept))
     }
 
-    /// The sum of the Gram matrices divided by their scales, from row `from` on, before any sweep.
+    /// The sum of the Gram matrices divided by their scales, before any elimination. Only rows from row `from` on are
+    /// computed.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
@@ -181,11 +184,12 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // The residual after the fit is the initial residual minus its projection on the columns.
+            // With these coefficients, the columns and the residual combine to the residual after the fit.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // `held` contains terms of the evidence at the present scales. `gain` is the increase of the log evidence
-            // when the scales are optimised with fixed parameters. `deviance` is evaluated at the optimised scales.
+            // `held` contains terms of the evidence at the scales before this round. `gain` is the increase of the log
+            // evidence when the scales are optimised with fixed parameters. `deviance` is evaluated at the optimised
+            // scales.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {

@@ -26,9 +26,9 @@ use crate::joint::pass::Pass;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// Derivatives of the residuals of a move with respect to one parameter, through the gravity directions of the adjacent
-/// rests, m/s^2. `start` is added to all residuals along each of the three directions. `end` is added to the last
-/// residual along each of the two directions perpendicular to gravity.
+/// Derivatives of the residuals of a move with respect to one parameter, as far as they are due to the gravity
+/// directions of the adjacent rests, m/s^2. `start` is added to all residuals along each of the three directions. `end`
+/// is added to the last residual along each of the two directions perpendicular to gravity.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
@@ -38,7 +38,7 @@ pub(super) struct Edges {
 pub(super) struct Rows<'a> {
     target: Target<'a>,
     next: usize,
-    /// Number of lanes already written in the rows of the current move; used by `Target::Lanes` only.
+    /// Number of positions already written in the rows of the current move; used by `Target::Lanes` only.
     place: usize,
 }
 
@@ -49,7 +49,7 @@ enum Target<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// Writes to a matrix with one column per parameter, from row `first` on.
+    /// Writes to a matrix with one column per parameter. The first row written is row `first`.
     pub(super) fn new(matrix: &'a mut Mat<f64>, first: usize) -> Self {
         Self { target: Target::Columns(matrix), next: first, place: 0 }
     }
@@ -92,7 +92,7 @@ impl<'a> Rows<'a> {
         self.place = 0;
     }
 
-    /// Index of the first row below all rows written so far.
+    /// Index of the first row that has not been written.
     pub(super) fn next(&self) -> usize {
         self.next
     }
@@ -147,7 +147,8 @@ pub(in crate::joint) struct Inside<'a> {
     pub(in crate::joint) pass: &'a Pass,
     /// Unit vector along gravity at the start of the move, and two unit vectors perpendicular to it.
     pub(in crate::joint) directions: [Vector3<f64>; 3],
-    /// Filter gains of each block along gravity and perpendicular to it, and of the rest after the move.
+    /// Filter gains: along gravity for each block (`along`), perpendicular to gravity for each block (`across`), and for
+    /// the rest after the move (`end`).
     pub(super) along: Vec<Gain<1>>,
     pub(super) across: Vec<Gain<1>>,
     pub(super) end: Gain<1>,

@@ -7,7 +7,8 @@ use faer::Mat;
 use super::pass::Pass;
 use crate::numerics::aligned::{Aligned, WIDEST};
 
-/// Row-major matrix of derivatives, with the residual as the last column. Columns that are zero are not stored.
+/// Matrix of derivatives, stored row by row, with the residual as the last column. Columns that are zero are not
+/// stored.
 #[derive(Clone)]
 pub(crate) struct Lanes {
     /// Position of each column within a row, or `None` for a column that is zero. The last entry is the position of the
@@ -38,7 +39,7 @@ impl Lanes {
     /// Matrix without rows. Within a row, column k is stored at position `places[k]` and the residual at `of_residual`.
     fn at(mut places: Vec<Option<usize>>, of_residual: usize) -> Self {
         places.push(Some(of_residual));
-        // Padding after the last column lets SIMD code read a full register from any position.
+        // The padding after the last column allows SIMD code to read a full register from any position.
         let width = (of_residual + 1 + WIDEST).next_multiple_of(WIDEST);
         Self { places, of_residual, width, numbers: Aligned::default() }
     }
@@ -91,7 +92,7 @@ impl Lanes {
         self.rows_mut(row..row + 1)
     }
 
-    /// Position of a column within each row; `None` if the column is zero.
+    /// Position of a column within each row; `None` if the column is not stored because it is zero.
     pub(crate) fn place(&self, column: usize) -> Option<usize> {
         self.places[column]
     }
@@ -109,7 +110,7 @@ impl Lanes {
         }
     }
 
-    /// Adds `J change` to the residuals, where J are the derivatives in the same rows.
+    /// Adds `J change` to the residuals, where J is the matrix of the derivatives.
     pub(crate) fn change(&mut self, change: &[f64]) {
         let by: Vec<(usize, f64)> = self.places.iter().zip(change).filter_map(|(p, by)| Some(((*p)?, *by))).collect();
         for row in self.numbers.chunks_exact_mut(self.width) {

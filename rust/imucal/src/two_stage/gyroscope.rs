@@ -170,7 +170,7 @@ impl Linearised {
         if self.triad == *triad {
             return Some(self);
         }
-        // This matrix times the rate is the change of the rate. The bias does not change.
+        // `change` times the old rate is the change of the rate due to the new gyroscope. The bias is the same in both.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {

@@ -1,4 +1,4 @@
-//! The set of column products that scoring needs.
+//! The set of column products that the scoring of candidates needs.
 
 use std::ops::Range;
 
@@ -13,7 +13,7 @@ pub(super) struct Asked<'a> {
     /// Needed products of columns that are not in the model. Each entry is the index of a column, and the indices of
     /// the later columns with which it is multiplied.
     pairs: Vec<(usize, Vec<usize>)>,
-    /// Initial Gram matrix: zero for products that are needed, NaN for others.
+    /// Initial Gram matrix. Entries are zero for needed products and NaN for all other products.
     nothing_yet: Mat<f64>,
 }
 
@@ -30,7 +30,7 @@ impl<'a> Asked<'a> {
         Self { model, last, blocks, pairs, nothing_yet }
     }
 
-    /// Initial Gram matrix: zero for products that are needed, NaN for others.
+    /// Initial Gram matrix. Entries are zero for needed products and NaN for all other products.
     pub(super) fn nothing_yet(&self) -> Mat<f64> {
         let size = self.last + 1;
         let mut sums = Mat::zeros(size, size);
@@ -39,7 +39,7 @@ impl<'a> Asked<'a> {
         sums
     }
 
-    /// Copies the computed products to the transposed entries.
+    /// Copies the computed products to the transposed entries of the Gram matrix.
     pub(super) fn mirror(&self, sum: &mut Mat<f64>) {
         for j in self.model..=self.last {
             (0..self.model).for_each(|i| sum[(i, j)] = sum[(j, i)]);

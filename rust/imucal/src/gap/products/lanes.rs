@@ -1,4 +1,4 @@
-//! Gram matrices of columns that are stored row by row, computed with SIMD registers.
+//! Gram matrices of columns that are stored row by row, computed with SIMD instructions.
 
 use std::iter::once;
 use std::ops::Range;
@@ -18,7 +18,7 @@ const MOVES: usize = 8;
 const OF_MODEL: usize = 7;
 /// Number of candidate columns, or of the residual's column, in one job.
 const OF_OTHERS: usize = 4;
-/// Number of rows per block. A block of this size fits into the first-level cache.
+/// Number of rows that are processed together. Their values fit into the first-level cache.
 const NEAR: usize = 32;
 
 /// The requested products for each group of rows. `order` gives the position of each column within a row.
@@ -84,8 +84,8 @@ struct Plan {
 }
 
 impl Plan {
-    /// Plans the products of the model with all columns, of each block with itself, and of the residual with each block
-    /// and with itself.
+    /// Plans three sets of products: the model's columns with all columns, each block of candidate columns with itself,
+    /// and the residual with each block and with itself.
     fn new(lanes: &Lanes, order: &[usize], asked: &Asked<'_>) -> Self {
         let register = Arch::new().dispatch(Register);
         let places: Vec<Option<usize>> = order.iter().map(|column| lanes.place(*column)).collect();
@@ -123,12 +123,12 @@ impl Plan {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }
 
-    /// Adds the products of the given rows to the sums.
+    /// Adds the products in the given rows to the sums of all jobs.
     fn add<'r>(&self, rows: impl Iterator<Item = &'r [f64]> + Clone, sums: &mut [f64]) {
         Arch::new().dispatch(Add { plan: self, rows, sums });
     }
 
-    /// Writes the sums of products to the requested entries of the Gram matrix `to`.
+    /// Adds the sums of the jobs to the requested entries of the Gram matrix `to`.
     fn take(&self, sums: &[f64], to: &mut Mat<f64>) {
         let (of_model, of_others) = sums.split_at(self.of_model.len() * OF_MODEL * self.register);
         let of_model = self.of_model.iter().zip(of_model.chunks_exact(OF_MODEL * self.register));
@@ -177,7 +177,7 @@ impl<'r, R: Iterator<Item = &'r [f64]> + Clone> WithSimd for Add<'_, R> {
     }
 }
 
-/// Adds the products of the first `N` columns of a job with its register, row by row.
+/// Adds the products of the first `N` columns of a job and its register to `sums`, row by row.
 #[inline(always)]
 fn add<'r, S: Simd, const N: usize>(simd: S, rows: impl Iterator<Item = &'r [f64]>, job: &Job, sums: &mut [S::f64s]) {
     let (places, first) = (&job.places, job.first);
@@ -200,7 +200,8 @@ mod tests {
 
     #[test]
     fn what_stands_side_by_side_has_the_products_of_columns() {
-        // The model's columns are not contiguous, the third block is not requested, and the columns are permuted.
+        // In this example, the model's columns are not contiguous, the third block is not requested, and the columns
+        // are permuted.
         let (rows, model, blocks) = (420, 6, [6..7, 7..12, 12..14, 14..17]);
         let places: Vec<Option<usize>> =
             (0..18).map(|j| if (12..14).contains(&j) { None } else { Some(if j < 3 { j } else { j + 10 }) }).collect();

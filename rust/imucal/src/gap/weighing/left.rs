@@ -1,4 +1,4 @@
-//! Schur complement of additional columns after projection on a model.
+//! Schur complement of additional columns of a linear model, after elimination of the model's own columns.
 
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
@@ -28,7 +28,7 @@ impl Left {
         Arch::new().dispatch(BestWidth(self, widths))
     }
 
-    /// Increase of the log evidence for a prior width, nats; `sums` is a work array.
+    /// Increase of the log evidence for a prior width, nats. `sums` is working memory.
     #[inline(always)]
     fn gain<S: Simd>(&self, simd: S, width: f64, sums: &mut SymmetricMatrix) -> Option<f64> {
         let k = self.columns();

@@ -1,4 +1,4 @@
-//! Whitening of the derivatives inside a move with SIMD. Each lane of a register processes one parameter.
+//! Whitening of the derivatives inside a move with SIMD. Each lane of a SIMD register processes one parameter.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -21,14 +21,14 @@ pub(super) struct Derivatives<'a> {
     pub(super) at_edges: &'a [f64],
 }
 
-/// Writes whitened rows to a matrix, from row `first` on.
+/// Writes the whitened rows of a move to a matrix. The first row written is row `first`.
 pub(super) struct IntoColumns<'a> {
     pub(super) seen: Derivatives<'a>,
     pub(super) matrix: &'a mut Mat<f64>,
     pub(super) first: usize,
 }
 
-/// Writes whitened rows to the lanes of one move, from lane `place` on.
+/// Writes the whitened rows of a move to `lanes`. The first parameter is written at position `place` of each row.
 pub(super) struct IntoLanes<'a> {
     pub(super) seen: Derivatives<'a>,
     pub(super) lanes: &'a mut Lanes,
@@ -72,7 +72,7 @@ impl WithSimd for IntoColumns<'_> {
 impl WithSimd for IntoLanes<'_> {
     type Output = ();
 
-    /// Processes the blocks in the order in which their values are stored in memory.
+    /// Processes the blocks of the move in the order in which their values are stored in memory.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { seen: Derivatives { inside, planes, toward, at_edges }, lanes, place } = self;
@@ -113,7 +113,8 @@ fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3
     [along, one, other]
 }
 
-/// Dot product of `direction` with the three planes of a state, added to `there`.
+/// Dot product of `direction` and a vector whose x, y and z components are in `planes`, added to `there`. Each SIMD
+/// lane is one parameter.
 #[inline(always)]
 fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s; 3], there: S::f64s) -> S::f64s {
     let mut seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.x), planes[0], there);

@@ -1,7 +1,8 @@
 //! Attitude Jacobian and force Jacobian of the blocks inside a move.
 //!
-//! For a segment of n samples, G is the attitude error that a column accumulates over the segment. Gdot is the central
-//! difference of G between the adjacent segments, and G.. the second difference:
+//! A segment of a move has n samples. For one parameter, G is the attitude error that accumulates over the segment, and
+//! F is the change of the force at the midpoint of the segment. Gdot is the central difference of G between the
+//! adjacent segments. G.. and F.. are second differences over the adjacent segments.
 //!
 //! ```text
 //! turn(end)    = turn(begin) + G + G.. / 24
@@ -25,8 +26,8 @@ use crate::joint::terms::SideBySide;
 use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates attitude and force Jacobians inside a move, block by block. The sign is that of an effect, so that the
-/// correction of rate and force subtracts these values.
+/// Accumulates attitude and force Jacobians inside a move, block by block. The Jacobians have the sign of an effect.
+/// The correction of rate and force subtracts effects, so it subtracts these Jacobians.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -34,11 +35,12 @@ pub(super) struct Turns<'a> {
     stretches: Stretches,
     /// For each segment, the rotation at its midpoint times its duration, s.
     weights: Vec<Matrix3<f64>>,
-    /// Attitude error over each segment, and change of the force at its midpoint, in the body frame at the start of the
-    /// move.
+    /// For each parameter, the attitude error over each segment (`on_rate`) and the change of the force at the midpoint
+    /// of each segment (`on_force`), in the body frame at the start of the move.
     on_rate: Turned,
     on_force: Turned,
-    /// Columns of rate and force at the midpoint of a segment, in the current body frame.
+    /// Derivatives of rate and force with respect to the parameters at the midpoint of a segment, in the body frame at
+    /// this midpoint.
     rates: Columns<'a>,
     forces: Columns<'a>,
     /// `next` is the first segment of the next block. `turned` is the attitude error accumulated up to this segment.
@@ -46,11 +48,11 @@ pub(super) struct Turns<'a> {
     turned: Vec<f64>,
     /// Number of segments per block.
     of_block: usize,
-    /// Results for the blocks completed so far.
+    /// Jacobians of the blocks completed so far.
     changes: Changes,
 }
 
-/// Columns of one sensor: base parameters followed by the parameters of its effects.
+/// Derivatives of the reading of one sensor: base parameters first, then the parameters of the effects on this sensor.
 struct Columns<'a> {
     base: usize,
     terms: &'a SideBySide<'a>,
@@ -64,8 +66,8 @@ impl<'a> Columns<'a> {
         Self { base, terms, all }
     }
 
-    /// Computes the columns of the effects at the midpoint of segment `k`, and returns the columns of the base
-    /// parameters to be filled in.
+    /// Computes the derivatives with respect to the effects at the midpoint of segment `k`. Returns the storage for the
+    /// derivatives with respect to the base parameters, which the caller fills.
     fn at(&mut self, route: &Route<'_>, stretches: &Stretches, k: usize) -> &mut [Vector3<f64>] {
         let (base, own) = self.all.split_at_mut(self.base);
         route.columns(&self.terms.terms, &self.terms.values, stretches, k, own);
@@ -74,7 +76,7 @@ impl<'a> Columns<'a> {
 }
 
 impl<'a> Turns<'a> {
-    /// Prepares a move with `size` samples per segment and `of_block` segments per block.
+    /// Prepares a move. `size` is the number of samples per segment, and `of_block` the number of segments per block.
     pub(super) fn new(
         route: &'a Route<'a>,
         model: &'a Model,
@@ -134,7 +136,7 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Computes the means over the next block.
+    /// Computes the mean attitude error and the mean change of the force over the next block.
     pub(super) fn next_block(&mut self) {
         self.changes.turn.next();
         self.changes.force.next();
@@ -145,13 +147,13 @@ impl<'a> Turns<'a> {
         self.next += self.of_block;
     }
 
-    /// Adds segment `k` to the means over its block.
+    /// Adds the contribution of segment `k` to the means over its block.
     #[inline(always)] // Compiled for the widest SIMD registers of the processor.
     fn take_stretch(&mut self, k: usize) {
         let Self { stretches, on_rate, on_force, turned, of_block, changes, .. } = self;
         let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
-        // Second differences are valid only for equal spacing of the adjacent midpoints. Otherwise they are set to
-        // zero.
+        // Second differences are valid only if the midpoints of the adjacent segments are equally far away. Otherwise
+        // the second differences are set to zero.
         let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
         let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
         let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));
@@ -187,10 +189,11 @@ impl WithSimd for NextStretch<'_, '_> {
     }
 }
 
-/// Number of segments kept in memory: the current one and its two neighbours.
+/// Number of segments that are kept in memory: a segment and its two neighbours.
 const KEPT: usize = 3;
 
-/// Matrix-vector products of the latest segments, and their sum over all segments.
+/// For each parameter, a matrix times the parameter's derivative (a vector): one product for each of the latest
+/// segments, and the sum of the products over all segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,
@@ -198,13 +201,14 @@ pub(super) struct Turned {
 }
 
 impl Turned {
-    /// An empty sum. `parameters` are the indices of the columns in the parameter vector.
+    /// A sum over no segments. `parameters` are the indices of the parameters in the parameter vector.
     pub(super) fn new(parameters: Vec<usize>) -> Self {
         let last = Planes::zeros(parameters, KEPT);
         Self { sum: Aligned::zeros(3 * last.width()), last, count: 0 }
     }
 
-    /// Appends a segment that consists of `matrix` times each column. `columns` must be padded to a full SIMD register.
+    /// Appends a segment: the products of `matrix` and each vector in `columns`. `columns` must be padded to full SIMD
+    /// registers.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         let (to, sum) = (self.last.of_mut(self.count % KEPT), &mut *self.sum);
@@ -212,7 +216,7 @@ impl Turned {
         self.count += 1;
     }
 
-    /// Adds `matrix` times each column to the sum only, without keeping the segment.
+    /// Adds the products of `matrix` and each vector in `columns` to the sum only. The products are not kept.
     pub(super) fn add(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         Arch::new().dispatch(Push::<false> { columns, matrix, to: &mut [], sum: &mut self.sum });
@@ -223,18 +227,19 @@ impl Turned {
         self.count
     }
 
-    /// Matrix-vector products of one of the latest segments: the x components of all parameters, then y, then z.
+    /// Products of one of the latest segments: the x components for all parameters, then the y components, then the z
+    /// components.
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         self.last.of(state % KEPT)
     }
 
-    /// Sum over all segments: the x components of all parameters, then y, then z.
+    /// Sum of the products over all segments: the x components for all parameters, then y, then z.
     pub(super) fn sum(&self) -> &[f64] {
         &self.sum
     }
 
-    /// Writes the negated sum to `to`, at the index of each parameter.
+    /// Writes the negative sum to `to`, at the index of each parameter.
     pub(super) fn write_negative_sum(&self, to: &mut [Vector3<f64>]) {
         self.last.write_negative(&self.sum, to);
     }
@@ -245,7 +250,7 @@ impl Turned {
     }
 }
 
-/// Adds a segment to the sum. `KEEPS` states whether the segment itself is stored as well.
+/// Adds a segment to the sum. `KEEPS` states whether the products of the segment are kept as well.
 struct Push<'a, const KEEPS: bool> {
     columns: &'a [Vector3<f64>],
     matrix: &'a Matrix3<f64>,

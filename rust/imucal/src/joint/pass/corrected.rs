@@ -19,19 +19,20 @@ use crate::recording::Samples;
 pub(super) struct Corrected {
     pub(super) rate: Vec<Vector3<f64>>,
     pub(super) force: Vec<Vector3<f64>>,
-    /// Angular acceleration; empty unless needed.
+    /// Angular acceleration; empty if no effect needs it.
     pub(super) slopes: Vec<Vector3<f64>>,
     /// Whether any effect has nonzero parameters.
     has_effects: bool,
 }
 
-/// Integration step between two samples, with its quadrature weights.
+/// Integration step between two samples, with the weights of the samples in the mean over the step.
 #[derive(Clone, Copy)]
 pub(super) struct Step {
     /// Index of the sample at the start of the step.
     pub(super) before: usize,
     is_linear: bool,
-    /// Weights of the four samples around the step in the mean rate over the step.
+    /// Weights of four samples in the mean rate over the step: the sample before the step, the two samples at its ends,
+    /// and the sample after it.
     shares: [f64; 4],
 }
 
@@ -126,7 +127,8 @@ impl Route<'_> {
         }
     }
 
-    /// Mean contributions of the effects to rate and force over `samples`, a range relative to `reach`.
+    /// Mean contributions of the effects to rate and force over `samples`. The indices in `samples` are relative to the
+    /// start of `reach`.
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
         if !freed.has_effects {
             return [Vector3::zeros(); 2];

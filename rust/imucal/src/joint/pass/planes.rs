@@ -1,7 +1,8 @@
 //! Jacobian columns of many parameters, stored for SIMD.
 //!
-//! Each state (a block or a segment) has three planes, one for each of x, y and z. A plane has one value per parameter,
-//! so one SIMD instruction processes as many parameters as a register has lanes.
+//! A Jacobian column is a 3-vector for each parameter, in each state. A state is a block or a segment of a move. The x
+//! components of all parameters in a state are stored together and form a plane. The planes of the y and z components
+//! follow. One SIMD instruction processes as many parameters as a register has lanes.
 
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
@@ -9,7 +10,7 @@ use pulp::{Arch, Simd, WithSimd};
 use crate::joint::pass::Range;
 use crate::numerics::aligned::{Aligned, WIDEST};
 
-/// Columns (3-vectors) of several parameters in a sequence of states.
+/// Jacobian columns (3-vectors) of several parameters in a sequence of states.
 pub(crate) struct Planes {
     /// Index in the parameter vector of each stored column.
     parameters: Vec<usize>,
@@ -19,20 +20,20 @@ pub(crate) struct Planes {
 }
 
 impl Planes {
-    /// Empty storage with capacity for `states` states.
+    /// Storage without states, with capacity for `states` states.
     pub(crate) fn new(parameters: Vec<usize>, states: usize) -> Self {
         let width = parameters.len().next_multiple_of(WIDEST);
         Self { parameters, width, numbers: Aligned::with_capacity(states * 3 * width) }
     }
 
-    /// Storage with `states` states of zeros.
+    /// Storage with `states` states, in which all values are zero.
     pub(super) fn zeros(parameters: Vec<usize>, states: usize) -> Self {
         let mut planes = Self::new(parameters, 0);
         planes.numbers.resize(states * 3 * planes.width);
         planes
     }
 
-    /// Index of each parameter among all columns.
+    /// Index in the parameter vector of each stored column.
     pub(crate) fn parameters(&self) -> &[usize] {
         &self.parameters
     }
@@ -42,7 +43,7 @@ impl Planes {
         self.width
     }
 
-    /// Appends a state of zeros and returns its planes.
+    /// Appends a state of zeros, and returns its planes for writing.
     #[inline(always)]
     pub(crate) fn next(&mut self) -> &mut [f64] {
         let start = self.numbers.len();
@@ -79,7 +80,8 @@ impl Planes {
         Vector3::from_fn(|axis, _| planes[axis * self.width + k])
     }
 
-    /// Planes of all states, one after the other, as SIMD registers.
+    /// All stored values as SIMD registers: the planes x, y and z of the first state, then those of the next state, and
+    /// so on.
     #[inline(always)]
     pub(crate) fn registers<S: Simd>(&self, _: S) -> &[S::f64s] {
         S::as_simd_f64s(&self.numbers).0
@@ -91,7 +93,7 @@ impl Planes {
         &self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 
-    /// Mutable planes x, y and z of one state.
+    /// The planes x, y and z of one state, for writing.
     pub(super) fn of_mut(&mut self, state: usize) -> &mut [f64] {
         &mut self.numbers[state * 3 * self.width..][..3 * self.width]
     }
@@ -103,7 +105,7 @@ impl Planes {
 pub(super) struct Groups {
     /// Number of samples in a complete group.
     size: usize,
-    /// Number of samples missing in the first group.
+    /// Number of samples by which the first group is smaller than a complete group.
     lacking: usize,
     /// Total number of samples.
     samples: usize,
@@ -148,12 +150,12 @@ impl Changes {
         Self { turn, force }
     }
 
-    /// Number of lanes: one value per parameter, including padding.
+    /// Number of values per vector component in a state: one value per parameter, including padding.
     pub(crate) fn lanes(&self) -> usize {
         self.turn.width() + self.force.width()
     }
 
-    /// Pairs of lane and parameter index. Padding lanes are skipped.
+    /// For each parameter, its position among the values of a state (its lane), and its index in the parameter vector.
     pub(crate) fn parameters(&self) -> impl Iterator<Item = (usize, usize)> {
         let first = self.turn.width();
         let of_turn = self.turn.parameters().iter().copied().enumerate();
@@ -167,7 +169,7 @@ impl Changes {
         turns
     }
 
-    /// Adds the derivatives of the mean force of a block along `d`, lane by lane.
+    /// For each parameter, adds the derivative of the component along `d` of a block's mean force to `lanes`.
     pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
         Arch::new().dispatch(AddAlong { changes: self, block, force, d, lanes });
     }
@@ -193,7 +195,7 @@ impl WithSimd for AddAlong<'_> {
     }
 }
 
-/// Adds the dot product of `direction` with each column of `planes` to `to`.
+/// For each parameter, adds the dot product of `direction` and the parameter's column in `planes` to `to`.
 #[inline(always)] // Compiled for the SIMD registers of the caller.
 fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
     let (x, yz) = planes.split_at(to.len());

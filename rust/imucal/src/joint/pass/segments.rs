@@ -1,5 +1,5 @@
-//! Integration over a move in segments. Provides the Jacobian over the whole move, for base parameters and effects, and
-//! the segments at which generic error fields have their values.
+//! Integration over a move in segments. It provides the attitude Jacobian over the whole move, for base parameters and
+//! effects, and the segments at which generic error fields have their values.
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -28,7 +28,7 @@ pub(crate) struct Stretch {
     pub(crate) turn: Matrix3<f64>,
 }
 
-/// Segments of a move, and the attitude error at its end due to a constant unit error of the rate.
+/// Segments of a move, and the attitude error at the end of the move due to a constant unit error of the rate.
 pub(crate) struct MoveSegments {
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) end: Matrix3<f64>,

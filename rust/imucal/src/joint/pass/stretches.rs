@@ -177,8 +177,8 @@ fn is_even(time_s: &[f64], k: usize) -> bool {
     }
 }
 
-/// Converts means over segments into values at their midpoints: subtracts `share` times the second difference. Segments
-/// with unequal spacing keep their mean.
+/// Converts means over segments into values at the midpoints of the segments: subtracts `share` times the second
+/// difference of the means. Segments with unequal spacing keep their mean.
 fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     let means = |state: &State<f64>| {
         let slope = state.surroundings.angular_acceleration.unwrap_or_default();
