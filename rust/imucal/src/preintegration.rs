@@ -95,7 +95,7 @@ pub(crate) fn integrate_rotation_linear(
     RateSegment::of(recording, first, last).rotation(gyroscope)
 }
 
-/// Total rotation about each axis between two samples, rad: the integral of the absolute rate.
+/// Total rotation about each axis between two samples, rad. It is the integral of the absolute rate about the axis.
 pub(crate) fn total_rotation_rad(
     recording: &Recording<'_>,
     first: usize,
@@ -121,8 +121,8 @@ impl Sums {
         Self { sensitivity: [Matrix3::zeros(); 3], bias: Matrix3::zeros() }
     }
 
-    /// Adds a sample of the trapezoidal rule: `weight` is R times the sample's share of the time, `rate` the rate in
-    /// rad/s.
+    /// Adds a sample to the trapezoidal rule. `weight` is R times the time that the sample represents, s. `rate` is the
+    /// rate, rad/s.
     #[inline(always)]
     pub(crate) fn add_sample(&mut self, weight: &Matrix3<f64>, rate: &Vector3<f64>) {
         for (j, sum) in self.sensitivity.iter_mut().enumerate() {

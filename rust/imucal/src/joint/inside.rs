@@ -147,8 +147,8 @@ pub(in crate::joint) struct Inside<'a> {
     pub(in crate::joint) pass: &'a Pass,
     /// Unit vector along gravity at the start of the move, and two unit vectors perpendicular to it.
     pub(in crate::joint) directions: [Vector3<f64>; 3],
-    /// Filter gains: along gravity for each block (`along`), perpendicular to gravity for each block (`across`), and for
-    /// the rest after the move (`end`).
+    /// Filter gains: along gravity for each block (`along`), perpendicular to gravity for each block (`across`), and
+    /// for the rest after the move (`end`).
     pub(super) along: Vec<Gain<1>>,
     pub(super) across: Vec<Gain<1>>,
     pub(super) end: Gain<1>,

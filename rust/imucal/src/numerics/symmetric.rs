@@ -6,8 +6,8 @@ use pulp::Simd;
 
 use crate::numerics::aligned::WIDEST;
 
-/// The upper triangle of a symmetric matrix, or only its first rows. Each row is padded to whole SIMD registers. The
-/// stored values left of the diagonal are unused.
+/// The upper triangle of a symmetric matrix, or only its first rows. Each row is padded to complete SIMD registers.
+/// Values to the left of the diagonal are stored but not used.
 #[derive(Clone)]
 pub(crate) struct SymmetricMatrix {
     /// Number of columns.
@@ -23,7 +23,7 @@ impl SymmetricMatrix {
         Self::first_rows(size, size)
     }
 
-    /// The first `rows` rows of a matrix of zeros with `size` columns.
+    /// The first `rows` rows of a zero matrix with `size` columns.
     pub(crate) fn first_rows(rows: usize, size: usize) -> Self {
         let width = size.next_multiple_of(WIDEST);
         Self { size, width, numbers: vec![0.0; rows * width] }
@@ -57,7 +57,7 @@ impl SymmetricMatrix {
         &mut self.numbers[i * self.width + j]
     }
 
-    /// The submatrix of the rows and columns `own`, in their order. Rows that are not stored are zero.
+    /// The submatrix with the rows and columns `own`, in the given order. Rows that are not stored are zero.
     pub(crate) fn part(&self, own: &[Range<usize>]) -> Self {
         let size = own.iter().map(Range::len).sum::<usize>();
         let width = size.next_multiple_of(WIDEST);
@@ -72,7 +72,8 @@ impl SymmetricMatrix {
         Self { size, width, numbers }
     }
 
-    /// Sets the rows from `row` on to a weighted sum of other matrices, given as pairs of weight and matrix.
+    /// Sets row `row` and all following rows to a weighted sum of other matrices. `others` contains pairs of weight and
+    /// matrix.
     #[inline(always)]
     pub(crate) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>, row: usize) {
         let own = row * self.width..;
@@ -175,7 +176,7 @@ impl SymmetricMatrix {
         [twice(squares, on_diagonal[0]), twice(products, on_diagonal[1])]
     }
 
-    /// A vector of the values `numbers`, padded with zeros to the length of a row in storage.
+    /// The values `numbers` as a vector, padded with zeros to the length of a stored row.
     pub(crate) fn vector(&self, numbers: impl Iterator<Item = f64>) -> Vec<f64> {
         let mut all = vec![0.0; self.width];
         all.iter_mut().zip(numbers).for_each(|(to, number)| *to = number);
@@ -201,7 +202,7 @@ impl LogDeterminant {
         Self { product: 1.0, logarithm: 0.0 }
     }
 
-    /// Multiplies the determinant by a pivot and returns the reciprocal of the pivot; `None` if the pivot is not
+    /// Multiplies the determinant by a pivot, and returns the reciprocal of the pivot. `None` if the pivot is not
     /// positive.
     #[inline(always)]
     fn times(&mut self, pivot: f64) -> Option<f64> {

@@ -1,8 +1,8 @@
 //! Computation of the attitude after each of many consecutive rotations.
 //!
-//! The lanes of a vector register process consecutive parts of the rotations in parallel. A first pass computes the
-//! product of the rotations in each part, from which the attitude at the start of each part follows. A second pass
-//! computes all attitudes.
+//! The sequence of rotations is divided into consecutive parts. Each lane of a SIMD register processes one part. A
+//! first pass computes the product of the rotations in each part, from which the attitude at the start of each part
+//! follows. A second pass computes all attitudes.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use pulp::{Arch, Simd, WithSimd};
@@ -16,7 +16,7 @@ use super::step::{half_turn, is_within_range, times_quaternion};
 const AT_ONCE: usize = 512;
 
 /// Attitudes before the first and after each of the rotations `turns`, which are rotation vectors in the body frame,
-/// rad: `v_start = attitude v_here`.
+/// rad. An attitude maps the current body frame to the frame at the start: `v_start = attitude v_here`.
 pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
     let mut all = Vec::with_capacity(turns.len() + 1);
     all.push(begin);
@@ -103,7 +103,7 @@ mod tests {
     fn attitudes_are_the_products_of_all_turns_before() {
         let begin = so3::exp(&Vector3::new(0.3, -1.0, 2.0));
         for count in [0, 1, 7, 8, 41, 600, 1500] {
-            // The largest angle exceeds the range of the polynomials.
+            // The third angle exceeds the range of the polynomials.
             for most in [0.01, 0.19, 2.0] {
                 let part = |k: usize, c: usize| ((3 * k + c) as f64 * 1.7).sin() * most / 3.0_f64.sqrt();
                 let turns: Vec<Vector3<f64>> = (0..count).map(|k| Vector3::from_fn(|c, _| part(k, c))).collect();

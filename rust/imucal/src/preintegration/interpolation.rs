@@ -2,7 +2,7 @@
 
 /// Maximum relative difference between time steps that count as equal.
 const UNEVEN: f64 = 0.01;
-/// Maximum ratio of adjacent time steps for cubic interpolation; beyond it linear interpolation is more robust.
+/// Maximum ratio of adjacent time steps for cubic interpolation. Above it, linear interpolation is more robust.
 const MOST_UNEVEN: f64 = 3.0;
 
 /// Interpolation of the rate between two samples.
@@ -17,8 +17,8 @@ pub(crate) enum Interpolation {
 }
 
 impl Interpolation {
-    /// Interpolation for the step after sample `i`, and the weights of the four surrounding samples in the mean rate of
-    /// the step.
+    /// Interpolation of the rate for the step after sample `i`, and the weights of four samples in the mean rate over
+    /// this step: the sample before the step, the two samples at its ends, and the sample after it.
     #[inline]
     pub(crate) fn of(time_s: &[f64], i: usize) -> (Self, [f64; 4]) {
         let linear = (Self::Linear, [0.0, 0.5, 0.5, 0.0]);
@@ -68,11 +68,12 @@ pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, inter
     (next..end).find(|&i| Interpolation::of(time_s, i).0 != interpolation).unwrap_or(end)
 }
 
-/// Weights of four samples, taken at these times, in the mean over the middle step of the cubic through the four
-/// samples.
+/// Weights of four samples, taken at these times, in the mean rate over the middle time step. The rate is the cubic
+/// through the four samples.
 pub(crate) fn cubic_weights([before, start, end, after]: [f64; 4]) -> [f64; 4] {
     let (a, h, b) = (start - before, end - start, after - end);
-    // Linear interpolation minus h^2/6 times the weighted second divided differences of both sides.
+    // The mean of the cubic is the mean of the linear interpolation minus h^2/6 times a weighted mean of the second
+    // divided differences on both sides.
     let late = (h / 2.0 + a) / (a + h + b);
     let (left, right) = ((1.0 - late) * h * h / 6.0, late * h * h / 6.0);
     [

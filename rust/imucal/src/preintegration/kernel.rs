@@ -1,5 +1,5 @@
-//! Vectorised preintegration. Each lane of a vector register processes a separate range of consecutive steps. The
-//! results of the lanes are combined at the end.
+//! Vectorised preintegration. Each lane of a SIMD register processes a separate range of consecutive steps. The results
+//! of the lanes are combined at the end.
 
 use nalgebra::{Matrix3, UnitQuaternion};
 use pulp::{Simd, WithSimd};
@@ -8,16 +8,16 @@ use super::lanes::{Lanes, MOST_LANES, Quaternions, Three, lane_start, prefetch, 
 use super::step::{LaneState, StepTerm, at_nodes};
 use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 
-/// Number of steps whose samples a lane reads together: half a node of `sums.rs`.
+/// Number of steps in a tile. A lane reads the samples of a tile together. A tile is half a node of `sums.rs`.
 const TILE: usize = STEPS_OF_A_NODE / 2;
-/// Number of samples by which memory is prefetched ahead of their use.
+/// Distance, in samples, by which memory is prefetched before the samples are used.
 const AHEAD: usize = 64;
 
-/// Block of consecutive samples, which the lanes divide among themselves.
+/// Block of consecutive samples. Each lane processes an equal part of the block.
 #[derive(Clone, Copy)]
 pub(super) struct Block<'a> {
-    /// Raw samples. Their number is the number of steps plus one, and plus three for cubic interpolation, which uses
-    /// one additional sample on either side.
+    /// Raw samples. A block of n steps has n + 1 samples. For cubic interpolation, it has n + 3 samples, because one
+    /// additional sample is used on either side.
     pub(super) raw: &'a [[f64; 3]],
     /// Time of each sample, s; `None` for equal steps.
     pub(super) stamps_s: Option<&'a [f64]>,
@@ -33,14 +33,14 @@ pub(super) struct Map {
     pub(super) offset: [f64; 3],
 }
 
-/// Result of integrating steps, in the frame of the kernel.
+/// Result of the integration over several steps, in the frame of [`Map`].
 pub(super) struct Increment {
     pub(super) rotation: UnitQuaternion<f64>,
     /// Four sums over the samples: the sum of R, with the integration weights of the samples, and the sums of R times
     /// each component of the rate. For component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
-    /// Number of steps that were processed. The number of remaining steps of a block is less than the number of lanes,
-    /// or less than one node per lane.
+    /// Number of steps that were processed. The steps of a block that remain are fewer than the lanes, or fewer than
+    /// one node (16 steps) per lane.
     pub(super) steps: usize,
 }
 
@@ -49,7 +49,7 @@ impl Increment {
         Self { rotation: UnitQuaternion::identity(), sums: [Matrix3::zeros(); 4], steps: 0 }
     }
 
-    /// Appends the result of the following steps.
+    /// Appends the result of the steps that follow.
     pub(super) fn then(&mut self, next: &Self) {
         let before = *self.rotation.to_rotation_matrix().matrix();
         self.sums.iter_mut().zip(&next.sums).for_each(|(sum, added)| *sum += before * added);
@@ -64,8 +64,8 @@ impl Increment {
 pub(super) struct Kernel<'a, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(pub(super) Block<'a>);
 
 impl<const CUBIC: bool, const SUMS: bool, const RANGE: usize> WithSimd for Kernel<'_, CUBIC, SUMS, RANGE> {
-    /// `None` if the angle of a step exceeds the range of the polynomials, or if the block has less than one node per
-    /// lane.
+    /// `None` if the angle of a step exceeds the range of the polynomials, or if the block has less than one node (16
+    /// steps) per lane.
     type Output = Option<Increment>;
 
     #[inline(always)]
@@ -170,7 +170,7 @@ impl Block<'_> {
     }
 }
 
-/// The map, with the same values in every lane.
+/// The map from raw readings to rates, with the same values in every lane.
 struct LaneMap<S: Simd> {
     upper: [[Lanes<S>; 3]; 3],
     offset: Three<S>,
@@ -195,7 +195,7 @@ impl<S: Simd> LaneMap<S> {
     }
 }
 
-/// Combines the results of the lanes, which cover consecutive time intervals.
+/// Combines the results of the lanes to the result of the whole block. The lanes cover consecutive time intervals.
 #[inline(always)]
 fn combine_lanes<S: Simd, const SUMS: bool>(
     simd: S,

@@ -73,7 +73,8 @@ pub(crate) fn scale_from_gravity(
     (scale.is_finite() && scale != 0.0).then_some(scale)
 }
 
-/// A pair of consecutive blocks: the mean direction, its change, and the integral of the raw rate between the centres.
+/// A pair of consecutive blocks: the mean gravity direction, its change from block to block, and the integral of the
+/// raw rate between the centres of the blocks.
 struct Pair {
     up: Vector3<f64>,
     change: Vector3<f64>,
@@ -104,8 +105,8 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
 
 /// Solves the weighted normal equations for the entries of P, row by row.
 fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
-    // The design matrix of a pair is [ubar]x (x) s (Kronecker product), so its normal matrix is [ubar]x^T [ubar]x (x) s
-    // s^T.
+    // The design matrix of a pair is the Kronecker product of [ubar]x and s^T. Its normal matrix is therefore the
+    // Kronecker product of [ubar]x^T [ubar]x and s s^T.
     let mut blocks = [[Matrix3::<f64>::zeros(); 3]; 3];
     let mut right = [Vector3::zeros(); 3];
     for (pair, weight) in pairs.iter().zip(weights) {
@@ -123,8 +124,8 @@ fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
     // The factorisation uses only the lower triangle of the normal matrix.
     let normal = SMatrix::<f64, 9, 9>::from_fn(|row, column| blocks[row / 3][column / 3][(row % 3, column % 3)]);
     let right = SVector::<f64, 9>::from_fn(|row, _| right[row / 3][row % 3]);
-    // Slight damping keeps the factorisation possible without rotation about some axis. The column of P for this axis
-    // is then zero, and the caller detects that P is singular.
+    // Slight damping makes the factorisation possible if the unit does not rotate about some axis. The column of P for
+    // this axis is then zero, and the caller detects that P is singular.
     let damping = 1e-9 * normal.trace();
     let factor = (normal + SMatrix::identity() * damping).cholesky()?;
     Some(Matrix3::from_row_slice(factor.solve(&right).as_slice()) / size)
@@ -136,8 +137,8 @@ mod tests {
 
     #[test]
     fn finds_scale_sign_and_order_of_the_axes_in_any_unit() {
-        // A slow tumble with a gyroscope in counts whose axes are rotated: its x axis measures -y, its y axis measures
-        // x.
+        // A slow tumble with a gyroscope in counts. The axes of the gyroscope are rotated: its x axis measures -y, and
+        // its y axis measures x.
         let sensitivity = Matrix3::new(0.0, -4000.0, 50.0, 4200.0, 0.0, 0.0, 0.0, 80.0, 4100.0);
         let gyroscope = Triad::try_new(sensitivity, Vector3::new(32000.0, 33000.0, 32500.0)).unwrap();
         let (mut time, mut force, mut rate) = (vec![], Vec::<[f64; 3]>::new(), Vec::<[f64; 3]>::new());

@@ -76,8 +76,9 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value: simd.splat_f64s(value) }
     }
 
-    /// Vector with `value(l)` in lane l. With an array of exactly the register's length, the compiler uses shuffles. A
-    /// longer array would be written to memory in parts and read as a whole, which causes a store-forwarding stall.
+    /// Vector with `value(l)` in lane l. The array has exactly the length of the register, so that the compiler uses
+    /// shuffles. A longer array would be written to memory in parts and read as a whole, which causes a
+    /// store-forwarding stall.
     #[inline(always)]
     pub(super) fn from_fn(simd: S, value: impl Fn(usize) -> f64) -> Self {
         let v = &value;
@@ -90,7 +91,7 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value }
     }
 
-    /// The number in each lane; zero for lanes beyond the register.
+    /// The numbers in all lanes. Entries beyond the length of the register are zero.
     #[inline(always)]
     pub(super) fn to_array(self) -> [f64; MOST_LANES] {
         let mut all = [0.0; MOST_LANES];
@@ -156,10 +157,10 @@ impl<S: Simd> Div for Lanes<S> {
     }
 }
 
-/// A vector with three components, in each lane.
+/// A 3-vector in each lane: its x, y and z components are three registers.
 pub(super) type Three<S> = [Lanes<S>; 3];
 
-/// A vector from its components. `map` on an array is not used here, because it is not always inlined, and the
+/// A 3-vector from its components. `map` on an array is not used here, because it is not always inlined, and the
 /// registers would then be stored in memory.
 #[inline(always)]
 pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
@@ -179,14 +180,14 @@ pub(super) fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
     [part(1, 2), part(2, 0), part(0, 1)]
 }
 
-/// Index of the first element of a lane, if each lane processes `count` elements. Lanes beyond the register length read
-/// the elements of the first lane.
+/// Index of the first element that a lane processes, if each lane processes `count` elements. Lanes beyond the length
+/// of the register read the elements of the first lane.
 #[inline(always)]
 pub(super) fn lane_start<S: Simd>(lane: usize, count: usize) -> usize {
     if lane < S::F64_LANES { lane * count } else { 0 }
 }
 
-/// A quaternion in each lane, not normalised.
+/// One quaternion in each lane. The quaternions are not normalised.
 pub(super) struct Quaternions([[f64; MOST_LANES]; 4]);
 
 impl Quaternions {

@@ -97,7 +97,8 @@ impl<'a> RateSegment<'a> {
         Self::linear(recording.angular_rate.slice(first..last + 1), SampleTimes::of(&recording.time_s[first..=last]))
     }
 
-    /// Splits samples `first..=last` into sections with the same interpolation: cubic where possible.
+    /// Splits samples `first..=last` into sections with one kind of interpolation each. The interpolation is cubic
+    /// where possible.
     pub(crate) fn smooth(
         time_s: &'a [f64],
         rates: Samples<'a>,
@@ -123,7 +124,7 @@ impl<'a> RateSegment<'a> {
         *rotation.to_rotation_matrix().matrix()
     }
 
-    /// Rotation, and the sums for its derivatives with respect to the parameters.
+    /// Rotation over the segment, and the sums from which its derivatives with respect to the parameters follow.
     pub fn preintegrate(&self, gyroscope: &Triad<f64>) -> Preintegrated {
         let (rotation, sums) = self.sums(gyroscope);
         Preintegrated { rotation, sensitivity_sums: sums.sensitivity, bias_sum: sums.bias }
@@ -172,8 +173,8 @@ impl<'a> RateSegment<'a> {
         (frame.rotation * all.rotation * frame.rotation.inverse(), sums)
     }
 
-    /// Integrates a block with SIMD, with the smallest sufficient range of step angles. For the next block, this range
-    /// is tried first.
+    /// Integrates a block with SIMD. Trial ranges of step angles increase until all step angles are inside the range.
+    /// For the next block, the successful range is tried first.
     fn lanes<const CUBIC: bool, const SUMS: bool>(
         &self,
         block: Block<'_>,
@@ -192,8 +193,9 @@ impl<'a> RateSegment<'a> {
         }
     }
 
-    /// Integrates steps without SIMD, for large step angles and for the last steps, which do not fill all lanes. The
-    /// computation uses the frame of the gyroscope, which avoids the rounding errors of another transformation.
+    /// Integrates steps without SIMD. This is used for large step angles, and for the last steps, which do not fill all
+    /// lanes. The computation uses the frame of the gyroscope, which avoids the rounding errors of another
+    /// transformation.
     fn scalar_steps<const CUBIC: bool>(
         &self,
         gyroscope: &Triad<f64>,
@@ -232,8 +234,8 @@ impl<'a> RateSegment<'a> {
         Increment { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
     }
 
-    /// Factors that convert the sums of the kernel to SI units. The first converts the sum of R to s. The second
-    /// converts the sums of R times a component of the rate to rad.
+    /// Factors that convert the sums of the vectorised integration to SI units. The first converts the sum of R to s.
+    /// The second converts the sums of R times a component of the rate to rad.
     fn units_of_sums(&self) -> (f64, f64) {
         match self.sample_times {
             SampleTimes::Even(interval_s) => (interval_s, 6.0),
@@ -241,12 +243,12 @@ impl<'a> RateSegment<'a> {
         }
     }
 
-    /// Transforms the sums to the frame of the gyroscope.
+    /// Completes the sums of a vectorised integration and transforms them to the frame of the gyroscope.
     fn all_sums(&self, all: &Increment, axes: &Matrix3<f64>) -> Sums {
         let (by_time, by_turn) = self.units_of_sums();
         let [bias, mut by_rate @ ..] = all.sums;
-        // The sums that the kernel does not compute follow from R' = R [w]x. For two columns of R, multiply each by the
-        // rate component of the other. The difference of the two sums is the change of the third column.
+        // The remaining sums follow from R' = R [w]x. For two columns of R, multiply each column by the rate component
+        // of the other. The difference of the two sums is the change of the third column.
         let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
         for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
             let column = by_rate[c].column(j) + turned.column(across) * sign;
@@ -266,14 +268,14 @@ fn along(axes: &Matrix3<f64>, by_rate: &[Matrix3<f64>; 3]) -> [Matrix3<f64>; 3] 
 
 /// Frame in which the matrix from raw readings to rates is upper triangular.
 pub(super) struct Frame {
-    /// Axes of this frame in the sensor's frame, as columns.
+    /// Axes of this frame, as columns, expressed in the frame of the gyroscope.
     pub(super) axes: Matrix3<f64>,
     rotation: UnitQuaternion<f64>,
     map: Map,
 }
 
 impl Frame {
-    /// `scale` converts rates from rad/s to the units of the kernel.
+    /// The frame for a gyroscope. `scale` converts rates from rad/s to the unit of the vectorised integration.
     pub(super) fn of(gyroscope: &Triad<f64>, scale: f64) -> Self {
         let inverse = gyroscope.inverse() * scale;
         let (axes, upper) = inverse.qr().unpack();

@@ -100,8 +100,8 @@ fn exponential(m: &Square) -> Square {
     sum
 }
 
-/// Rotation, G_x, G_y, G_z and G_b by the equations in the documentation of the module, in double-double arithmetic.
-/// The first `at_nodes` steps are summed at nodes.
+/// Rotation, G_x, G_y, G_z and G_b by the equations in the documentation of `preintegration`, in double-double
+/// arithmetic. The first `at_nodes` steps are summed in nodes of 16 steps.
 pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
     let Samples { raw, time_s, triad, is_cubic } = path;
     let third = Double::of(1.0 / 3.0) + Double::of(-1.0 / 3.0 * 3.0 + 1.0) * Double::of(1.0 / 3.0);
@@ -148,7 +148,7 @@ pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
             }
             continue;
         }
-        // R' for a rate in the units of the kernel.
+        // The derivative R' = R [w]x, for a rate in the unit of the vectorised integration.
         let derivative = |rotation: &Square, rate: &Vector| {
             scaled(&product(rotation, &hat_of(rate)), h * h * third * Double::of(0.5))
         };
@@ -192,8 +192,8 @@ fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double)
     sums[3] = plus(&sums[3], &scaled(rotation, weight));
 }
 
-/// Computes the sums below the diagonal (column index greater than the index of the rate component) from those above
-/// the diagonal, in the frame with these axes.
+/// Computes the sums that the vectorised integration does not accumulate (column index greater than the index of the
+/// rate component) from the accumulated sums, in the frame with these axes.
 fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [Square; 3] {
     let out: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(r, c)])));
     let back: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(c, r)])));

@@ -1,10 +1,11 @@
-//! One integration step in every lane: its quaternion, the rotation before it, and the contribution of its first sample
-//! to the sums.
+//! One integration step in every SIMD lane: its quaternion, the rotation before the step, and the contribution of the
+//! step's first sample to the sums.
 //!
-//! In the units of this file, the rotation vector of a step is `3 p` with `p = s + q`, where `s` is a third of the
-//! integral of the rate, and `q` a third of the coning term. For equal steps the samples are scaled so that `s = a0 +
-//! a1` and `q = a0 x a1`. With `y = |p|^2`, the quaternion of a step is proportional to `(1, tau(y) p)`, where tau is a
-//! polynomial. The factor by which this quaternion changes the norm of the product is another polynomial in y.
+//! In the units of this file, the rotation vector of a step is `3 p` with `p = s + q`. `s` is a third of the integral
+//! of the rate, and `q` is a third of the coning term. For equal steps, the samples are scaled so that `s = a0 + a1`
+//! and `q = a0 x a1`. With `y = |p|^2`, the quaternion of a step is proportional to `(1, tau(y) p)`, where tau is a
+//! polynomial. This quaternion is not normalised. The factor by which it changes the norm of a product is another
+//! polynomial in y.
 
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -21,15 +22,15 @@ pub(super) struct AngleRange {
 }
 
 /// Ranges from small to large angles. The relative truncation error of the tangent is at most 1e-14. The truncation
-/// error of the cosine does not accumulate, because it is removed once per tile.
+/// error of the squared cosine does not accumulate, because the norm is corrected once per tile (8 steps).
 pub(super) const ANGLE_RANGES: [AngleRange; 3] = [
     AngleRange { turn_rad: 0.001, terms: [2, 3] },
     AngleRange { turn_rad: 0.03, terms: [4, 4] },
     AngleRange { turn_rad: 0.2, terms: [7, 6] },
 ];
 
-/// Whether sums are computed at nodes instead of at each sample. This is the case for equal steps with angles in the
-/// first of the [`ANGLE_RANGES`].
+/// Whether sums are computed over nodes of 16 steps instead of sample by sample. This is the case for equal steps with
+/// angles in the first of the [`ANGLE_RANGES`].
 pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const RANGE: usize>() -> bool {
     EVEN && SUMS && RANGE == 0
 }
@@ -55,9 +56,9 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
 
 /// Quantities of a step that do not depend on the previous step.
 ///
-/// They are calculated for all steps of a tile before the quaternions are multiplied. Only the product of quaternions
-/// depends on the previous step. If these products were interleaved with the other computations, their latency would
-/// stall the processor.
+/// They are calculated for all steps of a tile (8 steps) before the quaternions are multiplied, because only the
+/// product of quaternions depends on the previous step. If the products were computed between these calculations, the
+/// processor would have to wait for their results.
 #[derive(Clone, Copy)]
 #[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
 pub(super) struct StepTerm<S: Simd> {
@@ -117,7 +118,7 @@ impl<S: Simd> LaneState<S> {
     }
 
     /// Adds the next sample, which is the end of a step. For cubic interpolation, it is the sample after the end of a
-    /// step. Writes the quantities of the step that do not depend on the rotation before the step.
+    /// step. Writes the quantities that do not depend on the rotation before the step to `term` and `sample`.
     #[inline(always)]
     pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(
         &mut self,
@@ -192,15 +193,15 @@ impl<S: Simd> LaneState<S> {
         [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 
-    /// Columns of the rotation matrix at a node. The norm of the quaternion is computed first, because it is not
-    /// tracked between nodes.
+    /// Columns of the rotation matrix at a node. The norm of the quaternion is computed first, because between nodes it
+    /// is not updated.
     #[inline(always)]
     pub(super) fn rotation_at_node(&mut self) -> [Three<S>; 3] {
         self.double = Lanes::splat(self.simd, 2.0) / self.square_of_length();
         self.rotation()
     }
 
-    /// Sum of the samples since the last call, with half weight for both ends.
+    /// Sum of the samples since the last call of this function. The first and the last sample have half weight.
     #[inline(always)]
     pub(super) fn sum_of_samples(&mut self) -> Three<S> {
         let (zero, half) = (Lanes::splat(self.simd, 0.0), Lanes::splat(self.simd, 0.5));
@@ -219,7 +220,7 @@ impl<S: Simd> LaneState<S> {
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {
-            // One iteration of Newton's method removes the accumulated rounding error of 2/|q|^2.
+            // One iteration of Newton's method removes the accumulated rounding error of `double`, which is 2/|q|^2.
             let one = Lanes::splat(self.simd, 1.0);
             let excess = self.square_of_length().neg_mul_add(self.double * Lanes::splat(self.simd, 0.5), one);
             self.double = self.double.mul_add(excess, self.double);
@@ -233,7 +234,7 @@ impl<S: Simd> LaneState<S> {
         }
     }
 
-    /// Whether the angles of all steps were inside the range of the polynomials.
+    /// Whether the angles of all steps were in range `RANGE` of the polynomials.
     #[inline(always)]
     pub(super) fn is_exact<const RANGE: usize>(&self) -> bool {
         let limit = ANGLE_RANGES[RANGE].turn_rad;

@@ -1,4 +1,4 @@
-//! Sums of the rotations R, and of R times each component of the rate, over all samples or at nodes.
+//! Sums of the rotations R, and of R times each component of the rate, computed sample by sample or node by node.
 //!
 //! A node combines n = 16 short steps. w is the angular rate at a sample. The sum of `R w` over the samples of a node
 //! is approximated by `R W + R' D`. In this formula, R is the rotation matrix in the middle of the node, and R' is its
@@ -33,11 +33,12 @@ const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 /// Coefficient that would replace b / a if D were only the difference between the samples at the two ends of a node.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// Weight in D of the difference between the end samples. With this weight, the coefficient of D is b / a.
+/// Weight, in D, of the difference between the end samples. With this weight, the coefficient of D has the value b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
-/// Factor of the difference between the half sums in D, for rates that are multiplied by a sixth of the time step.
+/// Factor, in D, of the difference between the sums over both halves, for rates that are multiplied by a sixth of the
+/// time step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
-/// Factor of the difference between the end samples in D, for rates that are multiplied by a sixth of the time step.
+/// Factor, in D, of the difference between the end samples, for rates that are multiplied by a sixth of the time step.
 pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// Contribution of a sample to the sums.
@@ -69,7 +70,8 @@ pub(super) struct Node<S: Simd> {
     end: Three<S>,
     /// Columns of the rotation matrix in the middle of the node.
     rotation: [Three<S>; 3],
-    /// Sums of the samples over the first and the second half, with half weight for the ends of each half.
+    /// Sums of the samples over the first and over the second half of the node. The samples at the ends of each half
+    /// have half weight.
     halves: [Three<S>; 2],
 }
 
@@ -81,7 +83,7 @@ impl<S: Simd> Node<S> {
         Self { begin, middle: zero, end: begin, rotation: [zero; 3], halves: [zero; 2] }
     }
 
-    /// Starts the next node at the end of the previous one, and sets its middle.
+    /// Starts the next node at the end of the previous one, and sets the values at its middle.
     #[inline(always)]
     pub(super) fn reach_middle(&mut self, middle: Three<S>, half: Three<S>, rotation: [Three<S>; 3]) {
         (self.begin, self.middle, self.halves[0], self.rotation) = (self.end, middle, half, rotation);
@@ -93,16 +95,16 @@ impl<S: Simd> Node<S> {
     }
 }
 
-/// Sums over the samples for one column of the rotation matrix, in all lanes.
+/// In all lanes, sums over the samples for one column of the rotation matrix.
 #[derive(Clone, Copy)]
 struct Column<S: Simd> {
     by_one: Three<S>,
-    /// One sum for each component of the rate.
+    /// Sums of the column times each component of the rate.
     by_rate: [Three<S>; 3],
 }
 
-/// Sums in all lanes. For column c of R and rate component j, only sums with `j >= c` are accumulated; the other sums
-/// follow from the final rotation.
+/// Sums in all lanes. For column c of R and rate component j, only the sums with `j >= c` are accumulated. The other
+/// sums follow from the final rotation.
 #[repr(align(64))]
 pub(super) struct Totals<S: Simd>([Column<S>; 3]);
 
@@ -113,8 +115,8 @@ impl<S: Simd> Totals<S> {
         Self([Column { by_one: zero, by_rate: [zero; 3] }; 3])
     }
 
-    /// Adds the samples of a tile. The sums of one column of R are completed before those of the next column, because
-    /// there are more sums than registers.
+    /// Adds the samples of a tile (8 steps). The sums of one column of R are completed before those of the next column,
+    /// because there are more sums than registers.
     #[inline(always)]
     pub(super) fn add<const EVEN: bool>(&mut self, samples: &[Sample<S>]) {
         self.add_column::<EVEN, 0>(samples);
@@ -159,8 +161,8 @@ impl<S: Simd> Totals<S> {
     }
 }
 
-/// Terms of the integration by parts at the ends of a segment: at the sample where the nodes end (`sign` 1) or start
-/// (`sign` -1).
+/// Contribution of the first (`sign` -1) or last (`sign` 1) sample of all nodes to the sums, due to the integration by
+/// parts.
 #[inline(always)]
 pub(super) fn end_of_nodes<S: Simd>(simd: S, sign: f64, rate: Three<S>, rotation: &[Three<S>; 3]) -> Sample<S> {
     let factor = Lanes::splat(simd, sign * 6.0 * SECOND * N * N);

@@ -1,4 +1,4 @@
-//! Compares the kernels with independent calculations.
+//! Compares the vectorised integration with independent calculations.
 
 use super::interpolation::cubic_weights;
 use super::reference::{Samples, reference};
@@ -7,7 +7,7 @@ use super::*;
 use imucal_core::integrate::Integrator;
 use pulp::{Simd, WithSimd};
 
-/// A tumbling gyroscope, 100 Hz for 2 s, in raw units, with large scale and misalignment errors.
+/// A tumbling gyroscope with large scale and misalignment errors: times, raw samples, and the triad. 100 Hz for 2 s.
 fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
     let time: Vec<f64> = (0..200).map(|k| k as f64 * 0.01).collect();
     let sensitivity = Matrix3::new(1.1, 0.05, -0.02, 0.03, 0.9, 0.04, -0.06, 0.01, 1.05);
@@ -139,8 +139,8 @@ impl Samples<'_> {
         }
     }
 
-    /// Largest error of the rotation, rad, and of the sums, rad and s, for each instruction set. The reference sums are
-    /// computed at the same nodes (`by_nodes`) or at all samples.
+    /// For each instruction set, the largest error of the rotation, rad, and of the sums, rad and s. The reference sums
+    /// are computed over the same nodes if `by_nodes` is set, and otherwise sample by sample.
     fn errors(&self, by_nodes: bool) -> Vec<(Instructions, f64, f64)> {
         let error = |instructions: Instructions| {
             let at_nodes = if by_nodes { self.steps_at_nodes(instructions) } else { 0 };
@@ -157,8 +157,8 @@ impl Samples<'_> {
         Instructions::available().into_iter().map(error).collect()
     }
 
-    /// Number of steps that are summed at nodes. The segment must fit into one block and have step angles in the first
-    /// range.
+    /// Number of steps that are summed in nodes. The segment must fit into one block, and its step angles must be in
+    /// the first range.
     fn steps_at_nodes(&self, instructions: Instructions) -> usize {
         let (steps, lanes) = (self.raw.len() - 1 - 2 * usize::from(self.is_cubic), instructions.run(CountLanes));
         let is_short = self.time_s.is_ok_and(|interval_s| interval_s < 1e-3);
@@ -181,7 +181,7 @@ fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> 
 #[test]
 fn rotations_and_sums_are_exact_with_all_instructions() {
     let (_, _, triad) = tumble();
-    // The numbers of steps include fewer steps than lanes, incomplete lanes, incomplete tiles, and more steps than fit
+    // These numbers of steps test fewer steps than lanes, incomplete lanes, incomplete tiles, and more steps than fit
     // into one block.
     for steps in [0, 1, 5, 15, 16, 17, 63, 64, 65, 200, 1023, 8_005] {
         for (interval_s, speed) in [(1.25e-4, 1.0), (1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {

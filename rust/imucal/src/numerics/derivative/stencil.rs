@@ -1,5 +1,6 @@
-//! Stencils for the derivative of noisy data. A stencil consists of consecutive boxes with equal numbers of samples.
-//! The slope at a sample is that of the polynomial whose means over the boxes equal those of the data.
+//! Stencils for the derivative of noisy data. A stencil consists of consecutive boxes with equal numbers of samples. A
+//! polynomial is determined by the condition that its means over the boxes equal the means of the data. The slope at a
+//! sample is the slope of this polynomial.
 
 use std::iter::StepBy;
 use std::ops::Range;
@@ -117,7 +118,7 @@ impl Stencil {
         stencil
     }
 
-    /// Number of samples of the stencil before the sample to which it applies.
+    /// Number of samples from the start of the stencil to the sample at which the derivative is computed.
     fn before(&self) -> usize {
         self.stride / 2 + self.boxes / 2 * self.stride
     }
@@ -143,7 +144,7 @@ impl Stencil {
         Boxes { first, stride: self.stride, count: self.boxes, weights }
     }
 
-    /// Index range of the samples for which the stencil is centred.
+    /// Index range of the samples for which the stencil lies within the data without being shifted.
     fn inside(&self, samples: usize) -> Range<usize> {
         self.before()..(samples + self.before() + 1).saturating_sub(self.boxes * self.stride)
     }
@@ -157,7 +158,7 @@ impl Stencil {
         }
         let mut slopes = Vec::with_capacity(n);
         slopes.extend(one_by_one(0..inside.start));
-        // In the inner range, one centred stencil applies to all samples.
+        // For all samples of this range, the weights of the centred stencil are equal.
         let boxes = self.at(time_s, inside.start);
         Arch::new().dispatch(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
         slopes.extend(one_by_one(inside.end..n));
@@ -240,7 +241,7 @@ impl Stencil {
 
 /// A centred stencil that applies at all samples.
 struct Run {
-    /// Number of samples from the start of the stencil to the sample to which it applies.
+    /// Number of samples from the start of the stencil to the sample at which the derivative is computed.
     before: usize,
     stride: usize,
     edges: Edges,
@@ -308,7 +309,7 @@ fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     }
 }
 
-/// Consecutive boxes at a given place, with their weights in the derivative.
+/// Consecutive boxes of a stencil at one place in the data, with their weights in the derivative.
 pub(super) struct Boxes {
     first: usize,
     stride: usize,
