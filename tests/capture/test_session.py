@@ -42,6 +42,15 @@ def clipped(rows):
     return np.column_stack([rows[:, :4], rows[:, 4:].clip(-1.2, 1.2)])
 
 
+def clipped_at_rest(rows):
+    return np.column_stack([rows[:, :1], rows[:, 1:4].clip(-9.7, None), rows[:, 4:]])
+
+
+def coarse(rows):
+    """A converter with steps of 0.3 m/s^2, larger than the noise."""
+    return np.column_stack([rows[:, :1], np.round(rows[:, 1:4] / 0.3) * 0.3, rows[:, 4:]])
+
+
 def degrees(rows):
     return np.column_stack([rows[:, :4], np.degrees(rows[:, 4:])])
 
@@ -74,6 +83,7 @@ MISTAKES = {
     "stays still all the time": (lambda h: h.hold(1.0).mark("mistake").hold(6), None, "stays"),
     "turns too fast": (lambda h: h.mark("mistake").turn_to(NEXT, 0.3).hold(3), None, "too_fast"),
     "clips": (lambda h: h.mark("mistake").turn_to(NEXT, 1.2).hold(3), clipped, "gyro_saturation"),
+    "clips at rest": (lambda h: h.turn_to(NEXT).mark("mistake").hold(4), clipped_at_rest, "accel_saturation"),
     "drops samples": (lambda h: h.mark("mistake").hold(4), dropped, "samples_missing"),
 }
 
@@ -105,6 +115,14 @@ def test_a_wrong_unit_is_said(edit, code, by_s, words):
     _, events = session_of(edit(began().rows()))
     said = [event for event in events if event.code == code]
     assert said and said[0].time_s <= by_s and words in said[0].text
+
+
+def test_a_clipped_axis_is_not_said_to_tremble():
+    hand = began(6)
+    said = {event.code for event in session_of(clipped_at_rest(hand.rows()))[1]}
+    assert "accel_saturation" in said and "shaking" not in said
+    # A converter whose step exceeds the noise repeats values without being clipped.
+    assert "accel_saturation" not in {event.code for event in session_of(coarse(hand.rows()))[1]}
 
 
 def test_a_good_recording_has_no_complaints_and_ends_by_itself():

@@ -2,7 +2,10 @@
 
 import csv
 import json
+import re
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -158,6 +161,20 @@ def test_report_and_certificate(store, tmp_path, capsys):
     assert digest in page and "Unit U00000" in page and "batch" in page
     assert main(["fleet", "certificate", str(store), "nobody", "-o", str(tmp_path / "none.html")]) == 1
     assert "no calibration of unit 'nobody'" in capsys.readouterr().err
+
+
+def test_the_program_of_the_page_writes_a_calibration_and_a_c_header_of_each_unit(
+    planted, store, tmp_path, monkeypatch
+):
+    page = (Path(__file__).resolve().parents[2] / "docs/fleet.md").read_text(encoding="utf-8")
+    section = page.partition("## A calibration or a C header of each unit\n")[2].partition("\n## ")[0]
+    (program,) = re.findall(r"^```python\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
+    shutil.copy(store, tmp_path / "units.sqlite")
+    monkeypatch.chdir(tmp_path)
+    exec(program)
+    serials = set(planted.measurements.serials)
+    assert {path.stem for path in tmp_path.glob("*.json")} == serials
+    assert {path.stem for path in tmp_path.glob("*.h")} == serials
 
 
 def test_an_output_does_not_overwrite_the_store(store, capsys):

@@ -755,7 +755,7 @@ def shimmer_capture(folder):
     return Made([write(folder, "shimmer.csv", above, rows)], {})
 
 
-@sample("phyphox in German, and apps in other languages")
+@sample("phyphox, CSV in German, and apps in other languages")
 def german(folder):
     names = [
         "Zeit (s)",

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final
 from rich.table import Table
 from rich.text import Text
 from textual.app import App, ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Footer, ProgressBar, RichLog, Static
 
@@ -74,7 +74,8 @@ class CaptureScreen(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         ("u", "undo", "drop the last pose"),
         ("q", "finish", "end and calibrate"),
-        ("ctrl+c", "stop", "interrupt, to continue later"),
+        # The screen of textual has a hidden binding of this key.
+        Binding("ctrl+c", "stop", "interrupt, to continue later", priority=True),
     ]
     ENABLE_COMMAND_PALETTE = False
 

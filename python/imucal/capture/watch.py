@@ -35,6 +35,11 @@ ENOUGH_SHARE: Final = 0.8
 SHAKEN_DEG: Final = 10.0
 # Ratio of the mean of the angular rate to its rms above which the motion counts as a rotation.
 SHAKEN_SHARE: Final = 0.35
+# An axis is clipped at rest if this share of the samples in `SHAKES_S` has the extreme value of the axis,
+# while at most `EQUAL_SHARE` of its other samples equal the sample before. The second condition excludes
+# converters whose step exceeds the noise.
+CLIPPED_SHARE: Final = 0.3
+EQUAL_SHARE: Final = 0.1
 # Angular rate above which a rotation is too fast, deg/s: the smallest range of common gyroscopes.
 FAST_DPS: Final = 250.0
 # Angular rate, deg/s, above which the unit of the data must be wrong. The largest range of common gyroscopes
@@ -65,15 +70,24 @@ class Watch:
         self._said_s: dict[str, float] = {}
         self._rests_seen = 0
         self._forgets_gap = False
+        # The message about an axis that was clipped at rest. Without its noise, the axis makes rests in other
+        # poses look like shaking.
+        self._clipped: str | None = None
 
     def forget_gaps(self) -> None:
         """Do not report the next gap, because it was caused by undo or by an interruption."""
         self._forgets_gap = True
+        self._clipped = None
 
     def look(self, sight: Sight, recording: Recording) -> list[Event]:
         """Messages about faults that are new since the last evaluation."""
         events = self._findings(sight)
-        if sight.current is None and self._shakes(sight, recording):
+        is_shaking = sight.current is None and self._shakes(sight, recording)
+        clipped = _clipped_at_rest(sight, recording) or (self._clipped if is_shaking else None)
+        if clipped is not None:
+            self._clipped = clipped
+            events += self._say(sight.now_s, "warning", "accel_saturation", clipped, REMINDED_S)
+        elif is_shaking:
             events += self._say(sight.now_s, "refused", "shaking", SHAKING)
         events += self._rotation(sight, recording)
         self._rests_seen = len(sight.rests)
@@ -157,6 +171,29 @@ class Watch:
 SHAKING: Final = (
     "the unit is not still: it trembles in place; rest your hand or the unit on a table, and hold it still"
 )
+
+
+def _clipped_at_rest(sight: Sight, recording: Recording) -> str | None:
+    """The message about an axis at which gravity exceeds the range, or None.
+
+    The general check does not report such an axis, because it assumes a range above 1.3 g.
+    """
+    time_s = recording.time_s - recording.time_s[0]
+    first = int(np.searchsorted(time_s, sight.now_s - SHAKES_S))
+    force = np.asarray(recording.specific_force, dtype=np.float64)
+    for axis, values in zip("xyz", force.T, strict=True):
+        ends = (values.min(), values.max())
+        at_end = max(ends, key=lambda end: int((values[first:] == end).sum()))
+        if (values[first:] == at_end).mean() < CLIPPED_SHARE:
+            continue
+        inner = values[(values != ends[0]) & (values != ends[1])]
+        if len(inner) > 1 and (np.diff(inner) == 0).mean() <= EQUAL_SHARE:
+            unit = "counts" if recording.accel_unit == "lsb" else "m/s^2"
+            return (
+                f"accel_{axis} is clipped at {at_end:.4g} {unit} while gravity acts on it: the range of the "
+                "accelerometer is too small, or its unit is wrong; choose a range of 2 g or more"
+            )
+    return None
 
 
 def _is_said(finding: Finding, sight: Sight) -> bool:

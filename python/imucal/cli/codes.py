@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from typing import Final, NamedTuple
 
-__all__ = ["CODES", "Code", "code_text", "codes_markdown"]
+__all__ = ["CODES", "Code", "code_text", "codes_markdown", "kind_of"]
 
 
 class Code(NamedTuple):
@@ -388,17 +388,63 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
     },
 }
+# Consequence of the codes of a group, unless it is "error".
+KIND_OF_GROUP: Final = {
+    "Reading files": "warning",
+    "Verdict poor": "reason",
+    "Verdict incomplete": "reason",
+    "Diagnosis of a fit": "warning",
+    "Noise of a unit at rest": "warning",
+}
+# Codes of other groups with which a result is computed.
+WARNINGS: Final = (
+    "noise_below_lsb",
+    "gyro_common_gain",
+    "gains_differ",
+    "noise_implausible",
+    "bias_implausible",
+    "temperature_jump",
+    "temperature_raw",
+    "axes_turned",
+    "seen_by_the_fit",
+    "biases_moved",
+)
+# Codes that refuse the recording only from a certain size or kind of fault on.
+ERRORS_OR_WARNINGS: Final = (
+    "sensor_missing",
+    "non_finite",
+    "stuck_axis",
+    "accel_saturation",
+    "gyro_saturation",
+    "clock_irregular",
+    "samples_missing",
+    "samples_duplicated",
+    "gravity_sign",
+)
 HEAD: Final = """# Why refused? All reason codes
 
 Copy the code in brackets from the message, such as `[gyro_units]`, and find it on this page, or run
 `imucal help gyro_units`. A message without a code says itself what to do: most often it names poses to add
 (code `not_enough_motion` in JSON documents).
 
-A message that begins with **warning** is not a refusal. Every other message refuses the recording, because
-the result would be wrong. JSON documents have the code in the field `code`. The codes do not change between
-versions, so that scripts can rely on them. The codes of a production line, such as `dead_axis`, are on the
-page of [the stand](stand.md#one-unit-one-command).
+The column **kind** gives the consequence of a code:
+
+* **error**: the recording is refused, because the result would be wrong.
+* **warning**: the result is computed; its message begins with "warning".
+* **error or warning**: the message begins with "warning" if a result can be computed in spite of the fault.
+* **reason**: the result has this verdict because of it.
+
+JSON documents have the code in the field `code`. The codes do not change between versions, so that scripts
+can rely on them. The codes of a production line, such as `dead_axis`, are on the page of [the
+stand](stand.md#one-unit-one-command).
 """
+
+
+def kind_of(code: str, heading: str) -> str:
+    """The consequence of a code in the group with this heading."""
+    if code in ERRORS_OR_WARNINGS:
+        return "error or warning"
+    return "warning" if code in WARNINGS else KIND_OF_GROUP.get(heading, "error")
 
 
 def code_text(code: str) -> str | None:
@@ -406,7 +452,10 @@ def code_text(code: str) -> str | None:
     for heading, entries in CODES.items():
         if code in entries:
             entry = entries[code]
-            return f"{code} ({heading})\n  cause: {_plain(entry.cause)}\n  what to do: {_plain(entry.cure)}"
+            return (
+                f"{code} ({heading}): {kind_of(code, heading)}\n  cause: {_plain(entry.cause)}\n"
+                f"  what to do: {_plain(entry.cure)}"
+            )
     return None
 
 
@@ -419,7 +468,10 @@ def codes_markdown() -> str:
     """The page docs/codes.md."""
     lines = [HEAD]
     for heading, entries in CODES.items():
-        lines += [f"## {heading}", "", "| code | cause | what to do |", "|---|---|---|"]
-        lines += [f"| `{code}` | {entry.cause} | {entry.cure} |" for code, entry in entries.items()]
+        lines += [f"## {heading}", "", "| code | kind | cause | what to do |", "|---|---|---|---|"]
+        lines += [
+            f"| `{code}` | {kind_of(code, heading)} | {entry.cause} | {entry.cure} |"
+            for code, entry in entries.items()
+        ]
         lines.append("")
     return "\n".join(lines)

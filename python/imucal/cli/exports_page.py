@@ -32,20 +32,20 @@ class Export:
 EXPORTS: Final = (
     Export(
         "phyphox, CSV (tabulator)",
-        "an experiment with accelerometer (with g) and gyroscope; Export Data > CSV "
-        "(Tabulator, decimal point)",
+        "an experiment with accelerometer (with g) and gyroscope; Export Data > CSV (Tabulator, decimal "
+        "point)",
         "imucal convert 'Raw Data.csv' -o rec.csv",
         "nothing; the experiment `Acceleration (without g)` cannot be used",
     ),
     Export(
         "phyphox, CSV (semicolon, decimal comma)",
-        "as above; CSV (Semicolon, decimal comma)",
+        "as for CSV (tabulator), but CSV (Semicolon, decimal comma)",
         "imucal convert 'Raw Data.csv' -o rec.csv",
         NOTHING,
     ),
     Export(
         "phyphox, zip",
-        "as above, with one file per sensor",
+        "as for CSV, with one file per sensor",
         "imucal convert phone.zip -o rec.csv",
         "sensors with own time stamps are resampled",
     ),
@@ -254,8 +254,9 @@ EXPORTS: Final = (
         "the calibration of the program is in the data; a new one is valid after it",
     ),
     Export(
-        "phyphox in German, and apps in other languages",
-        "as for phyphox; names of the columns in German, French, Spanish, Italian, Portuguese or Dutch",
+        "phyphox, CSV in German, and apps in other languages",
+        "as for CSV (tabulator); names of the columns in German, French, Spanish, Italian, Portuguese or "
+        "Dutch",
         "imucal convert 'Raw Data.csv' -o rec.csv",
         NOTHING,
     ),
@@ -276,10 +277,10 @@ EXPORTS: Final = (
 HEAD: Final = """\
 ## Makers and apps
 
-The table lists the exports that imucal reads and the settings to choose in the program of the maker. If
-the header gives sensor, axis and unit of every column, the file is read without further options, and a
-warning states the unit of each column. If the header gives no unit, the error message shows the values in
-each possible unit, and the option `--columns` for the most likely unit.
+The table lists the exports that imucal reads, sorted by maker or app, and the settings to choose in the
+program. If the header gives sensor, axis and unit of every column, the file is read without further
+options, and a warning states the unit of each column. If the header gives no unit, the error message shows
+the values in each possible unit, and the option `--columns` for the most likely unit.
 """
 
 FOOT: Final = """\
@@ -304,7 +305,7 @@ def exports_section() -> Iterator[str]:
     yield HEAD
     yield "| export | choose | command | lost, and what to know |"
     yield "|---|---|---|---|"
-    for row in EXPORTS:
+    for row in sorted(EXPORTS, key=lambda row: row.name.casefold()):
         yield f"| {row.name} | {row.choose} | `{row.command}` | {row.lost} |"
     yield ""
     yield FOOT

@@ -138,6 +138,8 @@ def calibrate(
 ) -> None:
     """Calibrate one unit from its recordings.
 
+    imucal fleet run calibrates a batch of many units.
+
     Example: imucal calibrate run.csv --control control.csv -o unit-0042.json --limits limits.json
     """
     import imucal
