@@ -8,14 +8,14 @@
 //! | 0 | 4 | `IMUC` |
 //! | 4 | 1 | version of the form, 1 |
 //! | 5 | 1 | flags: 1 raw rate in counts, 2 raw force in counts, 4 the temperature range is known |
-//! | 6 | 2 | length of the whole, bytes |
+//! | 6 | 2 | length of all bytes of the form |
 //! | 8 | 1 | number of effects |
 //! | 9 | 1 | number of effects of the calibration that this form omits |
 //! | 10 | 3 | axes: corrected component i is body axis \|a_i\| (1, 2, 3), with the sign of a_i |
 //! | 13 | 3 | 0 |
 //! | 16 | 12 | lowest, highest and reference temperature, degC |
 //! | 28 | 48 | gyroscope: inverse sensitivity by rows, then bias in raw units |
-//! | 76 | 48 | accelerometer: the same |
+//! | 76 | 48 | accelerometer: inverse sensitivity by rows, then bias in raw units |
 //! | 124 | | for each effect: number, count of values, 2 zero bytes, shape (1 if the effect has no shape), values |
 //! | length - 4 | 4 | CRC-32 of all bytes before it, as in zlib and Ethernet |
 

@@ -41,11 +41,13 @@ pub(crate) struct AxisNoise {
     model: Py<PyArray1<f64>>,
 }
 
-/// Change of the mean of one axis: index of the axis, size, standard deviation, and gain of twice the log-likelihood.
+/// Change of the mean of one axis of a unit at rest: index of the axis, size and standard deviation of the change, and
+/// increase of twice the log-likelihood.
 type Departure = (usize, f64, f64, f64);
-/// A step: its time, the index of its first sample, and its sizes.
+/// A step of the mean: time, s, index of the first sample after the step, and changes of all affected axes.
 type Step = (f64, usize, Vec<Departure>);
-/// A drift: start, end, time constant, and size.
+/// A drift of the mean: start, s, end, s, time constant, s (None for a change at a constant rate), and change of one
+/// axis.
 type Drift = (f64, f64, Option<f64>, Departure);
 
 fn departure(axis: &library::Departure) -> Departure {

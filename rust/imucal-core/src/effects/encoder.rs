@@ -83,8 +83,8 @@ impl<F: RealField + Copy> Effect<F> {
 
 #[inline(always)]
 fn eccentricity<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
-    // If the state of the stand is unknown, the effect must be zero. The angles are then zero, and so are the sines.
-    // `known` sets the cosines to zero as well.
+    // If the state of the stand is unknown, all angles are set to zero, and the effect must be zero. The sines are then
+    // zero. The factor `known` makes the cosines zero, too.
     let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };
     let angles = stand(state).angle_rad;
     for (motor, angle_rad) in angles.iter().enumerate() {

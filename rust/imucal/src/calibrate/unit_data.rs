@@ -125,7 +125,7 @@ impl<'a> UnitData<'a> {
         Ok(Self { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings })
     }
 
-    /// This data with `recordings` in place of its recordings. Both must contain the same samples.
+    /// These data, with `recordings` replacing their recordings. The new recordings must contain the same samples.
     pub(super) fn of<'b>(self, recordings: &'b [Recording<'b>]) -> UnitData<'b> {
         let Self { segments, rests, excluded, bias, noise, hands, saturated, findings, .. } = self;
         UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }

@@ -8,7 +8,8 @@ use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
-/// Maximum ratio of a time step to the usual time step for the step to count as shorter, so that late stamps catch up.
+/// Maximum ratio of a time step to the usual time step for the step to count as shorter. Steps after a sample that was
+/// stamped late are shorter.
 const CATCHES_UP: f64 = 0.95;
 
 /// Long time steps of a recording.

@@ -112,7 +112,7 @@ pub(super) fn check_possible(recording: &Recording, extremes: &Extremes) -> Vec<
     let mut findings = Vec::new();
     for ((rows, columns, unit, largest, si), ends) in triads.into_iter().zip(&extremes.ends) {
         let largest = if unit == RawUnit::Lsb { LARGEST_COUNT } else { largest };
-        // The extremes of a channel without finite values are [inf, -inf].
+        // The extremes of a channel without finite values are [inf, -inf]. They are not reported here.
         let is_beyond = |value: f64| value.is_finite() && value.abs() > largest;
         if !ends.iter().flatten().any(|end| is_beyond(*end)) {
             continue;

@@ -47,8 +47,9 @@ impl<'a> Setting<'a> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }
 
-    /// Whether the rows of this linearisation can be compared with the rows of another one. `axes` are the body axes
-    /// that define the directions of the tilt residuals (perpendicular to gravity) there.
+    /// Whether the rows of this linearisation can be compared with the rows of another linearisation. `axes` are the
+    /// body axes that define the directions of the tilt residuals (perpendicular to gravity) in the other
+    /// linearisation.
     pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
         axes_of(&self.linear) == axes
     }

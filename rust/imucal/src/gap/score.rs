@@ -36,8 +36,8 @@ const SCATTER_CHANCE: f64 = 1e-6;
 /// Ratio of the standard deviation of residuals at rests to white noise above which the scatter is reported. Coloured
 /// noise and bias instability may cause ratios up to this value.
 const WIDE: f64 = 2.5;
-/// Share of the variance without effects that may remain, as a linearisation error, after a large effect is fitted.
-/// Scatter below this share is not reported.
+/// Linearisation error of a large effect: share of the residual variance of the model without effects that may remain
+/// after the effect is fitted. Scatter below this share is not reported.
 const REMAINDER: f64 = 0.05;
 
 /// The score of a candidate at the prior width and trial time constant that maximise the evidence.

@@ -114,7 +114,7 @@ impl SessionStep {
         Some(own)
     }
 
-    /// Changes samples that were corrected with the biases of the calibration to samples corrected with the biases of
+    /// Converts samples that were corrected with the biases of the calibration to samples corrected with the biases of
     /// the control recordings.
     pub(super) fn corrected(&self, samples: &[CorrectedSamples]) -> Vec<CorrectedSamples> {
         let [force, rate] = self.changes();

@@ -73,7 +73,8 @@ impl Layout {
         Self { stages }
     }
 
-    /// Powers of a record, which must have the length of this layout.
+    /// Powers of the spectrum of a record. The record must have the number of samples for which this layout was
+    /// created.
     pub(super) fn powers(&self, values: impl Iterator<Item = f64>) -> Vec<Power> {
         let mut powers = Vec::new();
         let Some((last, before)) = self.stages.split_last() else {

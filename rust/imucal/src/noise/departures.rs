@@ -138,7 +138,8 @@ impl Blocks {
         let scale = (2.0 / width as f64).sqrt();
         (1..width)
             .map(|j| {
-                // cos(x) is sin(x + pi / 2), and pi / 2 is W steps of the table.
+                // The table contains sines in steps of pi / (2 W). The cosine of an angle is the sine that is W steps
+                // further.
                 let mut at = (j + width) % (4 * width);
                 let mut sum = 0.0;
                 for value in window {

@@ -28,8 +28,8 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The item with the largest score if it is an outlier. The scale of the scores is their median divided by the median
-/// for normally distributed errors, and at least one.
+/// The item with the largest score if it is an outlier. Scores are compared with the limit after division by a scale.
+/// The scale is the median score divided by its expected median for normally distributed errors, and at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of the score for normal errors: |z| for one residual, the square root of chi2 for two.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };

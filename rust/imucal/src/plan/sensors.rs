@@ -173,7 +173,8 @@ impl Sensors {
         (0..3).map(share).fold(0.0, f64::max)
     }
 
-    /// Rows of the three accelerometer readings, m/s^2, not yet divided by their standard deviation.
+    /// Derivatives of the three accelerometer readings, m/s^2, one row each. They are not yet divided by the standard
+    /// deviation of the readings.
     pub(super) fn force_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
         let to_world = moment.rotation_world_from_body.to_rotation_matrix();
         let [x, y, z] = [0, 1, 2].map(|row| to_world.matrix().row(row).transpose());
@@ -196,7 +197,8 @@ impl Sensors {
         rows
     }
 
-    /// Rows of the three gyroscope readings at rest, rad/s, not yet divided by their standard deviation.
+    /// Derivatives of the three gyroscope readings at rest, rad/s, one row each. They are not yet divided by the
+    /// standard deviation of the readings.
     pub(super) fn rate_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
         let mut rows: [Vec<f64>; 3] = std::array::from_fn(|i| {
             let mut row = vec![0.0; DIRECTION + self.parameters()];

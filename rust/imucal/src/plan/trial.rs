@@ -14,8 +14,8 @@ use crate::error::Error;
 use crate::simulate::profile::MotorState;
 use crate::simulate::{Moment, Program, Step};
 
-/// Minimum of the largest motor angle between two consecutive poses, rad. Poses closer together yield nearly equal
-/// measurements.
+/// Minimum angle, rad, by which at least one motor turns between two consecutive poses. Poses closer together yield
+/// nearly equal measurements.
 const LEAST_TURN_RAD: f64 = 0.17;
 /// Margin of a planned rest above the minimum duration, s. It is needed because rest detection has a time resolution of
 /// one block.

@@ -116,7 +116,7 @@ pub(super) struct Phase {
     pub(super) motors: MotorState,
     /// Sign of each motor's current or last motion.
     pub(super) direction: Vector3<f64>,
-    /// During a turn: time since its start, and its duration, s.
+    /// Time since the start of the present turn, and duration of this turn, s; `None` if no motor turns.
     pub(super) turn: Option<(f64, f64)>,
 }
 

@@ -13,8 +13,8 @@ use crate::joint::pass::planes::Planes;
 pub(super) struct Derivatives<'a> {
     pub(super) inside: &'a Inside<'a>,
     pub(super) planes: &'a Planes,
-    /// For each block, one vector for each of the three directions. Its dot product with the state of the block is the
-    /// derivative of the block's residual along the direction.
+    /// For each block, one vector for each of the three directions. The dot product of this vector and the block's
+    /// values in `planes` is the derivative of the block's residual along the direction.
     pub(super) toward: &'a [[Vector3<f64>; 3]],
     /// Contributions of the gravity directions at both ends of the move, one value per parameter: three rows for the
     /// direction at the start, then two rows for the direction at the end.

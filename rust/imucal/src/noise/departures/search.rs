@@ -133,8 +133,8 @@ impl Search<'_> {
         best.into_iter().filter_map(|(_, shape)| shape.map(within)).collect()
     }
 
-    /// The step near block `first` at the best time within a block. A step within a block is a sum of steps at its two
-    /// ends, whose sizes follow from the residual.
+    /// The step near block `first`, with its best time within a block. The cosines of a step within a block are a
+    /// weighted sum of the cosines of steps at the two ends of the block. The weights follow from the residual.
     fn within_block(&self, first: usize, residual: &[f64], weights: &[f64]) -> Shape {
         let product = |a: &[f64], b: &[f64]| -> f64 { (0..weights.len()).map(|k| weights[k] * a[k] * b[k]).sum() };
         let plain = Shape::Step { first, fraction: 0.0 };
