@@ -54,8 +54,8 @@ impl<F: RealField + Copy> Calibration<F> {
 
     /// Corrects one raw sample: returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
-    /// Removes only effects that depend on no quantities other than rate and force. Use
-    /// [`correct_at`](Self::correct_at) to remove all effects.
+    /// Removes the effects that depend only on rate and force. Use [`correct_at`](Self::correct_at) to remove all
+    /// effects.
     #[inline]
     pub fn correct(&self, raw_rate: Vector3<F>, raw_force: Vector3<F>) -> (Vector3<F>, Vector3<F>) {
         if self.effects.is_empty() {

@@ -206,11 +206,11 @@ pub struct Parameter {
 /// A quantity of [`Surroundings`] that an effect depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// [`Surroundings::angular_acceleration`].
+    /// Angular acceleration, [`Surroundings::angular_acceleration`].
     AngularAcceleration,
-    /// [`Surroundings::rotation_world_from_body`].
+    /// Attitude, [`Surroundings::rotation_world_from_body`].
     Attitude,
-    /// [`Surroundings::temperature_difference_k`].
+    /// Temperature difference, [`Surroundings::temperature_difference_k`].
     Temperature,
     /// [`Surroundings::time_s`].
     Time,

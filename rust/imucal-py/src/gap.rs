@@ -89,9 +89,9 @@ pub(crate) struct Search {
     is_hand_moved: bool,
 }
 
-/// Name of a rejected effect, and three possible reasons, of which only one is not None: the message of the failed fit
-/// with the effect; chi2 per degree of freedom of unseen data without and with the effect; the p-value of the effect's
-/// parameters.
+/// Name of a rejected effect, and the reason for its rejection. There are three kinds of reasons, and the other two are
+/// None: the message of the failed fit with the effect; chi2 per degree of freedom of unseen data without and with the
+/// effect; the p-value of the effect's parameters.
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.
@@ -112,8 +112,8 @@ pub(crate) struct GapAnalysis {
     /// Name of an accepted effect, and the share of the gap that it closes in the norms at rest, in the gravity
     /// directions after moves and in the mean rates at rest. A share is None if the residuals barely exceed noise.
     shares: Vec<(String, [Option<f64>; 3])>,
-    /// Name of an accepted effect, name of a rival, and parameters of the rival if it replaces that effect; None if the
-    /// fit with the rival fails.
+    /// Name of an accepted effect, name of a rival, and estimated parameters of the rival in a fit in which it replaces
+    /// the effect; None if this fit fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
     /// Magnitude and standard deviation, rad/s, of the constant rate that the effect `earth_rate` has in the fit, if
@@ -306,8 +306,8 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
     })
 }
 
-/// A rest: index of the first sample, index of the last sample plus one, start time in s, mean accelerometer reading in
-/// raw units, and whether the fit used the rest.
+/// A rest: index of the first sample; index of the last sample plus one; start time, s; mean accelerometer reading, raw
+/// units; whether the fit used the rest.
 type RestTuple = (usize, usize, f64, [Option<f64>; 3], bool);
 
 /// Slips of the unit on its mount in one recording or, if there are no slips, play of the mount.

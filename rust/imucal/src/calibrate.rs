@@ -1,6 +1,6 @@
-//! Calibration of a unit from its recordings. The steps are: check the recordings, detect the rests, fit the
-//! accelerometer to the rests, fit the gyroscope by propagating gravity from rest to rest, fit all parameters jointly,
-//! and determine the uncertainty of the result.
+//! Calibration of a unit from its recordings in six steps. The recordings are checked. The rests are detected. The
+//! accelerometer is fitted to the rests. The gyroscope is fitted by propagating gravity from rest to rest. All
+//! parameters are fitted jointly. The uncertainty of the result is determined.
 
 mod accelerometer_alone;
 mod checked;

@@ -27,8 +27,8 @@ const PASSES: usize = 2;
 /// Number of samples between two checks for a cancellation. Correcting them takes about a millisecond.
 const SAMPLES_PER_CHECKPOINT: usize = 4096;
 
-/// Whether a correction cannot remove an effect from the data, because the effect depends on a quantity that no
-/// recording contains (such as the attitude), or because it acts on the encoders of a stand.
+/// Whether a correction cannot remove an effect from the data. This is the case if the effect depends on a quantity
+/// that no recording contains (such as the attitude), or if it acts on the encoders of a stand.
 pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
     let is_given = |need: &Need| matches!(need, Need::Time | Need::Temperature | Need::AngularAcceleration);
     effect.sensor == Sensor::Encoder || !effect.needs.iter().all(is_given)
@@ -46,8 +46,8 @@ pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Ve
 /// Rejects a recording that lacks a quantity on which an effect of the calibration depends.
 ///
 /// # Errors
-/// [`Error::Input`] if an effect depends on temperature and there is no temperature column, or if an effect depends on
-/// the angular acceleration and the recording has a single sample or decreasing times.
+/// [`Error::Input`] if an effect depends on temperature and there is no temperature column. Also if an effect depends
+/// on the angular acceleration, and the recording has a single sample or decreasing times.
 pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration<f64>) -> Result<(), Error> {
     let name = recording.name;
     for effect in calibration.effects.iter().map(|values| values.effect()) {

@@ -80,9 +80,9 @@ use weights::Weights;
 /// Observability limit of an effect: the smallest change of the whitened residuals (root of chi2) per typical size,
 /// over all directions of its parameters. At 0.1, ten typical sizes change chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior, which may be determined only partly: the change of the whitened
-/// residuals per typical size in the best determined direction of its parameters. At 0.01, a hundred typical sizes
-/// change chi2 by one.
+/// Observability limit of an effect with a prior. Such an effect may be determined only partly. The limit is the change
+/// of the whitened residuals per typical size, in the best determined direction of the effect's parameters. At 0.01, a
+/// hundred typical sizes change chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of a partly determined effect, in typical sizes of its parameters.
 const WIDE: f64 = 100.0;

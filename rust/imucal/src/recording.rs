@@ -128,8 +128,9 @@ fn neighbours_of<T: Into<f64> + Copy>(rows: &[[T; 3]], axis: usize, mut each: im
 /// Number of values processed together in [`each_step`]: eight rows of three axes, which fill the vector registers.
 pub(crate) const SIDE_BY_SIDE: usize = 3 * 8;
 
-/// Calls `each` for every number except those of the last row, with the number of the same axis in the next row. The
-/// first argument is the index within a group of [`SIDE_BY_SIDE`] numbers; the index modulo 3 is the axis.
+/// Calls `each` for every number of every row except the last row. The arguments are an index, the number, and the
+/// number of the same axis in the next row. The index counts within a group of [`SIDE_BY_SIDE`] numbers; the index
+/// modulo 3 is the axis.
 #[inline(always)]
 pub(crate) fn each_step(rows: &[[f64; 3]], mut each: impl FnMut(usize, f64, f64)) {
     let after = rows.get(1..).unwrap_or_default().as_flattened();

@@ -21,9 +21,9 @@ const DIFFERENT: f64 = 6.0;
 /// Minimum difference of a sensitivity that counts as different, as a fraction of the mean scale. A smaller difference
 /// has no practical meaning, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
-/// Ratio of chi2 per degree of freedom of the fit to all recordings to that of the separate fits, above which the
-/// recordings count as not fitting together. An effect that is missing in the model increases both values equally, so
-/// the ratio stays near one.
+/// Limit of a ratio: chi2 per degree of freedom of the fit to all recordings, divided by chi2 per degree of freedom of
+/// the separate fits. Above the limit, the recordings count as not fitting together. An effect that is missing in the
+/// model increases both values equally, so the ratio stays near one.
 const WORSE_TOGETHER: f64 = 4.0;
 /// Limit of the share of rests that the fit to all recordings excludes but the separate fits use. Above this limit, the
 /// recordings count as not fitting together. This criterion is needed because the rests of a second unit may be

@@ -27,9 +27,9 @@ const COMMON_GAIN: f64 = 0.01;
 /// coincidence.
 const COMMON_SHARE: f64 = 1.0 / 3.0;
 
-/// Reports `accel_units` and `gyro_units` (errors) for an axis in SI units with an implausible gain, `gains_differ` (a
-/// warning) for axes in counts with different gains, and `gyro_common_gain` (a warning) for gyroscope axes in SI units
-/// that share a gain different from 1. `recording` is the first recording of the unit.
+/// Reports four findings. `accel_units` and `gyro_units` (errors): an axis in SI units has an implausible gain.
+/// `gains_differ` (a warning): axes in counts have different gains. `gyro_common_gain` (a warning): gyroscope axes in
+/// SI units share a gain different from 1. `recording` is the first recording of the unit.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
     let mut findings: Vec<Finding> = check_accelerometer_gains(recording, &calibration.accelerometer)
         .into_iter()

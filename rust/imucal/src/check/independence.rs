@@ -109,8 +109,8 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
                 continue;
             }
             let ratio = tape.rate_hz / own.rate_hz;
-            // If the sampling rates differ, the samples are also compared one to one, because a copy whose time stamps
-            // were changed has the same samples at a different rate.
+            // If the sampling rates differ, the samples are also compared one to one. A copy whose time stamps were
+            // changed has the same samples at a different rate.
             let ratios = if is_same_rate(tape.rate_hz, own.rate_hz) { vec![1.0] } else { vec![ratio, 1.0] };
             for ratio in ratios.into_iter().filter(|ratio| *ratio > 0.0 && ratio.is_finite()) {
                 for first in starts(&recordings[index], samples_of(ratio)) {

@@ -14,10 +14,10 @@ const FEWEST: usize = 5;
 ///
 /// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
 /// repeat counts only between rows that change, in which at most one value repeats. Second, repeated rows must
-/// outnumber rows with five repeated values by more than 2 to 1. In natural repeats, fully repeated rows are the rarer
-/// ones: if each channel repeats with probability q, five of six values repeat with probability 6 q^5 (1 - q), and all
-/// six with probability q^6. A rest without noise is a long sequence of equal rows and is excluded by
-/// [`LONGEST_REPEAT`]. If the recording has only one sensor, rows have three values instead of six.
+/// outnumber rows with five repeated values by more than 2 to 1. In natural repeats, fully repeated rows are rarer than
+/// rows with five repeated values. If each channel repeats with probability q, five of six values repeat with
+/// probability 6 q^5 (1 - q), and all six with probability q^6. A rest without noise is a long sequence of equal rows
+/// and is excluded by [`LONGEST_REPEAT`]. If the recording has only one sensor, rows have three values instead of six.
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
     let count = repeats.reported()?;
     let share = 100.0 * count as f64 / recording.len() as f64;

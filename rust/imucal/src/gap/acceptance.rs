@@ -313,9 +313,9 @@ impl Fit {
         chi2.is_finite().then(|| p_value(chi2, count))
     }
 
-    /// Largest share of chi2 that the effects of this fit remove from one kind of unseen residuals, relative to the fit
-    /// `before`, and the largest significance of such a decrease. The standard deviation of the decrease is estimated
-    /// from the changes of the single rests and moves.
+    /// Decrease of chi2 of unseen residuals due to the effects of this fit, relative to the fit `before`. The result
+    /// contains the largest share and the largest significance among all kinds of residuals. The standard deviation of
+    /// the decrease is estimated from the changes of the single rests and moves.
     pub(super) fn removed(&self, before: &Self) -> Removed {
         let mut removed = Removed { share: 0.0, significance: 0.0 };
         for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {

@@ -176,8 +176,9 @@ fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
     edges
 }
 
-/// Rotation from the body frame at sample `last` to the body frame at sample `first`, and the time average from sample
-/// `first` to sample `last` of the rotation to the body frame at `first`, by the trapezoidal rule.
+/// Two rotations. The first is the rotation from the body frame at sample `last` to the body frame at sample `first`.
+/// The second is the time average, by the trapezoidal rule, of the rotation from the body frame at each sample between
+/// them to the body frame at sample `first`.
 fn rotation_over(recording: &Recording<'_>, first: usize, last: usize) -> (UnitQuaternion<f64>, Matrix3<f64>) {
     let mut integrator = Integrator::new();
     let (mut area, mut before) = (Matrix3::zeros(), Matrix3::identity());

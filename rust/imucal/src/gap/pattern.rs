@@ -16,8 +16,8 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Trial standard deviations of the prior of a generic hypothesis, in multiples of the typical size of its block.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// Margin, nats, by which the log evidence of a generic hypothesis must exceed the log evidence of the selected effects
-/// for the hypothesis to replace them. 3 nats are odds of 20 to 1.
+/// Minimum margin, nats, between the log evidence of a generic hypothesis and the log evidence of the selected effects.
+/// With a smaller margin, the hypothesis does not replace the effects. 3 nats are odds of 20 to 1.
 const LEAD: f64 = 3.0;
 /// Minimum log Bayes factor, nats, for a generic hypothesis to be reported instead of the selected effects. 8 nats are
 /// odds of 3000 to 1.

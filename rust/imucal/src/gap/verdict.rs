@@ -20,8 +20,8 @@ use crate::finding::{Finding, Severity};
 use crate::joint::is_unobservable_hand_held;
 use crate::recording::Recording;
 
-/// Log Bayes factor, nats, above which an effect is reported as significant but not confirmed if it does not improve
-/// the prediction of unseen data. 8 nats are odds of 3000 to 1.
+/// Log Bayes factor, nats, that decides about an effect that does not improve the prediction of unseen data. Above this
+/// value, the effect is reported as significant but not confirmed. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
 /// Minimum share of chi2 of one kind of unseen residuals that the effects must remove if the fit with the effects is
 /// still poor, or if unseen residuals still exceed noise. If they remove less, unseen data contradict the effects.

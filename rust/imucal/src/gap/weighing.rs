@@ -187,9 +187,9 @@ impl<'a> Weighing<'a> {
             // With these coefficients, the columns and the residual combine to the residual after the fit.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // `held` contains terms of the evidence at the scales before this round. `gain` is the increase of the log
-            // evidence when the scales are optimised with fixed parameters. `deviance` is evaluated at the optimised
-            // scales.
+            // `held`: terms of the log evidence at the noise scales before this round. `gain`: increase of the log
+            // evidence if these scales are optimised and the parameters stay fixed. `deviance`: deviance at the
+            // optimised scales.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {

@@ -199,8 +199,8 @@ impl Joint<'_> {
     }
 }
 
-/// Derivative of the two residuals of a move with respect to the attitude error at its end, which is a rotation vector
-/// in the body frame at the start of the move.
+/// Derivative of the two residuals of a move with respect to the attitude error at the end of the move. The attitude
+/// error is a rotation vector in the body frame at the start of the move.
 fn across(at_move: &AtMove) -> Matrix2x3<f64> {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);

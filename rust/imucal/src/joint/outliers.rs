@@ -4,13 +4,13 @@
 //! d = (A^T P r)^T (A^T P A)^-1 (A^T P r),   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
 //! ```
 //!
-//! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again. The
-//! columns of A either select the residuals of a move, the norm of a rest, or the mean rates of a rest, or they
-//! describe the effect of an error of the mean force of a rest on its norm and on the adjacent moves. Under the null
-//! hypothesis d has a chi2 distribution with as many degrees of freedom as A has columns, for any correlation of the
-//! residuals. C contains only sensor noise. Excess scatter that is common to all residuals of a kind is taken into
-//! account by the median of their d. The item with the smallest p-value is excluded and all others are judged again,
-//! until no p-value is below `SIGNIFICANCE`.
+//! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again.
+//! There are two kinds of columns of A. The first kind selects the residuals of a move, the norm of a rest, or the mean
+//! rates of a rest. The second kind describes the effect of an error of the mean force of a rest on the norm of this
+//! rest and on the adjacent moves. Under the null hypothesis d has a chi2 distribution with as many degrees of freedom
+//! as A has columns, for any correlation of the residuals. C contains only sensor noise. Excess scatter that is common
+//! to all residuals of a kind is taken into account by the median of their d. The item with the smallest p-value is
+//! excluded and all others are judged again, until no p-value is below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;

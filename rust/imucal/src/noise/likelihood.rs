@@ -4,10 +4,10 @@
 //! -2 log L = sum over powers of dof (P / mu - 1 - ln(P / mu)),    mu = rounding + sum over kinds of theta_k expected_k
 //! ```
 //!
-//! theta is estimated by Fisher scoring with the constraint theta >= 0. The confidence band of theta_k contains all
-//! values at which the minimum deviance over the other parameters exceeds the global minimum by no more than the 95 %
-//! quantile of chi-square with one degree of freedom. Such bands remain valid with few degrees of freedom, for which
-//! the distribution of an estimate is far from normal.
+//! theta is estimated by Fisher scoring with the constraint theta >= 0. For each value of theta_k, the deviance is
+//! minimised over the other parameters. The confidence band of theta_k contains all values at which this minimum
+//! exceeds the global minimum by no more than the 95 % quantile of chi-square with one degree of freedom. Such bands
+//! remain valid with few degrees of freedom, for which the distribution of an estimate is far from normal.
 
 use nalgebra::{Matrix4, Vector4};
 
@@ -87,9 +87,9 @@ impl Likelihood<'_> {
     /// 95 % confidence band of one parameter.
     ///
     /// The result is the union of two bands. For the first band, the parameters of the other kinds of noise are
-    /// constrained to be non-negative. For the second band, they may be negative. If one of the other kinds of noise is
-    /// absent, the first band is too narrow, because the constrained estimate of this kind cannot be below its true
-    /// value of zero.
+    /// constrained to be non-negative. For the second band, they may be negative. The second band is needed if one of
+    /// the other kinds of noise is absent: its constrained estimate cannot be below the true value of zero, so the
+    /// first band is too narrow.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);

@@ -1,7 +1,7 @@
 //! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
-//! Let x be the samples at unit rate and p their cumulative sums. s(k) is a function such that every second difference
-//! of p has the covariance that follows from `E p_i p_j = s(i - j)`:
+//! Let x be the samples at unit rate, and p their cumulative sums. The function s(k) replaces the covariance of p: if
+//! `E p_i p_j = s(i - j)` is assumed, every second difference of p has the correct covariance.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2

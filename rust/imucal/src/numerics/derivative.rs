@@ -1,7 +1,7 @@
 //! Time derivative of noisy data. The data are smoothed as far as the motion permits (model.md (16)).
 //!
-//! The derivative at a sample is that of a polynomial of fourth degree whose means over five consecutive intervals
-//! ("boxes") equal the means of the data:
+//! The derivative at a sample is the derivative of a polynomial of fourth degree. The polynomial is chosen so that its
+//! means over five consecutive intervals ("boxes") equal the means of the data:
 //!
 //! ```text
 //! sum_j weight_j mean over box j of (t - t_k)^m = 1 for m = 1, 0 for m = 0, 2, 3, 4

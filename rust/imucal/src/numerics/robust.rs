@@ -9,8 +9,8 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 /// of a valid item exceeds this threshold with a probability of about 1e-6.
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move, which has `size` consecutive rows: the norm of its residuals in a fit without this rest
-/// or move, in standard deviations of these residuals.
+/// Score of each rest or move: the norm of its residuals in a fit without this rest or move, in standard deviations of
+/// these residuals. Each rest or move has `size` consecutive rows.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)

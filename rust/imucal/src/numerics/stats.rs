@@ -66,8 +66,8 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
         return of_all();
     }
     // Distance of the two limits from the quantile of the sample, in standard deviations of the rank. With 2.5, about
-    // one quantile in a hundred lies outside the limits; this is faster on average than wider limits, between which
-    // more values are stored. For long records, storing all values must be avoided, so the limits are wider.
+    // one quantile in a hundred lies outside the limits. Wider limits are slower on average, because more values are
+    // stored between them. For long records, storing all values must be avoided, so the limits are wider.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();

@@ -28,8 +28,8 @@ const FOREIGN: f64 = 1e-3;
 /// bandwidth of 5 Hz, this part lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// Factor that converts c - 1 of rounded samples to c - 1 of the noise before rounding. c is the factor of model.md
-/// (10) by which the correlation of the noise increases the variance of a mean. The value is valid for a channel whose
+/// Let c be the factor of model.md (10) by which the correlation of the noise increases the variance of a mean. This
+/// constant converts c - 1 of rounded samples to c - 1 of the noise before rounding. It is valid for a channel whose
 /// mean is midway between two levels. Rounding then keeps only the sign of the noise, and the sign is less correlated
 /// than the noise. For any other mean, the factor is larger.
 const SIGN: f64 = 1.28;

@@ -1,10 +1,10 @@
 //! Detection of rests (model.md (11)).
 //!
 //! The statistic of a window of half a second is the mean over the six channels of the ratio of the variance to the
-//! noise floor. From 400 Hz on, the samples are first averaged to means over about 5 ms. No initial rest and no
-//! threshold is required from the user: the noise floor is estimated from the quietest windows, and the threshold is
-//! taken from the widest range of thresholds that yield the same number of rests. The threshold cannot be chosen by the
-//! sum of squared residuals of a calibration, because fewer rests always have a smaller sum.
+//! noise floor. From 400 Hz on, the samples are first averaged to means over about 5 ms. The user needs neither an
+//! initial rest nor a threshold. The noise floor is estimated from the quietest windows. The threshold is taken from
+//! the widest range of thresholds that yield the same number of rests. The threshold cannot be chosen by the sum of
+//! squared residuals of a calibration, because fewer rests always have a smaller sum.
 
 mod blocks;
 mod edges;

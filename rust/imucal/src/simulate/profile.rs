@@ -10,8 +10,8 @@
 //! turn and its duration: peak rate 4/3 turn/T, peak acceleration 8 turn/T^2, jerk 96 turn/T^3. All motors have the
 //! same `T`, so they start and stop together.
 //!
-//! The jerk has steps, so the acceleration has corners. The corners do not reduce the order of a second-order
-//! integrator such as that of `imucal_core`, because a corner affects a single step, with an error of third order.
+//! The jerk has steps, so the acceleration has corners. An integrator of second order, such as that of `imucal_core`,
+//! keeps its order, because a corner affects a single step, with an error of third order.
 
 use std::iter::Sum;
 use std::ops::Mul;

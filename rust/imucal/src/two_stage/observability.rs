@@ -4,8 +4,8 @@
 //! C = (J^T J + 1 / 10^2)^-1,     undetermined: C_jj > 1
 //! ```
 //!
-//! J is the design matrix. Its rows are divided by model errors that every real unit has (half a mg at a rest, 0.2 deg
-//! in a move), and its columns are multiplied by a hundredth of the size of each parameter. The rows are not divided by
+//! J is the design matrix. Its rows are divided by model errors that every real unit has: half a mg at a rest, and 0.2
+//! deg in a move. Its columns are multiplied by a hundredth of the size of each parameter. The rows are not divided by
 //! sensor noise, because with small noise three nearly equal poses would appear sufficient. The term 1 / 10^2 is a
 //! prior, according to which a parameter deviates from its nominal value by a tenth of its size.
 
@@ -151,9 +151,9 @@ fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(V
 
 /// Returns an error if the rests do not determine the accelerometer.
 ///
-/// `design` is the Jacobian of |f| in m/s^2, with respect to biases in units of the reading at 1 g and with respect to
-/// entries of the sensitivity in units of the mean scale. `up` contains the directions of gravity at the rests, `held`
-/// the columns of parameters with a prior.
+/// `design` is the Jacobian of |f|, m/s^2. Its derivatives are with respect to biases in units of the reading at 1 g,
+/// and with respect to entries of the sensitivity in units of the mean scale. `up` contains the directions of gravity
+/// at the rests, and `held` the columns of parameters with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the parameters and the poses to add.

@@ -152,7 +152,7 @@ fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<
     }
 }
 
-/// Derivatives of the direction of gravity at a rest with respect to the mean force of the rest (3 x 3) and with
+/// Derivatives of the direction of gravity at a rest: with respect to the mean force of the rest (3 x 3), and with
 /// respect to the nine parameters of the accelerometer (3 x 9).
 fn direction_gradients(rest: &Rest, fit: &AccelerometerFit) -> (Matrix3<f64>, SMatrix<f64, 3, 9>) {
     let f = fit.triad.correct(rest.specific_force.mean);

@@ -4,8 +4,9 @@ use std::ops::Range;
 
 use faer::Mat;
 
-/// The products that scoring needs: products of the model's columns, which come first, with all columns; products
-/// within each block of candidate columns; and products of each block with the last column.
+/// The column products that scoring needs. They are the products of the model's columns with all columns, the products
+/// within each block of candidate columns, and the products of each block with the last column. The model's columns
+/// come first.
 pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,

@@ -39,8 +39,9 @@ impl Left {
         Some(0.5 * (residual - *sums.at(k, k) - volume))
     }
 
-    /// Number of observable directions in parameter space. A parameter vector along such a direction, with a length of
-    /// one typical size, changes chi2 by at least `least` and by more than the rounding errors of the projection.
+    /// Number of observable directions in parameter space. Along an observable direction, a parameter vector with a
+    /// length of one typical size changes chi2 by at least `least`. The change must also exceed the rounding errors of
+    /// the elimination.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
         // Fast path: a factorisation tests whether all eigenvalues exceed the threshold, which is usually the case.

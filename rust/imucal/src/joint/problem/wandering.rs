@@ -21,9 +21,9 @@ use crate::rounding::Rounding;
 /// taken to be the rounding error at this rest. With a limit of 0.8 steps, the computed rotation error agrees best with
 /// the rotation error of simulated moves, for filter bandwidths from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
-/// Standard deviation of the error of the mean rates that the epochs of a long rest share because they share a pose,
-/// rad/s: 0.1 deg/s, the g-sensitivity of a consumer gyroscope at 1 g. The later epochs therefore determine only
-/// changes of the bias.
+/// The epochs of a long rest share a pose, so their mean rates share an error. This is its standard deviation, rad/s:
+/// 0.1 deg/s, the g-sensitivity of a consumer gyroscope at 1 g. The later epochs therefore determine only changes of
+/// the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
 /// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
@@ -245,8 +245,9 @@ impl Joint<'_> {
         [(m.from, start), (m.to, end)]
     }
 
-    /// Duration, at the start or at the end of a move, for which the rate of each axis stays within `QUIET`
-    /// quantisation steps of its mean at the adjacent rest, s. Zero for an axis without rounding errors.
+    /// Duration, s, of the quiet start (or end, with `at_end`) of a move, for each axis. During this time, the rate
+    /// stays within `QUIET` quantisation steps of its mean at the adjacent rest. Zero for an axis without rounding
+    /// errors.
     fn quiet_s(&self, m: &Move, at_end: bool) -> Vector3<f64> {
         let recording = &self.prepared.recordings[m.recording];
         let rest = &self.prepared.rests[if at_end { m.to } else { m.from }].rest.angular_rate;

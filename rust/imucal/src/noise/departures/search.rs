@@ -58,8 +58,9 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Penalty of a shape: twice the logarithm of the number of candidate shapes of its kind, plus `LENGTH` for a shape
-    /// with one more parameter than a step (the length of a ramp, or the time constant of a warm-up).
+    /// Penalty of a shape: twice the logarithm of the number of candidate shapes of its kind. A drift has the
+    /// additional penalty `LENGTH`, because it has one more parameter than a step: the length of a ramp, or the time
+    /// constant of a warm-up.
     fn penalty(&self, shape: Shape) -> f64 {
         let is_same = |other: &&Shape| std::mem::discriminant(*other) == std::mem::discriminant(&shape);
         let length = if shape.is_step() { 0.0 } else { LENGTH };

@@ -247,8 +247,8 @@ struct Run {
     edges: Edges,
 }
 
-/// Sum of squares, for each axis, of the difference between the slopes of two stencils (the wide one first), and the
-/// number of samples at which no value is missing.
+/// For each axis, the sum of squares of the difference between the slopes of two stencils (the wider one first). Also
+/// the number of samples at which no value is missing.
 struct Squares<'a> {
     sums: &'a Sums,
     runs: &'a [Run; 2],

@@ -90,9 +90,9 @@ impl Steadiness {
         rest.scatter.max(rest.drift(self.colour(rest)))
     }
 
-    /// Unsteadiness of a rest that is cut into epochs: the median over the epochs. The median is used because over the
-    /// whole rest the mean force changes with the biases. Equals [`unsteadiness`](Self::unsteadiness) if `epochs` is
-    /// empty.
+    /// Unsteadiness of a rest that is cut into epochs: the median of the unsteadiness of the epochs. The unsteadiness
+    /// of the whole rest is not used, because drifting biases change the mean force during a long rest. Equals
+    /// [`unsteadiness`](Self::unsteadiness) if `epochs` is empty.
     pub(super) fn unsteadiness_of(&self, rest: &Stretch, epochs: &[Stretch]) -> f64 {
         if epochs.is_empty() {
             return self.unsteadiness(rest);

@@ -10,8 +10,8 @@ use super::edges::trim;
 use crate::numerics::stats::quantile_of;
 use crate::rounding::LEAST_SCATTER;
 
-/// Returns the statistic of each window, the noise floor of each channel (a variance, raw units squared), and the
-/// quantisation step of each channel whose noise is below its step (zero for all other channels).
+/// Returns three values: the statistic of each window; the noise floor of each channel (a variance, raw units squared);
+/// and the quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
 ///
 /// `variances` contains the variance of each channel in each window. `steps` contains the smallest step (resolution) of
 /// each channel, divided by the root of the number of samples per mean. `step_of` finds the step of a channel.
@@ -97,8 +97,8 @@ impl WithSimd for Ratios<'_> {
     }
 }
 
-/// Returns the threshold and the two ends of the range from which it was chosen: the widest range, on a logarithmic
-/// scale, in which the number of rests is constant.
+/// Returns the threshold and the two ends of the range from which it was chosen. In this range, the number of rests is
+/// constant. It is the widest such range on a logarithmic scale.
 ///
 /// Widths are weighted by the logarithm of the number of rests, and a range without rests has a negative weight.
 /// Without this weighting, a unit that first lies on a table and is then hand-held, with a thousand times the variance,
@@ -169,9 +169,9 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
 
 /// The intervals of [`still`], updated incrementally while the threshold increases and windows are added.
 struct Stretches {
-    /// For the first window of each interval, the index of the last window, and for the last window, the index of the
-    /// first. Windows between them hold the index of any window of the interval, and windows outside hold
-    /// [`Self::OUTSIDE`].
+    /// For each window, an index. At the first window of an interval, it is the index of the last window of this
+    /// interval, and at the last window, the index of the first. At windows between them, it is the index of any window
+    /// of the interval. Windows that belong to no interval have [`Self::OUTSIDE`].
     other_end: Vec<usize>,
 }
 
