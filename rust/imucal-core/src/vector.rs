@@ -3,7 +3,7 @@
 //! nalgebra's operators compare sizes at run time unless the optimiser removes the comparisons. At `opt-level = "z"`
 //! these comparisons and their panics remain, and a product of a matrix and a vector takes several times as many
 //! instructions. The functions of this module have no branch that panics at any optimisation level. Their results are
-//! rounded exactly like those of nalgebra's operators.
+//! rounded exactly as by nalgebra's operators.
 
 use nalgebra::{Matrix3, RealField, Vector3};
 

@@ -97,7 +97,7 @@ pub(crate) fn predict_sigma(
     Ok((found.sigma, found.rests))
 }
 
-/// Steps of the best program, and whether the program reaches `sigma`. Without `sigma`, the best program is the one
+/// Steps of the best program, and whether the program reaches `sigma`. Without `sigma`, the best program is the program
 /// with the most information in `duration_s`.
 #[pyfunction]
 #[pyo3(signature = (sensors, limits, duration_s, sigma, seed, proposals))]

@@ -176,7 +176,7 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Whether the result is that of the joint fit. Effects and priors require the joint fit.
+    /// Whether the joint fit provides the result. Effects and priors require the joint fit.
     fn is_joint(&self) -> bool {
         self.joint || self.has_effects() || !self.priors.is_empty()
     }

@@ -54,7 +54,7 @@ use crate::recording::{RawUnit, Recording};
 /// Runs all checks that do not need rests, for functions that need both sensors. An empty result means that no fault
 /// was found.
 ///
-/// The findings are `sensor_missing` if the recording has only one sensor, and those of [`check_one_or_both`].
+/// The findings are `sensor_missing` if the recording has only one sensor, and the findings of [`check_one_or_both`].
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     sensor_missing(recording).into_iter().chain(check_one_or_both(recording)).collect()
 }

@@ -10,7 +10,7 @@
 //! * `predict`: cross-validation of a candidate on held-out rests and moves.
 //! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
 //! * `forward_search::beside_patterns`: scores effects of the catalogue with generic hypotheses in the model. Effects
-//!   are therefore found even if an unknown variation is present as well.
+//!   are therefore found even if an unknown variation is also present.
 //! * `detect`: detection limit of each effect.
 //! * `fits`, `acceptance`: an effect is accepted unless it makes the prediction of unseen data significantly worse.
 //!   Unseen data are control recordings or, without them, held-out rests and moves.

@@ -185,7 +185,7 @@ impl<'a> StageRows<'a> {
         })
     }
 
-    /// Writes the residuals and their derivatives from row `first` on. `parameters` are those of the stage.
+    /// Writes the residuals and their derivatives from row `first` on. `parameters` are the parameters of the stage.
     pub(crate) fn write(&self, parameters: &[f64], first: usize, residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
         let all: Vec<f64> = std::iter::repeat_n(0.0, self.stage.start).chain(parameters.iter().copied()).collect();
         for (row, held) in (first..).zip(&self.held) {
@@ -204,7 +204,7 @@ pub(crate) fn precisions(held: &[HeldParameter], parameters: &[f64]) -> [(f64, f
     for held in held {
         let HeldRow { residual, derivatives } = held.row(parameters);
         if let Quantity::Combination { at, .. } = held.quantity {
-            // The precision of one parameter for known values of the others.
+            // The precision of one parameter if the other parameters are known.
             derivatives.into_iter().for_each(|(p, by)| all[p] = (all[p].0 + by * by, parameters[p] - at[p]));
         } else if let Some((p, by)) = derivatives.first() {
             all[*p] = (by * by, residual / by);

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! v is the unit of the sensor. The definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope,
-//! N is the angle random walk. Quantisation here is that of a sensor whose output is an increment of angle or velocity.
+//! N is the angle random walk. Quantisation here describes a sensor whose output is an increment of angle or velocity.
 //! Rounding a rate to counts is a different process. Its error is white noise with a variance that follows from the
 //! size of a count, and N does not include it.
 //!

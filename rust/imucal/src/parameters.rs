@@ -1,7 +1,7 @@
 //! Order and names of the parameters of a unit.
 //!
 //! The order is accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row
-//! by row), then the parameters of the effects, then those of the stand.
+//! by row), then the parameters of the effects, then the parameters of the stand.
 
 use imucal_core::calibration::Calibration;
 use std::ops::Range;

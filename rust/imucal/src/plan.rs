@@ -9,10 +9,10 @@
 //! * [`optimal()`]: the program with the most information in a given time, or the shortest program that reaches given
 //!   standard deviations.
 //!
-//! The information matrix is that of the joint fit. It contains the mean force and the mean rate at each rest, and the
-//! propagation of gravity from rest to rest, with the direction of gravity at each rest as an unknown. An information
-//! filter accumulates the matrix along the run. The computing time is therefore proportional to the length of the run,
-//! and no large matrix is needed.
+//! The information matrix is computed as in the joint fit. It contains the mean force and the mean rate at each rest,
+//! and the propagation of gravity from rest to rest, with the direction of gravity at each rest as an unknown. An
+//! information filter accumulates the matrix along the run. The computing time is therefore proportional to the length
+//! of the run, and no large matrix is needed.
 //!
 //! ```
 //! use imucal::plan::{Goal, Limits, Search, Sensors, optimal};

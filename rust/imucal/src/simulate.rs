@@ -9,7 +9,7 @@
 //!   hand-held run. [`motion`]: the resulting motion as a function of time.
 //! * [`earth`]: gravity and the rate of the Earth at a location.
 //! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of the paper. The
-//!   effects of a unit are those of the catalogue ([`imucal_core::effects`]), evaluated at the true state.
+//!   effects of a unit are from the catalogue ([`imucal_core::effects`]), evaluated at the true state.
 //! * [`temperature`]: the temperature of the unit over the run. [`faults`]: clock errors and lost or repeated samples.
 //!
 //! Motion and true values are exact functions of time. Nothing is integrated, so the true values do not depend on the
@@ -92,7 +92,7 @@ pub struct Setup<'a> {
     pub faults: Faults,
     /// Additional errors of force and rate, for an effect that is not in the catalogue.
     pub added: Option<Added<'a>>,
-    /// Seed of all random numbers except those of the motion.
+    /// Seed of all random numbers except the random numbers of the motion.
     pub seed: u64,
     /// Number of threads; `None` uses all processors. The result does not depend on the number of threads.
     pub threads: Option<NonZeroUsize>,

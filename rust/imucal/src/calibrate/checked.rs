@@ -182,7 +182,7 @@ impl<'a> Checked<'a> {
     }
 
     /// Returns an error if the joint fit has implausible gains but the two-stage fit, from which it started, has
-    /// plausible ones. In that case the cause is the fit and not the unit of a column.
+    /// plausible ones. The cause is then the fit and not the unit of a column.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };

@@ -126,8 +126,8 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// List of the names of held parameters. If all members of a group are held, the name of the group replaces those of
-/// its members.
+/// List of the names of held parameters. If all members of a group are held, the name of the group replaces the names
+/// of its members.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

@@ -35,7 +35,7 @@ pub struct Outcome {
     pub frame: Frame,
     /// Estimated effects in the order of the request; effects of the catalogue come first.
     pub effects: Vec<TermEstimate>,
-    /// Names of the parameters: 21 of the triads, then those of the effects.
+    /// Names of the parameters: 21 parameters of the triads, then the parameters of the effects.
     pub names: Vec<String>,
     /// Values of the parameters, in the same order. Raw units for the triads, SI units for the effects.
     pub values: Vec<f64>,

@@ -27,7 +27,7 @@ const LEAST_SHARE: f64 = 2e-4;
 const WORSE_TOGETHER: f64 = 4.0;
 /// Limit of the share of rests that the fit to all recordings excludes but the separate fits use. Above this limit, the
 /// recordings count as not fitting together. This criterion is needed because the rests of a second unit may be
-/// excluded as outliers, so that chi2 is that of one unit.
+/// excluded as outliers, so that chi2 describes one unit only.
 const EXCLUDED: f64 = 0.1;
 /// Difference between the mean temperatures of two recordings, K, above which different scales are not taken as
 /// evidence of different units. Scales of MEMS sensors change by up to 0.05 %/K, whereas misalignments barely change.
@@ -107,8 +107,8 @@ fn is_worse_together(together: &Outcome, alone: &[Alone<'_>]) -> bool {
     sums(&mut std::iter::once(together)) > WORSE_TOGETHER * each
 }
 
-/// Indices of the recordings of each unit. A recording belongs to a unit if its sensitivities agree with those of the
-/// first recording of this unit.
+/// Indices of the recordings of each unit. A recording belongs to a unit if its sensitivities agree with the
+/// sensitivities of the first recording of this unit.
 fn groups(alone: &[Alone<'_>]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for k in 0..alone.len() {

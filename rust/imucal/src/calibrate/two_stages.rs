@@ -65,7 +65,7 @@ impl UnitData<'_> {
             }
             alone => alone?,
         };
-        // From here on, the arrays have one entry for each detected rest, including the excluded ones.
+        // From here on, the arrays have one entry for each detected rest, including excluded rests.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {
@@ -187,8 +187,8 @@ impl UnitData<'_> {
             );
             return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
         }
-        // The weights require the scale of the gyroscope. The fit is therefore performed twice, with the weights of the
-        // start value and then with those of the first result.
+        // The weights require the scale of the gyroscope. The fit is therefore performed twice, first with the weights
+        // of the start value and then with the weights of the first result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
         let held = self.held(options)?;
         let held = StageRows::new(&held, GYRO_SENSITIVITY);

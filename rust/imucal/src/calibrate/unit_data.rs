@@ -25,7 +25,7 @@ use crate::two_stage::gyroscope::{self, GyroscopeBias};
 pub(super) const MIN_MOVES: usize = 5;
 /// Reason code of an excluded move that contradicts all others.
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
-/// Reason code of an excluded rest whose mean rate is far from that of all other rests.
+/// Reason code of an excluded rest whose mean rate is far from the mean rates of all other rests.
 pub(super) const NOT_STILL: &str = "rest_not_still";
 
 /// The checked recordings of one unit and the quantities derived from them.
@@ -111,8 +111,8 @@ impl<'a> UnitData<'a> {
                 if rest.is_saturated(&saturated) {
                     Some("saturation")
                 } else if weight.min() == 0.0 && !(is_long && has_other_bias(&recordings[0], &rest.rest, &bias.bias)) {
-                    // The mean rate is far from that of all other rests, because the interval is a slow, uniform
-                    // rotation and not a rest.
+                    // The mean rate is far from the mean rates of all other rests, because the interval is a slow,
+                    // uniform rotation and not a rest.
                     Some(NOT_STILL)
                 } else {
                     None
@@ -248,9 +248,9 @@ impl UnitData<'_> {
     }
 }
 
-/// Whether the mean rate of a long rest differs from that of the other rests because of a different bias and not
-/// because of a rotation. A rotation would have to be about the vertical, because a rotation about a horizontal axis
-/// would have changed the direction of gravity. A rate difference in any other direction is therefore a bias. In
+/// Whether the mean rate of a long rest differs from the mean rates of the other rests because of a different bias and
+/// not because of a rotation. A rotation would have to be about the vertical, because a rotation about a horizontal
+/// axis would have changed the direction of gravity. A rate difference in any other direction is therefore a bias. In
 /// counts, the vertical may not be known because of offsets.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
     /// Maximum cosine of the angle between the difference of the rates and the vertical (18 deg). The axes of the

@@ -13,8 +13,8 @@ use crate::verdict::{Reason, RecordingSet, Verdict};
 /// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few rests or moves may be
 /// disturbed by accident, but a larger share indicates a wrong model.
 pub(super) const MAX_CONTRADICTING_SHARE: f64 = 0.1;
-/// Maximum share of rests in a good calibration whose mean rates are far from those of the other rests. A few slow
-/// rotations may be detected as rests by mistake.
+/// Maximum share of rests in a good calibration whose mean rates are far from the mean rates of the other rests. A few
+/// slow rotations may be detected as rests by mistake.
 const MAX_MOVING_SHARE: f64 = 0.2;
 /// p-value of chi2 from which the residuals are reported as too small for the estimated noise. With a correct noise
 /// estimate, this happens in one of a million calibrations.

@@ -1,4 +1,4 @@
-//! Signed permutations of axes, and the recommendations for a gyroscope whose axes do not match those of the
+//! Signed permutations of axes, and the recommendations for a gyroscope whose axes do not match the axes of the
 //! accelerometer.
 //!
 //! Let G and A be the signed permutations by which the reported gyroscope and accelerometer axes differ from the axes
@@ -137,8 +137,8 @@ impl Cause {
     }
 }
 
-/// Recommendation for a gyroscope whose axes differ from those of the accelerometer by `p`. It contains both classes of
-/// causes and the test that distinguishes them.
+/// Recommendation for a gyroscope whose axes differ from the axes of the accelerometer by `p`. It contains both classes
+/// of causes and the test that distinguishes them.
 pub(super) fn recommendation(p: &SignedPermutation) -> String {
     let sign = |is_right: bool| if (p.sign_of[2] > 0.0) == is_right { "positive" } else { "negative" };
     let rate = format!("gyro_{}", NAMES[p.column_of[2]]);

@@ -3,8 +3,8 @@
 //! Motion does not determine this sign, because |u| = g and u' = u x w also hold for -u. A reading of -g instead of +g
 //! has two possible causes. First, the axes may have z down (FRD or NED); these axes are right-handed, and both sensors
 //! need the same rotation. Second, the accelerometer may report gravity instead of specific force; its sign must be
-//! reversed, but not that of the gyroscope. Therefore no correction is recommended until the motor angles of a stand,
-//! or a turn about the vertical, have distinguished the two causes.
+//! reversed, but the sign of the gyroscope must not. Therefore no correction is recommended until the motor angles of a
+//! stand, or a turn about the vertical, have distinguished the two causes.
 
 use std::ops::Range;
 

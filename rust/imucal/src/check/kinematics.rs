@@ -2,7 +2,7 @@
 //!
 //! In every move the direction u of gravity rotates in the body frame: u' = u x w. A linear fit of this equation yields
 //! P in w = P (raw - bias). Let G and A be the signed permutations by which the reported gyroscope and accelerometer
-//! axes differ from the true ones. Then P = det(A) A G^-1, so det P has the sign of det G, which is the handedness of
+//! axes differ from the true axes. Then P = det(A) A G^-1, so det P has the sign of det G, which is the handedness of
 //! the gyroscope. For a left-handed accelerometer and a correct gyroscope, P = -A, which is a proper rotation. One
 //! reversed accelerometer axis therefore has the same P as a half turn of the gyroscope about this axis. Two exchanged
 //! accelerometer axes have the same P as a half turn of the gyroscope about a diagonal, which exchanges these axes and
@@ -94,7 +94,7 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
     })
 }
 
-/// Finding for a gyroscope whose axes differ from those of the accelerometer by a signed permutation.
+/// Finding for a gyroscope whose axes differ from the axes of the accelerometer by a signed permutation.
 fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64) -> Finding {
     let of = |triad: [&str; 3], which: &[usize]| names(which.iter().map(|&k| triad[k]));
     let error = || Finding::error("left_handed_axes", recording.name);

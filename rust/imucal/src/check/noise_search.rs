@@ -89,7 +89,7 @@ impl Transform {
     }
 
     /// The template that begins `first` samples after the start of `range`, which is a recording's range on the tape
-    /// `from`. `ratio` is the rate of the searched tape divided by that of the recording.
+    /// `from`. `ratio` is the rate of the searched tape divided by the rate of the recording.
     ///
     /// A second difference is the change of slope of the linear interpolation between samples. At another sampling
     /// rate, the second difference of the interpolated samples is obtained by distributing this change over the two
@@ -227,7 +227,7 @@ fn largest(values: &[f32]) -> f32 {
     most.iter().chain(rest).copied().fold(0.0, larger)
 }
 
-/// Number of samples of a recording in a template, if the rate of the searched tape is `ratio` times that of the
+/// Number of samples of a recording in a template, if the rate of the searched tape is `ratio` times the rate of the
 /// recording.
 pub(super) fn samples_of(ratio: f64) -> usize {
     ((TEMPLATE - 2) as f64 / ratio) as usize + 1

@@ -139,7 +139,7 @@ fn densities(
     })
 }
 
-/// Recommends the unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be that of a usual sensor.
+/// Recommends the unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be the density of a usual sensor.
 fn gyro_way_out(recording: &Recording, density: f64) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
     let count = (0..3).find_map(|axis| known_count(converter_step(recording.angular_rate, axis)));
@@ -169,7 +169,8 @@ fn gyro_way_out(recording: &Recording, density: f64) -> String {
         .into()
 }
 
-/// Recommends the unit in which this density of an accelerometer, m/s^2/sqrt(Hz), would be that of a usual sensor.
+/// Recommends the unit in which this density of an accelerometer, m/s^2/sqrt(Hz), would be the density of a usual
+/// sensor.
 fn accel_way_out(density: f64) -> String {
     let usual = |density_mg: f64| (0.03..=3.0).contains(&density_mg);
     if usual(density) {

@@ -10,7 +10,7 @@ const LONGEST_REPEAT: usize = 8;
 /// Minimum number of repeated rows for a finding.
 const FEWEST: usize = 5;
 
-/// Reports rows whose values all equal those of the previous row although the time differs.
+/// Reports rows whose values all equal the values of the previous row although the time differs.
 ///
 /// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
 /// repeat counts only between rows that change, in which at most one value repeats. Second, repeated rows must

@@ -24,7 +24,7 @@ const LARGEST_BIAS_RADPS: f64 = 1.0;
 /// fro, the unsteadiness exceeds the limit.
 const STEADY: f64 = 0.3;
 /// Limits of the lower and of the upper quartile of the norm of a triad, as multiples of the median of the norm. If
-/// both quartiles are within the limits, the norm is steady enough to be that of gravity. The norm of angular rates
+/// both quartiles are within the limits, the norm is steady enough to be the norm of gravity. The norm of angular rates
 /// varies by far more, because a recording contains rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
 /// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation for a file that is in this unit

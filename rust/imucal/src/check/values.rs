@@ -12,7 +12,7 @@ const LARGEST_FORCE_MPS2: f64 = 1e5;
 /// Largest angular rate that a sensor can measure, rad/s: thirty times the widest range of MEMS gyroscopes (ADXRS649,
 /// 20000 deg/s).
 const LARGEST_RATE_RADPS: f64 = 1e4;
-/// Largest magnitude of raw counts: that of an integer of 32 bits, the widest output of converters.
+/// Largest magnitude of raw counts: the magnitude of an integer of 32 bits, the widest output of converters.
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
 /// Share of impossible samples above which the recommendation names a wrong unit of the channel as the cause.
 const WRONG_UNIT_SHARE: f64 = 0.01;

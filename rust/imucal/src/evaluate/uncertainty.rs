@@ -32,7 +32,7 @@ struct Change {
 
 impl Uncertainty {
     /// `covariance` is the covariance of the parameters in the order of [`crate::calibrate::parameter_names`], in the
-    /// body frame `frame`. Further rows and columns, such as those of effects, are not used.
+    /// body frame `frame`. Further rows and columns, for example for effects, are not used.
     ///
     /// # Errors
     /// [`Error::Input`] if the covariance has fewer than 21 rows or columns, or values that are not finite.

@@ -223,7 +223,7 @@ struct Floor {
 }
 
 impl Fit {
-    /// chi2 per degree of freedom of unseen data. The noise densities are those of `before`, the fit without effects.
+    /// chi2 per degree of freedom of unseen data. The noise densities are taken from `before`, the fit without effects.
     pub(super) fn unseen_chi2(&self, before: &Self) -> f64 {
         if let Some(control) = &self.control {
             return control.judged().figures.chi2_per_dof;
@@ -281,8 +281,8 @@ impl Fit {
         [(Metric::HeldOutDirection, direction), (Metric::HeldOutNorm, Floor { value: rms(&rests), count: rests.len() })]
     }
 
-    /// Whether this fit predicts unseen data significantly worse than the fit `other`. The noise densities are those of
-    /// `before`, the fit without effects.
+    /// Whether this fit predicts unseen data significantly worse than the fit `other`. The noise densities are taken
+    /// from `before`, the fit without effects.
     fn is_worse_than(&self, other: &Self, before: &Self) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
         if value <= least * (1.0 + SAME) {
@@ -352,7 +352,7 @@ impl Fit {
     }
 
     /// The kinds of residuals that exceed noise significantly and by more than a factor of two. Only the norms at rest
-    /// and the directions after moves are tested. The residuals are those of the control recordings, or of the
+    /// and the directions after moves are tested. The residuals come from the control recordings, or from the
     /// calibration recordings if there are no control recordings.
     pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
         const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];

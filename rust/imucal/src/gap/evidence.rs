@@ -88,8 +88,8 @@ impl Gram {
     }
 
     /// Submatrix of the sum of all Gram matrices, each divided by its noise scale s_g^2. Row i of the submatrix, for i
-    /// below `count`, is row `place(i)` of the Gram matrices, and likewise for columns. Only the columns in the range
-    /// `columns` are computed.
+    /// below `count`, is row `place(i)` of the Gram matrices, and column i is column `place(i)`. Only the columns in
+    /// the range `columns` are computed.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],

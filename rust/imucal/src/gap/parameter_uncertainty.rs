@@ -374,7 +374,7 @@ mod tests {
     fn an_effect_smaller_than_typical_narrows_its_prior_in_all_directions() {
         let covariance = Mat::from_fn(3, 3, |i, j| if i == j { 1.0 } else { 0.0 });
         // The first parameter is observable, and its estimate is close to zero. The second parameter is not observable,
-        // so its standard deviation is that of its prior.
+        // so its standard deviation equals the standard deviation of its prior.
         let (shift, narrowed) = narrowed(&covariance, &[0, 1], &[0.1, 0.0], &[10.0, 1.0]);
         assert!(narrowed[(1, 1)] < 0.1 && narrowed[(2, 2)] == 1.0, "{}", narrowed[(1, 1)]);
         assert!(shift[0].abs() < 0.1 && shift[2] == 0.0, "{shift:?}");

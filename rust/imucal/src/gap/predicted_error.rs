@@ -244,7 +244,7 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
     (sums * faer::Scale(1.0 / count as f64), count)
 }
 
-/// Mean squared errors, of the one-second averages of angular rate and specific force, that no correction removes.
+/// Mean squared errors that no correction removes, for angular rate and specific force averaged over one second.
 ///
 /// The Earth's rate counts as an error of the angular rate, because the correction does not remove it and its
 /// body-frame components change with attitude.

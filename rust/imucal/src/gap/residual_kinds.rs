@@ -9,8 +9,8 @@ use crate::recording::Recording;
 pub struct CorrectedFit<'a> {
     /// The calibration, in the symmetric body frame.
     pub outcome: &'a Outcome,
-    /// The recordings after correction, in the body frame and in SI units. Their order is that of the recordings in the
-    /// calibration.
+    /// The recordings after correction, in the body frame and in SI units. They are in the order of the recordings in
+    /// the calibration.
     pub corrected: &'a [Recording<'a>],
     /// Local gravity that was used to make the calibration, m/s^2.
     pub gravity_mps2: f64,

@@ -117,8 +117,8 @@ struct Look {
 
 /// Scores the candidate whose parameters have the columns `own`. `plain` and `widened` contain the normal matrix after
 /// elimination of the model's parameters, for two sets of noise scales s_g^2. In `plain`, all scales are one. In
-/// `widened`, the scales are those of the model. `plain` is `None` if the model's scales are all one, because both
-/// matrices are then equal. Returns `None` if the candidate is not observable.
+/// `widened`, the scales are the noise scales of the model. `plain` is `None` if the model's scales are all one,
+/// because both matrices are then equal. Returns `None` if the candidate is not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,

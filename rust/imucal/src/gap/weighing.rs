@@ -252,8 +252,8 @@ impl Gram {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
     }
 
-    /// The evidence of a model with these columns. The iteration starts at the noise scales `near`, which should be
-    /// those of a model with nearly the same columns.
+    /// The evidence of a model with these columns. The iteration starts at the noise scales `near`. They should come
+    /// from a model with nearly the same columns.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
         weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)

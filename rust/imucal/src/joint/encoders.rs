@@ -7,8 +7,8 @@
 //! ```
 //!
 //! The geometry of the stand is not exactly known. The mount rotation (3 parameters), the base tilt (2) and the
-//! non-orthogonality of the axes (2) are therefore estimated as well. These seven are the last entries of the parameter
-//! vector.
+//! non-orthogonality of the axes (2) are therefore estimated as well. These seven parameters are the last entries of
+//! the parameter vector.
 
 mod directions;
 pub(super) mod moves;
@@ -49,7 +49,7 @@ pub(crate) struct StandModel {
 
 impl StandModel {
     pub(crate) fn of(parameters: &[f64]) -> Self {
-        // Without encoders `parameters` is empty. The model is then that of a perfect stand, which no residual uses.
+        // Without encoders `parameters` is empty. The model then describes a perfect stand, and no residual uses it.
         let mut p = [0.0; STAND_PARAMETERS];
         p.iter_mut().zip(parameters).for_each(|(own, given)| *own = *given);
         let stand = Stand {

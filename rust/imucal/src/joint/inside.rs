@@ -9,7 +9,7 @@
 //! random walk, because an attitude error does not change the vertical component of gravity to first order.
 //! Perpendicular to gravity, the integrated white noise of the gyroscope is a random walk. For each direction, a scalar
 //! Kalman filter whitens the z_j, and its normalised innovations are the residuals. The last residuals of a move
-//! compare the propagated gravity direction with that of the rest after the move.
+//! compare the propagated gravity direction with the gravity direction at the rest after the move.
 
 mod blocks;
 pub(super) mod filter;

@@ -41,7 +41,7 @@ const SIGNIFICANCE: f64 = 1e-5;
 /// direction to be judged (model.md (25)).
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Smallest diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. Columns with a smaller
-/// entry are linearly dependent on the others; the limit is far above rounding.
+/// entry are linearly dependent on the other columns. The limit is far above rounding errors.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
 /// Smallest share of the variance of a prior that the fit leaves in the residual of the prior. With a smaller share,
 /// rounding errors dominate the standardised residual.
@@ -64,7 +64,7 @@ struct Group {
     columns: Vec<usize>,
     kind: Kind,
     /// Whether the item is the second or a later epoch of a long rest, or the step to such an epoch. Such items have a
-    /// separate scale, because their errors are those of a single pose.
+    /// separate scale, because they share the errors of a single pose.
     is_of_later_epoch: bool,
 }
 
@@ -160,8 +160,8 @@ pub(crate) fn outliers(
 }
 
 /// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. Only the moves predict
-/// such a norm, so its excess scatter is taken to be that of the moves. The rows of the design matrix of the norms are
-/// divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
+/// such a norm, so its excess scatter is assumed to equal the excess scatter of the moves. The rows of the design
+/// matrix of the norms are divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -269,7 +269,7 @@ pub(super) struct LeaveOut {
 }
 
 impl LeaveOut {
-    /// `residuals` and `jacobian` are those of the linearisation, whitened by the problem.
+    /// `residuals` and `jacobian` belong to the linearisation and are whitened by the problem.
     pub(super) fn new(problem: &Joint<'_>, linear: &Linear, (residuals, jacobian): (&Mat<f64>, &Mat<f64>)) -> Self {
         let mut columns = problem.whitened_units(linear);
         columns.extend(by_means(linear, &columns));

@@ -123,7 +123,7 @@ impl<'a> Joint<'a> {
         Ok(self.weights.excess(self.prepared, &linear, found, kept))
     }
 
-    /// Sets the weights to those of a given excess, at the end of a fit.
+    /// Sets the weights that follow from a given excess, at the end of a fit.
     pub(super) fn weigh_with(&mut self, found: &Solution, excess: &Widening) -> Result<(), Error> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::with(self.prepared, self.terms, &linear, excess);

@@ -28,7 +28,7 @@ impl WarmStart {
         Self::new(model, effects(terms))
     }
 
-    /// The model, if its effects are those of `terms`; otherwise `None`. Also `None` for effects with time constants,
+    /// The model, if it has the effects of `terms`; otherwise `None`. Also `None` for effects with time constants,
     /// because such fits try several start values.
     fn model(&self, terms: &Terms<'_>) -> Option<Model> {
         let is_same = self.effects == effects(terms) && !terms.all.iter().any(Term::has_shape);
@@ -40,7 +40,7 @@ fn effects(terms: &Terms<'_>) -> Vec<(String, usize)> {
     terms.all.iter().map(|term| (term.name().to_owned(), term.count())).collect()
 }
 
-/// Start model of a fit: the warm start if its effects are those of `terms`, otherwise the triads with zero effects.
+/// Start model of a fit: the warm start if it has the effects of `terms`, otherwise the triads with zero effects.
 pub(super) fn start(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,

@@ -137,7 +137,7 @@ impl Term<'_> {
         }
     }
 
-    /// Typical size of each parameter, with that of the shape parameter last.
+    /// Typical size of each parameter. The shape parameter is last.
     pub(crate) fn typical(&self) -> Vec<f64> {
         match self.kind {
             Kind::User(field) => field.typical.clone(),
@@ -166,7 +166,7 @@ pub(crate) struct Terms<'a> {
     pub(crate) count: usize,
     /// Sensor on which each parameter acts.
     pub(crate) sensors: Vec<Sensor>,
-    /// Kinds of residuals used beyond those of rests and moves.
+    /// Kinds of residuals used in addition to the residuals of rests and moves.
     pub(crate) kinds: Kinds,
 }
 
@@ -180,7 +180,7 @@ pub(super) struct SideBySide<'a> {
     pub(super) places: Vec<usize>,
 }
 
-/// Kinds of residuals used in a fit beyond those of rests and moves.
+/// Kinds of residuals used in a fit in addition to the residuals of rests and moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Kinds {
     /// Specific force inside the moves (model.md (20)).
@@ -292,7 +292,8 @@ impl<'a> Terms<'a> {
         (self.sum_of(Sensor::Gyroscope, values, columns), self.sum_of(Sensor::Accelerometer, values, columns))
     }
 
-    /// Number of all parameters: base parameters, those of the terms, and those of the stand if encoders are used.
+    /// Number of all parameters: base parameters, parameters of the terms, and parameters of the stand if encoders are
+    /// used.
     pub(crate) fn total(&self) -> usize {
         BASE + self.count + if self.kinds.encoders { STAND_PARAMETERS } else { 0 }
     }

@@ -7,10 +7,10 @@
 //!
 //! z are the cosines of W block means, in which white noise and a random walk are uncorrelated. A component is a step
 //! at a time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power
-//! spectrum of a random walk. However, the signs of its cosines follow from the time of the step, whereas those of a
-//! random walk are random. Components are added one at a time. The component that is added has the largest gain of
-//! twice the log-likelihood minus its penalty, after amplitudes and noise parameters are estimated again. If no gain
-//! exceeds its penalty, noise explains the record.
+//! spectrum of a random walk. However, the signs of the cosines of a step follow from the time of the step, whereas the
+//! signs of the cosines of a random walk are random. Components are added one at a time. The component that is added
+//! has the largest gain of twice the log-likelihood minus its penalty, after amplitudes and noise parameters are
+//! estimated again. If no gain exceeds its penalty, noise explains the record.
 
 mod search;
 

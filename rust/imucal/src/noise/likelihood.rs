@@ -209,8 +209,9 @@ impl Likelihood<'_> {
 }
 
 /// Fisher information of the estimated parameters, scaled so that all diagonal entries are one, and the scale factors.
-/// Scaling is needed because the parameter of a random walk is smaller than that of white noise by ten orders of
-/// magnitude. Rows and columns of parameters that are held constant are replaced by those of the identity matrix.
+/// Scaling is needed because the parameter of a random walk is smaller than the parameter of white noise by ten orders
+/// of magnitude. Rows and columns of parameters that are held constant are replaced by rows and columns of the identity
+/// matrix.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

@@ -64,8 +64,8 @@ pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// Covariance of two differences at a distance of `lag` samples. Each difference is that of two consecutive means over
-/// `factor` samples.
+/// Covariance of two differences at a distance of `lag` samples. Each is the difference between two consecutive means
+/// over `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
     combine(&[(1.0, at(-2.0)), (-4.0, at(-1.0)), (6.0, at(0.0)), (-4.0, at(1.0)), (1.0, at(2.0))], factor * factor)
@@ -83,8 +83,8 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// ```
 ///
 /// c is the covariance of differences between consecutive means. For factors of 128 and above, only every (factor /
-/// 64)-th difference is used. The omitted differences are so strongly correlated with the used ones that they add no
-/// information.
+/// 64)-th difference is used. The omitted differences are so strongly correlated with the used differences that they
+/// add no information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
     /// Distance, in windows, beyond which differences count as independent. Their covariance decreases with the square
@@ -125,8 +125,8 @@ mod tests {
         }
     }
 
-    /// Compares the variogram with that of half-order integrated white noise, computed from its power spectrum: `1/pi
-    /// integral of (1 - cos k w) / (2 sin(w / 2))`.
+    /// Compares the variogram with the variogram of half-order integrated white noise, computed from its power
+    /// spectrum: `1/pi integral of (1 - cos k w) / (2 sin(w / 2))`.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {
         let steps = 200_000;

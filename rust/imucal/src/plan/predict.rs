@@ -12,9 +12,9 @@ use crate::simulate::Motion;
 /// Predicted accuracy of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
-    /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: 21 parameters, then those of the
-    /// effects. A parameter that the motion does not determine has the standard deviation of its prior, a tenth of its
-    /// size.
+    /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: 21 parameters of the triads, then
+    /// the parameters of the effects. A parameter that the motion does not determine has the standard deviation of its
+    /// prior, a tenth of its size.
     pub sigma: Vec<f64>,
     /// Number of rests that are long enough for rest detection.
     pub rests: usize,
@@ -105,7 +105,7 @@ pub(super) fn log_determinant(information: &Mat<f64>, prior: &[f64]) -> Option<f
     Some(2.0 * (diagonal + size.iter().map(|size| size.ln()).sum::<f64>()))
 }
 
-/// Information with the prior precision, scaled to a diagonal of ones.
+/// Information matrix plus prior precision, scaled so that all diagonal entries are one.
 fn scaled(information: &Mat<f64>, prior: &[f64], size: &[f64]) -> Mat<f64> {
     Mat::from_fn(prior.len(), prior.len(), |i, j| {
         (information[(i, j)] + if i == j { prior[i] } else { 0.0 }) / (size[i] * size[j])

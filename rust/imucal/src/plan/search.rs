@@ -226,7 +226,7 @@ impl Annealing<'_> {
         }
     }
 
-    /// Scales the holds to the shortest ones that reach the goal. Returns the program and whether the goal is reached.
+    /// Scales the holds to the shortest holds that reach the goal. Returns the program and whether the goal is reached.
     fn just_enough(&self, trial: Trial) -> (Trial, bool) {
         let scene = self.scene;
         let shortest = scene.shortest_hold_s();

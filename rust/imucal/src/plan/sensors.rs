@@ -1,7 +1,7 @@
 //! Linearised sensors: rows of derivatives of the readings with respect to the parameters.
 //!
-//! The order of the parameters is that of the joint fit: accelerometer bias (3), accelerometer sensitivity (6,
-//! symmetric frame), gyroscope bias (3), gyroscope sensitivity (9, row by row), then the parameters of the effects.
+//! The parameters have the order of the joint fit: accelerometer bias (3), accelerometer sensitivity (6, symmetric
+//! frame), gyroscope bias (3), gyroscope sensitivity (9, row by row), then the parameters of the effects.
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor as Kind, State, Surroundings};
 use nalgebra::{Matrix3, Vector3};

@@ -1,5 +1,5 @@
-//! A trial program. Its rests and moves are stored separately, so that after a change only the affected ones are
-//! computed again.
+//! A trial program. Its rests and moves are stored separately, so that after a change only the affected rests and moves
+//! are computed again.
 
 use std::rc::Rc;
 

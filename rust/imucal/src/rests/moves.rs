@@ -1,5 +1,5 @@
 //! Moves between consecutive rests, and the direction of gravity at both ends of a move (model.md (7), (8), (13)). The
-//! gyroscope is fitted to the moves of a calibration recording and evaluated on those of a control recording.
+//! gyroscope is fitted to the moves of a calibration recording and evaluated on the moves of a control recording.
 
 use std::ops::Range;
 
@@ -104,7 +104,7 @@ impl Move {
         rests[self.from].whole == rests[self.to].whole
     }
 
-    /// This move with the indices of the epochs replaced by those of the rests that contain them.
+    /// This move, with the index of each epoch replaced by the index of the rest that contains the epoch.
     pub(crate) fn between_rests(&self, rests: &[UnitRest]) -> Self {
         Self { from: rests[self.from].whole, to: rests[self.to].whole, ..*self }
     }

@@ -138,8 +138,8 @@ pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], roundin
     let of = |column: usize| rounding[(column + 3) % 6];
     let decides = |column: &usize| {
         let Rounding { step, noise, error_variance, .. } = of(*column);
-        // The rounding error is compared with the variance of the mean of white noise, but at least with that of
-        // uniformly distributed rounding errors.
+        // The variance of the rounding error is compared with the variance of the mean of white noise, or with the
+        // variance of the mean of uniformly distributed rounding errors if this is larger.
         error_variance > (noise * noise).max(step * step / 12.0) / samples
     };
     let columns: Vec<usize> = (0..6).filter(decides).collect();

@@ -159,7 +159,8 @@ impl Segments {
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
         // The scatter of rounded samples at rest depends on the position of the mean between two levels. In moves, the
-        // samples pass through many levels, so their variance is that of noise plus uniform rounding errors.
+        // samples pass through many levels, so their variance is the sum of the noise variance and the variance of
+        // uniform rounding errors.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
         }
@@ -209,8 +210,8 @@ impl Segments {
     }
 }
 
-/// The recording with the channels of a missing sensor replaced by those of the other sensor. The statistic is a mean
-/// over the channels, so it equals the statistic of the existing sensor.
+/// The recording, in which the channels of the existing sensor replace the channels of the missing sensor. The
+/// statistic is a mean over the channels, so it equals the statistic of the existing sensor.
 fn doubled<'a>(recording: &Recording<'a>) -> Recording<'a> {
     let (force, rate) = (recording.specific_force, recording.angular_rate);
     Recording {

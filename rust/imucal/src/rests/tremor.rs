@@ -159,9 +159,9 @@ impl Hand {
         sum / weights
     }
 
-    /// Removes the tremor from the means of a rest. The variance of the mean force becomes that of the sensor noise.
-    /// The rotation from the first to the last sample is subtracted from the mean rate, except for the component about
-    /// gravity, which is unknown. Returns the subtracted rotation, rad.
+    /// Removes the tremor from the means of a rest. The variance of the mean force becomes the variance due to sensor
+    /// noise. The rotation from the first to the last sample is subtracted from the mean rate, except for the component
+    /// about gravity, which is unknown. Returns the subtracted rotation, rad.
     fn remove_tremor(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
         let UnitRest { rest: Rest { first, end, start_s, end_s, .. }, bias, .. } = *rest;
         let duration_s = end_s - start_s;
@@ -209,7 +209,7 @@ pub(crate) fn hands(
             return None;
         }
         // If most rests of this recording are excluded, the reason is not isolated slow rotations but a bias that
-        // differs from that of the other recordings. All rests then contribute.
+        // differs from the biases of the other recordings. All rests then contribute.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
             own.iter_mut().for_each(|own| own.contributes = true);
         }

@@ -55,8 +55,7 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
 }
 
 /// The rests with each long rest replaced by its epochs. `segments` are those from which [`rests_of`] made the rests.
-/// In a hand-held recording, the means of rests are computed differently from those of epochs, so its rests are not
-/// replaced.
+/// In a hand-held recording, the means of rests and of epochs are computed differently, so its rests are not replaced.
 pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRest> {
     let epochs = segments.iter().flat_map(|segments| &segments.epochs);
     let of = |(rest, epochs): (&UnitRest, &Vec<Rest>)| -> Vec<UnitRest> {

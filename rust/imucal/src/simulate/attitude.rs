@@ -86,7 +86,7 @@ impl Attitude {
         }
     }
 
-    /// Product `before * self * after` of this rotation with two constant ones.
+    /// Product `before * self * after` of this rotation and two constant rotations.
     #[inline]
     pub(super) fn between(&self, before: &UnitQuaternion<f64>, after: &UnitQuaternion<f64>) -> Self {
         Self {

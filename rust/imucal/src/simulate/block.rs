@@ -2,8 +2,8 @@
 //! the measurements.
 //!
 //! The true state is a function of time only, so pieces of a block can be computed on any thread. The measurements
-//! depend on earlier ones (noise, filter), so each triad is one sequential job. The result has the same bytes for any
-//! number of threads.
+//! depend on earlier measurements (noise, filter), so each triad is one sequential job. The result has the same bytes
+//! for any number of threads.
 
 use imucal_core::so3;
 use nalgebra::Vector3;

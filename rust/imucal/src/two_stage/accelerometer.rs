@@ -133,7 +133,7 @@ fn fit_from(
 }
 
 /// Whether the ellipsoid is much larger than the noise of the means. If all rests have one pose, the means also
-/// determine an ellipsoid, but its size is that of the noise.
+/// determine an ellipsoid, but the size of this ellipsoid equals the size of the noise.
 fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.whole_variance().max().sqrt()).collect();
     let noise = stats::median(&mut noise);

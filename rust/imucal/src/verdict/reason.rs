@@ -76,7 +76,7 @@ pub enum Reason {
         /// Range of the fastest sensors, deg/s.
         limit_degps: f64,
     },
-    /// Residuals exceed their noise and are larger than those of the uncalibrated unit.
+    /// Residuals exceed their noise and are larger than the residuals of the uncalibrated unit.
     WorseThanUncalibrated {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -99,9 +99,9 @@ pub enum Reason {
         /// Number of all moves.
         all: usize,
     },
-    /// Many rests have mean angular rates far from those of the others.
+    /// Many rests have mean angular rates far from the mean rates of the other rests.
     MovingRests {
-        /// Number of rests with a mean angular rate far from those of the others.
+        /// Number of rests with a mean angular rate far from the mean rates of the other rests.
         count: usize,
         /// Number of all rests.
         all: usize,
@@ -129,8 +129,9 @@ pub enum Reason {
         /// The kinds of residuals that exceed their noise; there is at least one.
         groups: Vec<GroupMisfit>,
     },
-    /// Residuals of moves exceed their noise, those of rests do not, and the time stamps of a recording are irregular.
-    /// The probable cause is the clock, because wrong times falsify integrals over a move. The verdict is incomplete.
+    /// Residuals of moves exceed their noise, residuals of rests do not, and the time stamps of a recording are
+    /// irregular. The probable cause is the clock, because wrong times falsify integrals over a move. The verdict is
+    /// incomplete.
     IrregularClock {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,

@@ -77,8 +77,8 @@ impl Motor {
     /// Sign of the last motion, for every sample.
     ///
     /// Motion is detected at a sample if the changes of the reading over the span before the sample and over the span
-    /// after it both exceed the limit of standstill. The sign is that of the later change, because the earlier one may
-    /// contain the jump of the backlash.
+    /// after it both exceed the limit of standstill. The sign is the sign of the later change, because the earlier
+    /// change may contain the jump of the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];

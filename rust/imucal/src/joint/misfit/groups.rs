@@ -1,8 +1,8 @@
 //! Goodness of fit of each kind of residuals, relative to noise (model.md (26)).
 //!
 //! The degrees of freedom of a kind are the sum of 1 - h over its residuals, where h is the leverage of a residual. The
-//! residuals are those of the final fit, in which kinds with excess scatter have reduced weights. These kinds therefore
-//! do not distort the residuals of other kinds, as they would in a fit with the weights of noise alone.
+//! residuals come from the final fit, in which kinds with excess scatter have reduced weights. In a fit with the
+//! weights of noise alone, these kinds would distort the residuals of other kinds.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -69,7 +69,8 @@ pub(super) fn group_misfits(
         .collect()
 }
 
-/// Residuals of norms or moves, before whitening: those of the later epochs of long rests, or all others.
+/// Residuals of norms or of moves, before whitening. `are_of_epochs` selects the second and later epochs of long rests;
+/// otherwise all other residuals are selected.
 fn of_lines(linear: &Linear, are_norms: bool, are_of_epochs: bool) -> impl Iterator<Item = f64> {
     let is_own = move |line: &&Line| {
         matches!(line.source, Source::Norm(_)) == are_norms && line.is_of_later_epoch == are_of_epochs

@@ -134,8 +134,8 @@ impl Route<'_> {
         let time_s = |i: usize| self.recording.time_s[i.clamp(first, last)];
         let own_s = |k: usize| {
             let Range { start, end } = self.samples(groups, k);
-            // The segment extends from the midpoint between its first sample and the one before to the midpoint between
-            // its last sample and the one after.
+            // The segment extends from the midpoint between its first sample and the previous sample to the midpoint
+            // between its last sample and the next sample.
             f64::midpoint(time_s(end - 1), time_s(end)) - f64::midpoint(time_s(start.saturating_sub(1)), time_s(start))
         };
         (0..groups.count()).map(own_s).collect()

@@ -116,7 +116,7 @@ impl Wandering {
 }
 
 impl Joint<'_> {
-    /// Covariance of the whitened residuals due to biases that vary between rests; the derivatives are those of
+    /// Covariance of the whitened residuals due to biases that vary between rests. The derivatives come from
     /// [`Joint::by_biases_of_rests`].
     fn varying_biases(
         &self,
@@ -147,7 +147,7 @@ impl Joint<'_> {
     /// Adds, to the covariance of the whitened mean rates, an error that is common to the later epochs of a rest.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
-        // The bias may also have drifted between the first epoch and the later ones.
+        // The bias may also have drifted between the first epoch and the later epochs.
         let variance = Matrix3::from_diagonal(&Vector3::from(self.weights.epoch_rates().map(|drift| variance + drift)));
         let later: Vec<(usize, usize)> = linear
             .rates

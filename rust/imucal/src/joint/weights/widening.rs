@@ -55,7 +55,8 @@ pub(in crate::joint) struct Widened {
 }
 
 impl Widened {
-    /// Kinds of residuals that are widened in `self` or in `other`. The flag for bias instability is that of `other`.
+    /// Kinds of residuals that are widened in `self` or in `other`. The flag for bias instability is copied from
+    /// `other`.
     pub(in crate::joint) fn union(self, other: Self) -> Self {
         let either = |(a, b): (bool, bool)| a || b;
         let mut all = other;
@@ -182,8 +183,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
     })
 }
 
-/// Residuals of the mean rates on one axis, of later epochs of long rests or of all others, and their variances from
-/// noise, raw units.
+/// Residuals of the mean rates on one axis and their variances from noise, raw units. `later` selects the second and
+/// later epochs of long rests; otherwise all other rests and epochs are selected.
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {

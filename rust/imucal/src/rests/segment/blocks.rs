@@ -199,9 +199,9 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
 /// exceeds it.
 const FILTERED: f64 = 1.7;
 
-/// Accumulated data for the factor c of model.md (10), by which the variance of a mean exceeds that of white noise. The
-/// factor is the Allan variance of consecutive 0.25 s means, divided by the value expected for white noise with the
-/// variance of single samples.
+/// Accumulated data for the factor c of model.md (10), by which the variance of a mean exceeds the variance of a mean
+/// of white noise. The factor is the Allan variance of consecutive 0.25 s means, divided by the value expected for
+/// white noise with the variance of single samples.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
     /// Sum over all pairs of the ratio of the Allan variance to the variance expected for white noise.

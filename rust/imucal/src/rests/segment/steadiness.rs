@@ -1,4 +1,4 @@
-//! Unsteadiness of a rest, which separates rests on a rigid support from hand-held ones (model.md (11)).
+//! Unsteadiness of a rest, which separates rests on a rigid support from hand-held rests (model.md (11)).
 
 use std::ops::Range;
 
