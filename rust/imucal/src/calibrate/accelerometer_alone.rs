@@ -1,7 +1,7 @@
 //! Calibration of an accelerometer without a gyroscope. The nine parameters are estimated from the means of the rests.
 //!
-//! The fit uses the residuals of model.md (5). Its covariance is given by model.md (9). Without a gyroscope there are no moves, no tremor
-//! model and no effects.
+//! The fit uses the residuals of model.md (5). Its covariance is given by model.md (9). Without a gyroscope there are
+//! no moves, no tremor model and no effects.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;

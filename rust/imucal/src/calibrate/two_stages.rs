@@ -137,9 +137,9 @@ impl UnitData<'_> {
         Ok((moves, unusable))
     }
 
-    /// Converts the rests that the accelerometer fit uses to epochs. All epochs of a long rest without known faults are
-    /// used, even if the fit excluded this rest as an outlier. The deviation of its mean is no reason for exclusion,
-    /// because a single mean does not describe a long rest.
+    /// Replaces the list of the rests that the accelerometer fit uses by the list of their epochs. All epochs of a long
+    /// rest without known faults are used, even if the fit excluded this rest as an outlier. The deviation of its mean
+    /// is no reason for exclusion, because a single mean does not describe a long rest.
     pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
         let used = &accelerometer.used;
         let of = |own: Range<usize>| {

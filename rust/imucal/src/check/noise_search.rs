@@ -35,7 +35,7 @@ const NEAR: usize = 64;
 /// the axes, and one that does not.
 const KINDS: [std::ops::Range<usize>; 2] = [0..3, 3..SIGNALS];
 
-/// Part of the noise of a recording that is searched for.
+/// A template: part of the noise of one recording. Other recordings are searched for this part.
 pub(super) struct Template {
     /// Index of the recording.
     pub(super) recording: usize,

@@ -137,9 +137,9 @@ fn finding(
 ///   short, and noise must be an unlikely cause. The rail must be at least `lowest_over_median` times the median norm
 ///   of the rows.
 ///
-/// Other powers of two are not evidence, because common accelerometers read 2048 or 16384 counts at 1 g. `ends` are the
-/// extremes of each axis. `held` are the extremes among the values that the axis keeps for at least the length of a
-/// plateau.
+/// Counts that are other powers of two are no evidence for a rail, because common accelerometers read 2048 or 16384
+/// counts at 1 g. `ends` are the extremes of each axis. `held` are the extremes among the values that the axis keeps
+/// for at least the length of a plateau.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,

@@ -89,7 +89,8 @@ impl Term<'_> {
         matches!(self.kind, Kind::Catalogue(effect) if effect.shape.is_some())
     }
 
-    /// Writes the columns of this term at `state` to the front of `own`, a buffer of [`MAX_PARAMETERS`] columns.
+    /// Computes the columns of this term at `state`. They are written to the first entries of `own`, a buffer of
+    /// [`MAX_PARAMETERS`] columns.
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, own: &mut [Vector3<f64>]) {
         match self.kind {
