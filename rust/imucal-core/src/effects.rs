@@ -94,7 +94,8 @@ pub struct StandState<F: RealField + Copy> {
     pub angle_rad: Vector3<F>,
     /// Motor rates, rad/s.
     pub rate_radps: Vector3<F>,
-    /// Sign of the current or, at rest, the last motion of each motor: -1, 1, or 0 before the first motion.
+    /// Sign of the motion of each motor: -1 or 1. While a motor is at rest, the sign of its last motion is kept. The
+    /// sign is 0 before the first motion.
     pub direction: Vector3<F>,
 }
 

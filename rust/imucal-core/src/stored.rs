@@ -50,7 +50,7 @@ pub struct StoredCalibration<F: RealField + Copy> {
     pub omitted_effects: u8,
     /// Lowest and highest temperature of the calibration recordings, degC; `None` if unknown.
     pub temperature_range_degc: Option<[F; 2]>,
-    /// Temperature at which the temperature effects are zero, degC.
+    /// Reference temperature, degC. The temperature effects are zero at this temperature.
     pub reference_temperature_degc: F,
     axes: [Axis; 3],
 }

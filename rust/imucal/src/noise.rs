@@ -353,8 +353,8 @@ mod tests {
         Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
     }
 
-    /// Over several runs, the mean square of the errors divided by their standard deviations lies within its 99.9 %
-    /// interval.
+    /// Errors of the estimates are divided by their reported standard deviations. Over several runs, the mean square of
+    /// these ratios lies within its 99.9 % interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {
         let mut squares = [0.0; 3];

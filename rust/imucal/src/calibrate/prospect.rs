@@ -50,7 +50,7 @@ pub struct Prospect {
     pub missing: Option<String>,
 }
 
-/// Predicts what the recordings of one unit can determine, without a fit.
+/// Predicts, without a fit, which parameters the recordings of one unit determine and how accurately.
 ///
 /// # Errors
 /// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest.

@@ -147,7 +147,7 @@ fn mean_rate_hz(time_s: &[f64]) -> f64 {
     count as f64 / sum
 }
 
-/// Inverse scale of the noise of each axis, accelerometer first; zero for an axis without noise.
+/// Reciprocal of the noise scale of each axis, accelerometer first. It is zero for an axis without noise.
 struct Axes([f64; 6]);
 
 impl Axes {

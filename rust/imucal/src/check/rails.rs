@@ -20,7 +20,7 @@ const LOWEST_RAIL_G: f64 = 1.3;
 /// measurement range.
 const ONE_RANGE: f64 = 1e-4;
 
-/// The values at which one axis is clipped, [lowest, highest]; `None` where it is not clipped.
+/// The lowest and the highest value of one axis at which it is clipped; `None` for an end at which it is not clipped.
 type Rails = [Option<f64>; 2];
 
 /// Findings `accel_saturation` and `gyro_saturation`.

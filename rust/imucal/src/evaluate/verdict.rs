@@ -25,7 +25,7 @@ const MIN_RESTS: usize = 2;
 const WORSE: f64 = 1.1;
 
 impl Figures {
-    /// Whether these figures make the verdict poor, which includes the case that they do not permit a judgement.
+    /// Whether these figures make the verdict poor. This is also the case if they are not sufficient for a verdict.
     pub fn is_poor(&self) -> bool {
         self.reason(RecordingSet::Calibration, Vec::new).is_some()
     }

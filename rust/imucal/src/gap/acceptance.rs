@@ -392,7 +392,7 @@ impl Fit {
     }
 }
 
-/// Differences `own - other` at the places where both lists have a value.
+/// Differences `own - other` for all indices at which both lists have a value.
 fn changes(own: &[Option<f64>], other: &[Option<f64>]) -> Vec<f64> {
     own.iter().zip(other).filter_map(|(own, other)| Some((*own)? - (*other)?)).collect()
 }

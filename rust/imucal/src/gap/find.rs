@@ -98,7 +98,8 @@ pub struct NotTheEarth {
     pub sigma_radps: f64,
 }
 
-/// Finds where recordings of a unit disagree with the model, identifies the missing effect, and adds it to the model.
+/// Compares recordings of a unit with the model, identifies the effect that the model lacks, and adds this effect to
+/// the model.
 ///
 /// `control` are recordings that are used only for validation. Without control recordings, rests and moves are held out
 /// in three folds.

@@ -108,7 +108,7 @@ pub fn smallest_visible(
 }
 
 /// Calls `work` with the start of a search: the model without effects, and the effects that are excluded because the
-/// recordings lack what they require.
+/// recordings lack the data that these effects require.
 fn at_start<T>(
     checked: &Checked<'_>,
     candidates: &[EffectChoice],

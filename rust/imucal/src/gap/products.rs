@@ -61,8 +61,8 @@ impl Gram {
         Self { sums, rows, groups: groups.iter().map(|rows| rows.group).collect(), residual }
     }
 
-    /// Gram matrices of the same groups with the products of all columns and the given residual. The products of the
-    /// columns are computed on first use and stored in `products`.
+    /// Gram matrices of the groups of rows of `self`. They contain all products of `columns` and the given residual.
+    /// The products of the columns are computed on first use and stored in `products`.
     pub(crate) fn with_residual(
         &self,
         products: &OnceLock<Vec<Mat<f64>>>,

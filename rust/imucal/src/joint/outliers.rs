@@ -9,8 +9,9 @@
 //! rates of a rest. The second kind describes the effect of an error of the mean force of a rest on the norm of this
 //! rest and on the adjacent moves. Under the null hypothesis d has a chi2 distribution with as many degrees of freedom
 //! as A has columns, for any correlation of the residuals. C contains only sensor noise. Excess scatter that is common
-//! to all residuals of a kind is taken into account by the median of their d. The item with the smallest p-value is
-//! excluded and all others are judged again, until no p-value is below `SIGNIFICANCE`.
+//! to all residuals of a kind is accounted for by dividing their d by a scale, which follows from the median of d. The
+//! item with the smallest p-value is excluded and all others are judged again, until no p-value is below
+//! `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;

@@ -70,8 +70,8 @@ pub(super) struct Still {
 }
 
 impl Terms<'_> {
-    /// True force at a rest. On entry `columns` contains the columns of effects that do not depend on the force; the
-    /// columns of the other effects are computed.
+    /// True force at a rest. On entry, `columns` contains the columns of the effects that do not depend on the force.
+    /// The columns of all other effects are computed here.
     pub(super) fn force_at_rest(
         &self,
         values: &[f64],

@@ -106,10 +106,10 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
 /// Removes the first and the last part of moves that are hidden by noise. Blocks outside `within` are not used.
 ///
 /// The jerk of a move is bounded, so a move begins with the angle c t^3 and the rate 3 c t^2. The time since the start
-/// of the move is therefore three times the angle divided by the rate. Both are evaluated where the angle, accumulated
-/// from 0.2 s inside the rest, reaches ten times its noise. The last five sixths of that time are assigned to the move;
-/// in the first sixth the angle is below a twentieth of its noise. Nothing is removed if the angle does not increase
-/// further, as after a jolt, or if the move began before the first accumulated block.
+/// of the move is therefore three times the angle divided by the rate. Angle and rate are evaluated at the time at
+/// which the angle, accumulated from 0.2 s inside the rest, reaches ten times its noise. The last five sixths of that
+/// time are assigned to the move; in the first sixth the angle is below a twentieth of its noise. Nothing is removed if
+/// the angle does not increase further, as after a jolt, or if the move began before the first accumulated block.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -120,7 +120,7 @@ pub(super) fn onset(
     const EDGE: usize = 4;
     // Maximum number of blocks outside the rest over which the angle is accumulated (1 s).
     const REACH: usize = 2 * WINDOW_BLOCKS;
-    // The angle is evaluated where its chi2 reaches this value, at ten times its noise.
+    // Value of chi2 of the angle at which the angle is evaluated. The angle is then ten times its noise.
     const CHI2_AT_END: f64 = 100.0;
     // Time assigned to the move, in units of angle / rate. It is five sixths of the time since the start of the move,
     // which is 3 angle / rate.
