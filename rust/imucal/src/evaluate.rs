@@ -131,8 +131,7 @@ pub struct CarriedGravity {
 pub struct Evaluation {
     /// The figures of merit.
     pub figures: Figures,
-    /// The figures of merit without a calibration, that is, of the sensors with their nominal sensitivity
-    /// ([`as_it_comes`]).
+    /// The figures of merit of the uncalibrated sensors, which have their nominal sensitivity ([`as_it_comes`]).
     pub before: Figures,
     /// All rests.
     pub rests: Vec<RestReport>,
@@ -150,8 +149,7 @@ pub struct Evaluation {
 }
 
 /// The sensors of the unit with nominal sensitivity, for comparison with a calibration. Readings in SI units are used
-/// without correction. Counts cannot be used without a sensitivity and a bias. Both are the means of `calibration` over
-/// the three axes.
+/// without correction. For counts, the sensitivity and the bias are the means of `calibration` over the three axes.
 pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>]) -> Calibration<f64> {
     let nominal = |triad: &Triad<f64>, unit: fn(&Recording<'_>) -> RawUnit| {
         let is_si = recordings.first().is_none_or(|recording| unit(recording) == RawUnit::Si);

@@ -161,7 +161,7 @@ impl<'a> StageRows<'a> {
         self.held.len()
     }
 
-    /// Indices of the held parameters, counted from the first one of the stage.
+    /// Indices of the held parameters, counted from the first parameter of the stage.
     pub(crate) fn columns(&self) -> Vec<usize> {
         self.held.iter().map(|held| held.parameter() - self.stage.start).collect()
     }
@@ -174,7 +174,7 @@ impl<'a> StageRows<'a> {
         })
     }
 
-    /// Means of the priors, with the index of each parameter counted from the first one of the stage.
+    /// Means of the priors, with the index of each parameter counted from the first parameter of the stage.
     pub(crate) fn scales(&self) -> impl Iterator<Item = (usize, f64)> {
         let start = self.stage.start;
         self.held.iter().filter_map(move |held| match held.quantity {

@@ -103,7 +103,7 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let stretch = stretch::longest(recording, has_repeats);
     if stretch.lost == 0 {
         // The general check also reports samples that are only stamped late. The module `stretch` distinguishes these
-        // samples from missing ones, so its findings replace this one.
+        // samples from missing samples. If it finds no missing samples, the finding of the general check is removed.
         findings.retain(|finding| finding.code != "samples_missing");
     }
     let is_whole = stretch.samples.len() == recording.len();

@@ -134,7 +134,7 @@ pub struct Simulation {
     pub rests: Vec<(f64, f64)>,
     /// Number of lost samples.
     pub missing: usize,
-    /// Number of samples that repeat the previous one.
+    /// Number of samples that repeat the previous sample.
     pub duplicated: usize,
 }
 

@@ -194,7 +194,8 @@ impl<'a> Checked<'a> {
         Err(self.of_contradiction(Error::Fit(format!("the joint fit has gains that no sensor has: {}", wrong.message))))
     }
 
-    /// Adds the possible cause to an error of the joint fit of several recordings.
+    /// Adds the possible cause to an error of the joint fit of several recordings: one recording differs from the
+    /// others.
     fn of_contradiction(&self, error: Error) -> Error {
         match error {
             Error::Fit(words) if self.recordings.len() > 1 => Error::Fit(format!(

@@ -24,8 +24,8 @@ pub(super) const FAR_OFF: f64 = 0.3;
 /// hundredth of the size of each parameter.
 #[derive(Default)]
 pub(super) struct Design {
-    /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. The rows of `lines` come first, then those
-    /// of the held parameters.
+    /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. The rows of the residuals come first, then
+    /// the rows of the held parameters.
     rows: Vec<[f64; 18]>,
     /// Residuals in units of the model errors.
     residuals: Vec<f64>,

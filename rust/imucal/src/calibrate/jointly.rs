@@ -27,7 +27,7 @@ const OUTLIERS: f64 = 0.1;
 /// gyroscope, deg/h. Consumer sensors have 5 to 60 deg/h. A larger estimate means that the bias depends on a quantity
 /// such as the temperature, which is not noise.
 const MAX_INSTABILITY_DEGPH: f64 = 100.0;
-/// Maximum number of fits, each with the outliers of the previous one excluded. Usually the set of outliers stops
+/// Maximum number of fits. Each fit excludes the outliers of the previous fit. Usually the set of outliers stops
 /// changing earlier.
 const MAX_ROUNDS: usize = 4;
 

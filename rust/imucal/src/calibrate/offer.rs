@@ -62,9 +62,9 @@ pub(super) struct Reduced {
     pub(super) cost: Option<PriorCost>,
 }
 
-/// The text of a refusal, followed by the offer of the model with the most free parameters that the data determine, and
-/// by the errors that this model leaves. `fit` performs a complete calibration with the given options and returns
-/// `None` if it has no usable result.
+/// The text of a refusal, followed by an offer of another model. This is the model with the most free parameters among
+/// the models that the data determine. The text also states the errors that remain with this model. `fit` performs a
+/// complete calibration with the given options and returns `None` if it has no usable result.
 pub(super) fn with_offer(
     options: &Options<'_>,
     words: &str,

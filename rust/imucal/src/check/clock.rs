@@ -136,7 +136,7 @@ impl Steps {
         }
     }
 
-    /// Index of the first sample that is earlier than the previous one.
+    /// Index of the first sample whose time stamp is earlier than the time stamp of the previous sample.
     #[cfg(test)]
     pub(super) fn first_backward(&self) -> Option<usize> {
         self.backward.first.map(|(first, _)| first)
@@ -203,7 +203,7 @@ fn share(tally: &Tally, recording: &Recording) -> f64 {
     100.0 * tally.samples as f64 / recording.len() as f64
 }
 
-/// Finding for samples with the time stamp of the previous one; the caller sets the texts.
+/// Finding for samples with the time stamp of the previous sample. The caller sets the texts.
 fn duplicated(tally: &Tally, recording: &Recording) -> Option<Finding> {
     let (first, _) = tally.first?;
     let share = share(tally, recording);

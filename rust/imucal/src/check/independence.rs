@@ -1,5 +1,5 @@
-//! Check that recordings are independent, that is, that no recording is a copy or a part of another one, even if the
-//! copy was altered.
+//! Check that recordings are independent, that is, that no recording is a copy or a part of another recording, even if
+//! the copy was altered.
 //!
 //! A control recording that is an altered copy of a calibration recording contains the noise to which the model was
 //! fitted, so its control figures are too optimistic. The noise at rest identifies a recording. For independent
@@ -20,11 +20,11 @@ const COPY_SIGMAS: f32 = 14.0;
 /// Minimum ratio of the largest correlation to the largest correlation at distant lags for two recordings to count as
 /// copies. It excludes periodic vibration that two recordings share, because such vibration correlates at many lags.
 const UNIQUE: f32 = 2.0;
-/// Number of templates of a recording, one in each third. If at least half of a recording is contained in another one,
-/// at least one template is contained in it.
+/// Number of templates of a recording. Each third of a recording has one template. If another recording contains at
+/// least half of this recording, it contains at least one of the templates.
 const TEMPLATES: usize = 3;
 
-/// Finding `recordings_overlap` for every recording that has its noise in common with another one of the same list.
+/// Finding `recordings_overlap` for every recording that has its noise in common with another recording of the list.
 pub fn check_independent(recordings: &[AtRest<'_>]) -> Vec<Finding> {
     if recordings.len() < 2 {
         return Vec::new();

@@ -62,7 +62,7 @@ impl Runs {
         }
     }
 
-    /// First and last sample of the longest run of a channel. If several runs are equally long, the first one is
+    /// First and last sample of the longest run of a channel. If several runs are equally long, the first of them is
     /// returned.
     pub(super) fn longest(&self, channel: usize) -> (usize, usize) {
         self.longest[channel]

@@ -129,7 +129,7 @@ fn moves(rows: Samples<'_>, axis: usize) -> bool {
     range(rows, axis) >= MOVING_STEPS * converter_step(rows, axis)
 }
 
-/// Whether more than half of the samples differ from the previous one.
+/// Whether more than half of the samples differ from the previous sample.
 fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
     let mut changes = 0;
     rows.neighbours(axis, |before, after| changes += usize::from(after != before));

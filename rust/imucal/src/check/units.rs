@@ -28,7 +28,7 @@ const STEADY: f64 = 0.3;
 /// varies by far more, because a recording contains rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
 /// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation for a file that is in this unit
-/// but was read in another one. Columns without a known unit were read as m/s^2.
+/// but was read in another unit. Columns without a known unit were read as m/s^2.
 const ACCEL_UNITS: [(&str, f64, &str); 4] = [
     ("mps2", 1.0, "m/s^2: name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2"),
     ("g", STANDARD_GRAVITY_MPS2, "g: name the columns accel_x_g, accel_y_g, accel_z_g"),

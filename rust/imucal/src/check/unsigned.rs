@@ -25,8 +25,8 @@ const LEFT: u64 = 10;
 /// Number of samples in a block that fits into the processor's cache.
 const PART: usize = 256;
 
-/// Reports only `counts_unsigned`, for data that are corrected but not used for a calibration. All columns must have
-/// the same length.
+/// Reports only the finding `counts_unsigned`. It is the only check of data that are corrected but not used for a
+/// calibration. All columns must have the same length.
 pub fn check_counts(recording: &Recording) -> Vec<Finding> {
     let is_raw = [recording.accel_unit, recording.gyro_unit].contains(&RawUnit::Lsb);
     if is_raw && !recording.is_empty() { check(recording, &Survey::of(recording)) } else { Vec::new() }

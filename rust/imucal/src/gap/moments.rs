@@ -70,8 +70,8 @@ impl<'a> Setting<'a> {
     }
 
     /// Deviation on each axis for the given coefficients of a hypothesis, with the index of the rest. A hypothesis
-    /// about rests gives one deviation for each rest in use. A hypothesis about moves gives one in the middle of each
-    /// move, with the index of the rest before the move.
+    /// about rests gives one deviation for each rest that the fit uses. A hypothesis about moves gives one deviation in
+    /// the middle of each move, with the index of the rest before the move.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
         let count = weights.len() / 3;
         let wrong = |shares: &[f64]| {
@@ -92,7 +92,7 @@ impl<'a> Setting<'a> {
     }
 }
 
-/// The quantities that kernels depend on, at the rests in use and inside the moves between them.
+/// The quantities that kernels depend on, at the rests that the fit uses and inside the moves between these rests.
 fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) -> Moments {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];

@@ -23,7 +23,7 @@ pub(super) const LEAST_TEMPERATURE_CHANGE_K: f64 = 0.5;
 pub(super) struct MoveBlocks {
     /// Rotation from the body frame at the end of the move to the body frame at its start.
     pub(super) rotation: UnitQuaternion<f64>,
-    /// Consecutive blocks from the first sample of the move to its last one.
+    /// Consecutive blocks from the first to the last sample of the move.
     pub(super) blocks: Vec<Block>,
 }
 
@@ -35,7 +35,7 @@ pub(super) struct Block {
     start_s: f64,
     /// Time from the start of the move to the last sample, s.
     pub(super) since_start_s: f64,
-    /// Time from the first sample to the last one, s.
+    /// Time from the first to the last sample of the block, s.
     pub(super) length_s: f64,
     /// Mean angular rate over the block, rad/s, body frame.
     pub(super) angular_rate: Vector3<f64>,

@@ -20,8 +20,7 @@ const SUPERFLUOUS: f64 = 1e-3;
 /// Log Bayes factor, nats, above which candidates are compared by fits instead of scores. For such large effects the
 /// linearisation errors of the scores exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
-/// Minimum log Bayes factor for a candidate to be fitted in this comparison, as a share of the largest log Bayes
-/// factor.
+/// Minimum log Bayes factor for a candidate to be compared by a fit, as a share of the largest log Bayes factor.
 const CLOSE: f64 = 0.9;
 
 impl Judged {

@@ -24,9 +24,9 @@ pub(crate) struct Moment {
     pub(crate) acceleration: Vector3<f64>,
 }
 
-/// Quantities at the rests in use and at several times inside each move.
+/// Quantities at the rests that the fit uses, and at several times inside each move.
 pub(crate) struct Moments {
-    /// Indices of the rests in use.
+    /// Indices of the rests that the fit uses.
     pub(crate) used: Vec<usize>,
     pub(crate) rests: Vec<Moment>,
     pub(crate) moves: Vec<Vec<Moment>>,
@@ -50,7 +50,7 @@ impl Moments {
 
 /// Values of the eigenfunctions of a kernel, one row for each function. Hypotheses about different blocks share them.
 pub(super) struct Shares {
-    /// One column for each rest in use.
+    /// One column for each rest that the fit uses.
     rests: Mat<f64>,
     /// For each move, one column for each time inside it.
     moves: Vec<Mat<f64>>,

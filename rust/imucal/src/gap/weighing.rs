@@ -95,7 +95,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Sets the rows of `to`, from row `from` to the last one, to the sum of the Gram matrices divided by their scales,
+    /// Sets the rows of `to`, from row `from` to the last row, to the sum of the Gram matrices divided by their scales,
     /// plus the prior precisions of the model.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(

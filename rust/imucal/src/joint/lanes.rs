@@ -44,8 +44,8 @@ impl Lanes {
         Self { places, of_residual, width, numbers: Aligned::default() }
     }
 
-    /// Matrix with the given positions of the columns; the last one is the position of the residual. `number(row,
-    /// column)` returns the value of an entry.
+    /// Matrix with the given positions of the columns within a row. The last entry of `places` is the position of the
+    /// residual. `number(row, column)` returns the value of an entry.
     #[cfg(test)]
     pub(crate) fn of(places: &[Option<usize>], rows: usize, number: impl Fn(usize, usize) -> f64) -> Self {
         let (of_residual, places) = places.split_last().unwrap();

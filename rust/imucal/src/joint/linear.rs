@@ -53,10 +53,10 @@ pub(crate) enum Source {
 pub(crate) struct Linear {
     pub(crate) model: Model,
     pub(crate) lines: Vec<Line>,
-    /// Mean-rate residuals of each rest in use: measured minus predicted rate, raw units, axes x, y and z.
+    /// Mean-rate residuals of each rest that the fit uses: measured minus predicted rate, raw units, axes x, y and z.
     pub(crate) rates: Vec<(usize, [Line; 3])>,
     pub(crate) moves: Arc<Vec<AtMove>>,
-    /// Gravity direction at each rest in use.
+    /// Gravity direction at each rest that the fit uses.
     pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
     /// Change of the parameters since the samples of the moves were integrated; empty if the parameters have not
     /// changed. The residuals inside the moves are corrected by their derivatives times this change.
@@ -72,7 +72,7 @@ pub(crate) struct Groups {
 }
 
 impl Linear {
-    /// Index and gravity direction of each rest in use.
+    /// Index and gravity direction of each rest that the fit uses.
     pub(crate) fn directions(&self) -> impl Iterator<Item = (usize, &Vector3<f64>)> {
         self.directions.iter().map(|(k, direction)| (*k, &direction.up))
     }

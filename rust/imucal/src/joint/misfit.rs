@@ -107,7 +107,7 @@ const LEAST: f64 = 1e-6;
 pub(crate) struct HeldOut {
     /// Angle between propagated and measured gravity direction of each move, rad.
     pub(crate) direction_rad: Vec<Option<f64>>,
-    /// Error of |f| at each rest in use, m/s^2.
+    /// Error of |f| at each rest that the fit uses, m/s^2.
     pub(crate) norm_mps2: Vec<(usize, Option<f64>)>,
 }
 

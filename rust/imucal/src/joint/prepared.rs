@@ -44,8 +44,8 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Prepared<'_> {
-    /// First rest in use whose heading is not known because no move in use leads to it. The first rest in use is
-    /// exempt, because its heading is the reference.
+    /// The fit uses only some of the rests and moves. This is the first used rest whose heading is unknown, because no
+    /// used move leads to it. The first of all used rests is exempt, because its heading is the reference.
     pub(crate) fn heading_lost(&self) -> Option<usize> {
         let first = self.used.iter().position(|used| *used)?;
         let is_reached = |k: usize| k == first || self.moves.iter().any(|m| m.to == k);

@@ -29,7 +29,8 @@ pub(super) struct Force {
     pub(super) direction: Arc<EndDirection>,
 }
 
-/// Contribution of the effects to the rate at a rest, rad/s, and its derivatives with respect to their parameters.
+/// Contribution of the effects to the rate at a rest, rad/s, and its derivatives with respect to the parameters of the
+/// effects.
 pub(super) struct Rate {
     pub(super) added: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
@@ -87,7 +88,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// Mean contribution of the effects to the rate over the rests in use of a recording.
+    /// Mean contribution of the effects to the rate, over all rests of a recording that the fit uses.
     fn mean_rate(&self, recording: usize) -> Rate {
         let (own, _) = self.prepared.rests_of(recording);
         let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };

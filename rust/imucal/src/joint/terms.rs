@@ -4,9 +4,9 @@
 //! seen = true + sum_c Phi_c(true) theta_c,   true = seen - sum_c Phi_c(true) theta_c        model.md (15), (16)
 //! ```
 //!
-//! The parameters of a term are consecutive in the parameter vector. The last one may be a nonlinear shape parameter,
-//! such as a time constant. Its column is `d(Phi theta)/d(shape)`, so that every column is the derivative of the sensor
-//! reading (before T) with respect to its parameter.
+//! The parameters of a term are consecutive in the parameter vector. The last parameter of a term may be a nonlinear
+//! shape parameter, such as a time constant. Its column is `d(Phi theta)/d(shape)`, so that every column is the
+//! derivative of the sensor reading (before T) with respect to its parameter.
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;

@@ -228,8 +228,8 @@ fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
-/// Covariance of the mean gyroscope biases at the rests in use, for unit bias instability. Later epochs of long rests
-/// are left out. `None` if there are too many residuals to factor their covariance.
+/// Covariance of the mean gyroscope biases at the rests that the fit uses, for unit bias instability. Second and later
+/// epochs of long rests are left out. `None` if there are too many residuals to factor their covariance.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let is_later = |k: usize| prepared.rests[k].is_later_epoch();
     let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k] && !is_later(k)).collect();

@@ -9,7 +9,7 @@
 //! into all frequencies. For flicker noise, the z_j are only nearly independent, but the variances computed here are
 //! exact.
 //!
-//! A long record is processed in stages. The first stage has windows of 32 samples; the next one has windows of 32
+//! A long record is processed in stages. The first stage has windows of 32 samples. The next stage has windows of 32
 //! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In each other
 //! stage the powers of all windows are averaged.
 

@@ -218,7 +218,7 @@ fn weighted_sum(weights: &[f64], values: &[f64]) -> f64 {
 }
 
 /// Scalar product. It is accumulated in four independent sums, because each addition to a single sum would wait for the
-/// previous one.
+/// previous addition.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
     let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();

@@ -18,8 +18,8 @@ const HELD_S: f64 = 0.2;
 /// information.
 const STEPS: usize = 32;
 
-/// Information from a rest: the rows of the mean force and of the mean rate over one second, divided by their standard
-/// deviations.
+/// Information from a rest: derivatives of the mean force and of the mean rate over one second, divided by the standard
+/// deviations of these means.
 #[derive(Clone)]
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
@@ -31,7 +31,7 @@ pub(super) struct RestInformation {
     half_interval: Option<Propagation>,
 }
 
-/// The propagation of the direction of gravity from a rest to the next one.
+/// The propagation of the direction of gravity from a rest to the next rest.
 #[derive(Clone)]
 pub(super) struct MoveInformation {
     sections: Vec<Section>,
@@ -40,8 +40,8 @@ pub(super) struct MoveInformation {
 #[derive(Clone)]
 struct Section {
     propagation: Propagation,
-    /// Rows of the forces inside the move, divided by their standard deviations. They are added after the propagation.
-    /// `None` if forces inside moves are not used.
+    /// Derivatives of the forces inside the move, divided by the standard deviations of the forces. They are added
+    /// after the propagation. `None` if forces inside moves are not used.
     force: Option<[Vec<f64>; 3]>,
 }
 

@@ -83,7 +83,7 @@ impl<S: Simd> Node<S> {
         Self { begin, middle: zero, end: begin, rotation: [zero; 3], halves: [zero; 2] }
     }
 
-    /// Starts the next node at the end of the previous one, and sets the values at its middle.
+    /// Starts the next node at the end of the previous node, and sets the values at its middle.
     #[inline(always)]
     pub(super) fn reach_middle(&mut self, middle: Three<S>, half: Three<S>, rotation: [Three<S>; 3]) {
         (self.begin, self.middle, self.halves[0], self.rotation) = (self.end, middle, half, rotation);

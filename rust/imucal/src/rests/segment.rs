@@ -279,7 +279,8 @@ fn mean_temperature(degc: &[f64]) -> Option<f64> {
     (count > 0).then(|| known().sum::<f64>() / count as f64)
 }
 
-/// For each interval at rest, the range from the end of the previous interval to the start of the next one, in blocks.
+/// For each interval at rest, the range from the end of the previous interval to the start of the next interval, in
+/// blocks.
 fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<usize>> + '_ {
     let before = std::iter::once(0).chain(still.iter().map(|range| range.end));
     let after = still.iter().skip(1).map(|range| range.start).chain([blocks]);

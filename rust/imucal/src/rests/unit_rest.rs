@@ -115,8 +115,8 @@ impl UnitRest {
         }
     }
 
-    /// Whether this is an epoch of a long rest other than the first one. A later epoch has the pose of the first epoch.
-    /// It therefore determines changes of the readings, but no additional direction of gravity.
+    /// Whether this is the second or a later epoch of a long rest. A later epoch has the pose of the first epoch. It
+    /// therefore determines changes of the readings, but no additional direction of gravity.
     pub(crate) fn is_later_epoch(&self) -> bool {
         self.epoch > 0
     }

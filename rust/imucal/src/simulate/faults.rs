@@ -60,7 +60,7 @@ impl Faults {
         Some(missing)
     }
 
-    /// Flags of the samples that repeat the previous one; `None` if no sample does.
+    /// Flags of the samples that repeat the previous sample; `None` if no sample repeats another sample.
     pub(super) fn duplicated(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut duplicated = chosen(self.duplicated_share, samples, Stream::Duplicated.generator(seed))?;
         duplicated[0] = false;

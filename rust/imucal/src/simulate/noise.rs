@@ -153,7 +153,7 @@ impl Flicker {
             decay /= RATIO;
         }
         // Poles with smaller decays are omitted. Their coefficients c form a geometric series, in which each c is
-        // smaller than the previous one by the square root of RATIO. The sum of this series is added to the last c.
+        // smaller than the previous c by the square root of RATIO. The sum of this series is added to the last c.
         if let Some(last) = poles.last_mut() {
             last.c /= 1.0 - RATIO.sqrt().recip();
         }

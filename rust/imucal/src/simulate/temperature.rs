@@ -23,7 +23,7 @@ impl Temperature {
     ///
     /// # Errors
     /// [`Error::Input`] if there is no knot, the columns have different lengths, a value is not finite, or a time is
-    /// not later than the previous one.
+    /// not later than the previous time.
     pub fn try_new(time_s: Vec<f64>, temperature_degc: Vec<f64>) -> Result<Self, Error> {
         let input = |message: String| Err(Error::Input(format!("temperature profile: {message}")));
         if time_s.is_empty() || time_s.len() != temperature_degc.len() {

@@ -90,7 +90,7 @@ pub(crate) fn fit(
 /// values of `start`, and all others are fitted. For this purpose every parameter has a prior with a standard deviation
 /// of a hundredth of its size. This prior changes the determined parameters by much less than their standard deviation.
 ///
-/// All rests are used, because a few rests on the faces of a box are not enough to detect a wrong one. The joint fit
+/// All rests are used, because a few rests on the faces of a box are not enough to detect a wrong rest. The joint fit
 /// excludes outliers.
 ///
 /// # Errors

@@ -221,7 +221,7 @@ impl Weighed<'_> {
         rms(self.rows.iter().map(|&k| self.ends[k].residual(&at.preintegrated[k].rotation).norm()))
     }
 
-    /// Rms of the direction errors for known weighted residuals, rad.
+    /// Rms of the direction errors, rad, computed from residuals that are divided by their standard deviations.
     fn misfit_rad(&self, residuals: &Mat<f64>) -> f64 {
         let norm = |row: usize| residuals[(2 * row, 0)].hypot(residuals[(2 * row + 1, 0)]);
         rms(self.rows.iter().enumerate().map(|(row, &k)| norm(row) * self.ends[k].sigma_rad))

@@ -55,9 +55,10 @@ pub(super) struct Varying {
     width: f64,
 }
 
-/// The significant hypotheses of all patterns, without duplicates. If any hypothesis is significant in addition to the
-/// selected effects, hypotheses that are significant instead of these effects are omitted. Such a hypothesis may
-/// contain one of the effects: for example, a smooth function of the rate contains a cubic scale error.
+/// The significant hypotheses of all patterns, without duplicates. Some hypotheses are significant in addition to the
+/// selected effects, others instead of these effects. If there are hypotheses of the first kind, hypotheses of the
+/// second kind are omitted, because they may contain one of the effects. For example, a smooth function of the rate
+/// contains a cubic scale error.
 fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
     let mut add = |block: Block, kernel: Kernel, width: f64| {

@@ -167,7 +167,7 @@ impl Joint<'_> {
         }
     }
 
-    /// Whether rounding leaves an error in the means of any rest in use.
+    /// Whether rounding leaves an error in the means of any rest that the fit uses.
     fn is_rounded(&self) -> bool {
         let is_coarse = |mean: &RestMean| mean.rounding.iter().any(Rounding::is_coarse);
         let rests = self.prepared.rests.iter().zip(self.prepared.used).filter(|(_, used)| **used);
@@ -206,7 +206,7 @@ impl Joint<'_> {
             for ((rest, by), axis) in line.by_means.iter().flat_map(|by| [0, 1, 2].map(|axis| (by, axis))) {
                 by_force[(row, 3 * rest + axis)] -= scale * by[axis];
             }
-            // The two components of a move are consecutive; both are written at the first one.
+            // The two components of a move are consecutive; both are written when the first component is reached.
             if let Source::Move(k) = line.source
                 && linear.lines.get(row + 1).is_some_and(|next| next.source == line.source)
             {

@@ -165,9 +165,9 @@ impl Search<'_> {
         best.1
     }
 
-    /// Number of cosines, from the first one on, that are used to detect a component. They contain 99 % of the
-    /// information about a step. The power of a step in cosine j is proportional to 1 / j^2, so frequencies far above
-    /// the crossover of white noise and random walk contribute little.
+    /// Number of cosines that are used to detect a component. They are the cosines of the lowest frequencies. They
+    /// contain 99 % of the information about a step. The power of a step in cosine j is proportional to 1 / j^2, so
+    /// frequencies far above the crossover of white noise and random walk contribute little.
     fn used(&self, weights: &[f64]) -> usize {
         const FEWEST: usize = 128;
         let mut total: f64 = (0..weights.len()).map(|k| weights[k] / ((k + 1) as f64).powi(2)).sum();
