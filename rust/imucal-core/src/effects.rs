@@ -213,9 +213,9 @@ pub enum Need {
     Attitude,
     /// Temperature difference, [`Surroundings::temperature_difference_k`].
     Temperature,
-    /// [`Surroundings::time_s`].
+    /// Time since the reference instant, [`Surroundings::time_s`].
     Time,
-    /// [`Surroundings::stand`].
+    /// State of the stand, [`Surroundings::stand`].
     Stand,
 }
 

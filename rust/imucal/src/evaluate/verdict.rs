@@ -19,9 +19,9 @@ const MAX_FAST_SHARE: f64 = 1e-3;
 /// Minimum number of usable rests for judging an accelerometer alone. With both sensors, a single move, which has two
 /// rests, is sufficient as well.
 const MIN_RESTS: usize = 2;
-/// Ratio of the residuals with a calibration to those without it, above which the calibration is reported to make the
-/// unit worse. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal size, for
-/// example if the manufacturer has already calibrated the unit.
+/// Ratio of the residuals with a calibration to the residuals without it. Above this ratio, the calibration is reported
+/// to make the unit worse. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal
+/// size, for example if the manufacturer has already calibrated the unit.
 const WORSE: f64 = 1.1;
 
 impl Figures {

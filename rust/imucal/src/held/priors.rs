@@ -10,8 +10,8 @@ use crate::parameters::{GYRO_BIAS, GYRO_SENSITIVITY};
 /// two cross-axis sensitivities.
 const ACCEL_MISALIGNMENT: f64 = 0.01;
 /// Default standard deviation of a misalignment of the gyroscope, rad. Datasheets specify cross-axis sensitivities of 2
-/// % (MPU-6050), 1.25 % (ICM-42688-P) and 1 % (BMI088). Because the frame is fixed to the accelerometer, half the
-/// difference of two cross-axis sensitivities of the accelerometer is added.
+/// % (MPU-6050), 1.25 % (ICM-42688-P) and 1 % (BMI088). The body frame is fixed to the accelerometer. Half the
+/// difference of two cross-axis sensitivities of the accelerometer therefore adds to the misalignment of the gyroscope.
 const GYRO_MISALIGNMENT: f64 = 0.015;
 /// Default standard deviation of a scale as a fraction of the nominal scale. Datasheets specify 3 % (MPU-6050), 1 %
 /// (LSM6DSO, BMI088) and 0.5 % (ICM-42688-P).

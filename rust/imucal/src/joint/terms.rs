@@ -339,7 +339,8 @@ impl<'a> Terms<'a> {
     }
 }
 
-/// Writes the columns of a catalogue effect to the front of `room`, which holds at least [`MAX_PARAMETERS`] columns.
+/// Computes the columns of a catalogue effect. They are written to the first entries of `room`, which holds at least
+/// [`MAX_PARAMETERS`] columns.
 #[inline]
 fn set_field(effect: &Effect<f64>, state: &State<f64>, shape: f64, room: &mut [Vector3<f64>]) {
     if let Some(columns) = room.first_chunk_mut() {

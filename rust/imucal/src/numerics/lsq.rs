@@ -174,8 +174,8 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
     Ok((values, Mat::from_fn(n, n, |i, j| eigen.U()[(i, n - 1 - j)])))
 }
 
-/// Components of the residuals along the left singular vectors of the Jacobian (scaled to columns of unit length), and
-/// the singular values; `None` if they are not finite.
+/// The columns of the Jacobian are scaled to unit length. Returns the components of the residuals along the left
+/// singular vectors of the scaled Jacobian, and its singular values. `None` if these are not finite.
 pub(crate) fn singular_of_triangle(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
     let (n, norms) = (jacobian.ncols(), column_norms(jacobian));
     let rows = jacobian.nrows();

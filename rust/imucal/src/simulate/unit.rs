@@ -61,9 +61,9 @@ impl Converter {
     /// Output for an input `value`, SI unit: rounded and clipped. [`Sensor::check`] has verified `bits`.
     #[inline]
     pub(super) fn convert(&self, value: f64) -> f64 {
-        // At this magnitude, the spacing of f64 is one. Adding and subtracting this number therefore rounds to the
-        // nearest integer, ties to even, without the rounding instruction that older processors lack. Clipped counts
-        // are far smaller than this number, so the sum is in the range in which the spacing is one.
+        // At this magnitude, consecutive f64 numbers differ by one. Adding and then subtracting this number therefore
+        // rounds to the nearest integer, ties to even. Older processors lack a rounding instruction. Clipped counts are
+        // far smaller than this number, so the sum remains in the range in which consecutive numbers differ by one.
         const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
         let half = (1_u64 << (self.bits - 1)) as f64;
         let counts = (value / self.lsb).clamp(-half, half - 1.0);
