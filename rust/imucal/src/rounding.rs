@@ -152,7 +152,7 @@ impl Rounding {
     }
 }
 
-/// The standard deviations of the noise that are tried, in steps, at equal ratios.
+/// Trial standard deviation `k` of the noise, in quantisation steps. Consecutive trial values have a constant ratio.
 fn tried_noise(k: usize) -> f64 {
     NOISE[0] * (NOISE[1] / NOISE[0]).powf(k as f64 / (NOISES - 1) as f64)
 }

@@ -1,8 +1,8 @@
 //! Long time steps, caused by lost samples or by samples that were stamped late.
 //!
 //! After a lost sample, the time stamps continue at the usual rate. A sample that is stamped late, for example because
-//! the computer was busy, is followed by shorter steps until the stamps have caught up. In that case, the number of
-//! samples agrees with the duration, and no sample is missing.
+//! the computer was busy, is followed by shorter steps until the stamps have caught up. If samples are only late, the
+//! number of samples agrees with the duration, and no sample is missing.
 
 use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place};

@@ -52,7 +52,7 @@ impl Moments {
 pub(super) struct Shares {
     /// One column for each rest that the fit uses.
     rests: Mat<f64>,
-    /// For each move, one column for each time inside it.
+    /// For each move, one column for each evaluation time inside the move.
     moves: Vec<Mat<f64>>,
 }
 

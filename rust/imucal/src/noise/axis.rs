@@ -24,8 +24,8 @@ const QUANTISATION_GAIN: f64 = 10.83;
 /// affects all cosines of a stage. Therefore complete stages of five octaves are omitted, together with the first
 /// octave of the next stage, whose values are still means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// Limit of the size of a count, in standard deviations of the noise, up to which the white noise is determined. For
-/// larger counts, rounding errors depend on the signal and are not white.
+/// Maximum size of a count, in standard deviations of the noise, at which the white noise is estimated. For larger
+/// counts, rounding errors depend on the signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
 /// Minimum ratio of the duration of the record to the averaging time of an Allan deviation.
 const LONGEST_SHARE: usize = 3;

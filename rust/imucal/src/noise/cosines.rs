@@ -32,7 +32,7 @@ const POOLED_SHARE: f64 = 0.03;
 pub(super) struct Power {
     pub(super) value: f64,
     pub(super) dof: f64,
-    /// Expected power of each kind of noise, for a unit parameter.
+    /// Expected power of each kind of noise if the parameter of this kind is one.
     pub(super) expected: PerKind,
     /// Frequency in periods per sample.
     pub(super) frequency: f64,

@@ -1,7 +1,8 @@
 //! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
-//! Let x be the samples at unit rate, and p their cumulative sums. The function s(k) replaces the covariance of p: if
-//! `E p_i p_j = s(i - j)` is assumed, every second difference of p has the correct covariance.
+//! Let x be the samples at unit rate, and p their cumulative sums. In general p has no stationary covariance, but its
+//! second differences have one. The function s(k) is chosen so that the assumption `E p_i p_j = s(i - j)` gives the
+//! correct covariance of every second difference of p.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2

@@ -95,7 +95,7 @@ impl<S: Simd> Node<S> {
     }
 }
 
-/// In all lanes, sums over the samples for one column of the rotation matrix.
+/// Sums over the samples for one column of the rotation matrix. Each lane has its own sums.
 #[derive(Clone, Copy)]
 struct Column<S: Simd> {
     by_one: Three<S>,

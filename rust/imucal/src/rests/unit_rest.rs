@@ -54,8 +54,9 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     all.map(|(whole, (recording, rest))| UnitRest::new(recording, rest, whole, 0)).collect()
 }
 
-/// The rests with each long rest replaced by its epochs. `segments` are those from which [`rests_of`] made the rests.
-/// In a hand-held recording, the means of rests and of epochs are computed differently, so its rests are not replaced.
+/// The rests with each long rest replaced by its epochs. `segments` must be the argument with which [`rests_of`]
+/// returned `rests`. In a hand-held recording, the means of rests and of epochs are computed differently, so its rests
+/// are not replaced.
 pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRest> {
     let epochs = segments.iter().flat_map(|segments| &segments.epochs);
     let of = |(rest, epochs): (&UnitRest, &Vec<Rest>)| -> Vec<UnitRest> {

@@ -282,8 +282,8 @@ mod tests {
         for (start, end) in program.rests() {
             assert!((end - start - 5.0).abs() < 1e-9);
         }
-        // Adjacent rests are 20 deg apart, so every direction is within half the diagonal of a cell, 14.2 deg, of a
-        // rest.
+        // Adjacent rests are 20 deg apart. The distance of any direction from the nearest rest is therefore at most
+        // half the diagonal of a cell, 14.2 deg.
         let mut furthest_deg = 0.0_f64;
         for i in 0..2000 {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 2000.0;
