@@ -44,10 +44,11 @@ pub(crate) struct AxisNoise {
 /// Change of the mean of one axis of a unit at rest: index of the axis, size and standard deviation of the change, and
 /// increase of twice the log-likelihood.
 type Departure = (usize, f64, f64, f64);
-/// A step of the mean: time, s, index of the first sample after the step, and changes of all affected axes.
+/// A step of the mean: its time (s), the index of the first sample after the step, and the changes of all affected
+/// axes.
 type Step = (f64, usize, Vec<Departure>);
-/// A drift of the mean: start, s, end, s, time constant, s (None for a change at a constant rate), and change of one
-/// axis.
+/// A drift of the mean of one axis: its start (s), its end (s), its time constant (s, None for a change at a constant
+/// rate), and the change of the mean.
 type Drift = (f64, f64, Option<f64>, Departure);
 
 fn departure(axis: &library::Departure) -> Departure {

@@ -93,7 +93,8 @@ impl SignedPermutation {
         (moved.next().is_none() && self.sign_of == [sign; 3]).then_some(pair)
     }
 
-    /// The two exchanged axes of a half turn about a diagonal, which exchanges two axes and reverses all three.
+    /// The two exchanged axes, if the permutation is a half turn about a diagonal. Such a half turn exchanges two axes
+    /// and reverses all three.
     pub(super) fn exchanged_and_reversed(&self) -> Option<[usize; 2]> {
         self.exchanged_with(-1.0)
     }

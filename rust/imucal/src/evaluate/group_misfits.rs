@@ -26,7 +26,7 @@ pub(super) struct Judged<'a> {
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals (norms and directions). `changed` returns the triads after a change
     /// by one standard deviation along each direction of the uncertainty of the calibration. `changed` is called only
-    /// if noise alone may not explain the residuals.
+    /// if the p-value of the residuals under noise alone is below [`UNLIKELY`].
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);

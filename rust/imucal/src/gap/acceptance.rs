@@ -21,7 +21,8 @@ const MAY_BE_CHANCE: f64 = 0.1;
 /// are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
 /// Minimum decrease of chi2 of unseen data, in standard deviations of the decrease, that counts as an improvement of
-/// the prediction. It decides about effects with a log Bayes factor below [`CERTAIN_NATS`].
+/// the prediction. An effect with a log Bayes factor below [`CERTAIN_NATS`] is accepted only if it reaches this
+/// decrease.
 const LEAST_IMPROVEMENT: f64 = 0.5;
 /// Minimum ratio of chi2 of unseen residuals to the expected value of chi2. Below this ratio the excess over noise is
 /// too small for [`EffectShare::closed`] to be computed.

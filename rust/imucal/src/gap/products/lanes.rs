@@ -39,7 +39,7 @@ pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: 
     groups.iter().map(of_group).collect()
 }
 
-/// The requested products, summed over all rows inside moves, and the residual of these rows.
+/// The requested column products, summed over all rows inside moves, and the residuals of these rows.
 pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();
@@ -62,7 +62,8 @@ pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) 
     (sum, residual)
 }
 
-/// Products of some columns with the consecutive values of each row that fill one SIMD register.
+/// A job is part of a Gram matrix. In each row, it multiplies the values of some columns by consecutive values that
+/// fill one SIMD register. The products are summed over the rows.
 struct Job {
     columns: Vec<usize>,
     /// Position of each column within a row. In a job with fewer columns, the last position is repeated.
