@@ -177,9 +177,10 @@ def engine_of(given: argparse.Namespace, name: str) -> Engine:
 
 
 def _code_hash() -> str:
-    """Of the sources of the package and the benches, and of the compiled library."""
+    """Of the compiled library and the sources of the package, the benches, and the tests that these use."""
     digest = hashlib.sha256(Path(_core.__file__).read_bytes())
-    for folder in (Path(os.fspath(imucal.__file__)).parent, Path(__file__).parent):
+    package, benches, tests = Path(os.fspath(imucal.__file__)).parent, ROOT / "benches", ROOT / "tests"
+    for folder in (package, benches, tests / "fixtures", tests / "traps"):
         for path in sorted(folder.rglob("*.py")):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

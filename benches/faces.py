@@ -22,7 +22,7 @@ from accuracy.band import binomial, root_mean_square_error
 from accuracy.bound import PARAMETERS, Noise, bound
 from accuracy.figures import LEVELS, Figures
 from accuracy.trial import Estimate, estimate
-from pool import pool_of
+from engine import add_arguments, engine_of
 
 REPORT = Path(__file__).resolve().parent.parent / "docs" / "results" / "faces.md"
 RUNS = 500
@@ -216,12 +216,12 @@ SCENES = tuple(Scene(rests, by_hand) for by_hand in (False, True) for rests in (
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--runs", type=int, default=RUNS, help="seeds of each condition")
-    arguments.add_argument("--processes", type=int, default=2)
+    add_arguments(arguments)
     given = arguments.parse_args()
     scenes = []
-    with pool_of(given.processes) as pool:
+    with engine_of(given, "faces") as engine:
         for scene in SCENES:
-            done = list(pool.map(partial(trial, scene), range(1, given.runs + 1), chunksize=8))
+            done = list(engine.map(partial(trial, scene), range(1, given.runs + 1), name=scene.name))
             scenes.append(SceneFigures(scene, done))
     text = page(scenes)
     print(text)

@@ -15,8 +15,8 @@ import numpy as np
 
 import imucal
 from accuracy.bound import PARAMETERS, SYMMETRIC, Noise, bound
+from engine import add_arguments, engine_of
 from faces import random_unit
-from pool import pool_of
 from sections import write_section
 
 REPORT = Path(__file__).resolve().parent.parent / "docs" / "results" / "one-sensor.md"
@@ -146,13 +146,14 @@ class Figures:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=RUNS)
-    parser.add_argument("--processes", type=int, default=2)
+    add_arguments(parser)
     given = parser.parse_args()
     rows = []
-    with pool_of(given.processes) as pool:
+    with engine_of(given, "one-sensor") as engine:
         for sensor, trial in TRIALS.items():
             for moves in MOVES[sensor]:
-                found = list(pool.map(partial(trial, moves), range(1, given.runs + 1), chunksize=5))
+                seeds, name = range(1, given.runs + 1), f"{sensor}, {moves} moves"
+                found = list(engine.map(partial(trial, moves), seeds, name=name))
                 figures = Figures.of(found)
                 low, high = figures.of_one
                 rows.append(

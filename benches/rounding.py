@@ -23,7 +23,7 @@ import numpy as np
 from rich.progress import track
 
 import imucal
-from pool import pool_of
+from engine import add_arguments, engine_of
 from sections import write_section
 
 REPORT: Final = Path(__file__).parents[1] / "docs/results/rounding.md"
@@ -79,8 +79,12 @@ def run_of(case: Case, unit: imucal.Unit, poses: int, seed: int) -> imucal.Simul
     return imucal.simulate(motion, seed=seed, unit=unit, rate_hz=RATE_HZ, filter_hz=case.filter_hz)
 
 
-def trial(case: Case, with_gap: bool, seed: int) -> Result | None:
-    """The calibration of one unit, judged against its truth; None if the recording is refused."""
+def trial(case: Case, asked: tuple[int, bool]) -> Result | None:
+    """The calibration of one unit, judged against its truth; None if the recording is refused.
+
+    asked  seed, and whether `find_gap` judges the recording, too
+    """
+    seed, with_gap = asked
     unit = unit_of(case, seed)
     run = run_of(case, unit, 20, 2 * seed)
     try:
@@ -131,15 +135,15 @@ def main() -> None:
     arguments.add_argument("--runs", type=int, default=200)
     arguments.add_argument("--gaps", type=int, default=60, help="runs of each unit that `find_gap` judges")
     arguments.add_argument("--first", type=int, default=1, help="first seed")
-    arguments.add_argument("--processes", type=int, default=2)
+    add_arguments(arguments)
     arguments.add_argument("--dry", action="store_true", help="print the table without writing the page")
     given = arguments.parse_args()
     rows, gaps = [], Counter[str]()
-    with pool_of(given.processes) as pool:
+    with engine_of(given, "rounding") as engine:
         for case in CASES:
             seeds = range(given.first, given.first + given.runs)
-            judged = [given.first + given.gaps > seed for seed in seeds]
-            runs = pool.map(partial(trial, case), judged, seeds)
+            asked = [(seed, seed < given.first + given.gaps) for seed in seeds]
+            runs = engine.map(partial(trial, case), asked, name=case.name)
             tried = list(track(runs, case.name, total=given.runs))
             results = [result for result in tried if result is not None]
             rows.append(row(case, results))

@@ -24,9 +24,9 @@ from rich.progress import track
 import comparison
 import imucal
 from changes import truth_of
+from engine import add_arguments, engine_of
 from imucal.rig.motion import Tumble
 from imucal.rig.unit import Unit
-from pool import pool_of
 from rows import TRAPS
 from sections import write_section
 from trap import WITHIN_SIGMAS, answer_by_command
@@ -76,11 +76,11 @@ def asked(number):
     return observed.outcome, observed.is_right(trap), by_peer
 
 
-def trap_table(pool):
+def trap_table(engine):
     by_kind = defaultdict(Counter)
     by_program = {"imucal": Counter(), **{peer: Counter() for peer in PEERS}}
     wrong = []
-    answers = pool.map(asked, range(len(TRAPS)))
+    answers = engine.map(asked, range(len(TRAPS)), name="rows")
     for trap, (outcome, is_right, by_peer) in zip(TRAPS, track(answers, "Traps", len(TRAPS)), strict=True):
         refused = outcome == "refused" and not is_right
         own = "refused" if refused else "right" if is_right else "wrong"
@@ -119,10 +119,10 @@ def clean(condition, seed):
     return str(result.verdict), [abs(p.value - truth[p.name]) / p.std for p in parameters]
 
 
-def clean_table(pool):
+def clean_table(engine):
     rows = []
     for condition in CONDITIONS:
-        runs = pool.map(partial(clean, condition), range(CLEAN_RUNS))
+        runs = engine.map(partial(clean, condition), range(CLEAN_RUNS), name=condition)
         found = list(track(runs, condition, total=CLEAN_RUNS))
         verdicts = Counter(verdict for verdict, _ in found)
         errors = np.array([error for _, errors in found for error in errors])
@@ -136,24 +136,24 @@ def clean_table(pool):
 
 def main():
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--processes", type=int, default=2)
+    add_arguments(arguments)
     arguments.add_argument("--only", choices=["clean", "rows"], default=None, help="one part of the page")
     given = arguments.parse_args()
     # Not the folder of the workspace, so that its build is not touched.
     os.environ["CARGO_TARGET_DIR"] = str(ROOT / "target" / "peers")
     subprocess.run(["cargo", "build", "--quiet", "--release"], cwd=comparison.PEER, check=True)
-    with pool_of(given.processes) as pool:
+    with engine_of(given, "traps") as engine:
         if given.only != "rows":
             write_section(
                 PAGE,
                 "Traps",
                 "Clean runs",
                 f"Seeds 0 to {CLEAN_RUNS - 1} of each condition; errors of all parameters but the biases of "
-                f"the gyroscope.\n\n{clean_table(pool)}",
+                f"the gyroscope.\n\n{clean_table(engine)}",
             )
         if given.only == "clean":
             return
-        table, wrong, peers = trap_table(pool)
+        table, wrong, peers = trap_table(engine)
     told = "\n".join(f"- {row}" for row in wrong) or "Every row has an outcome that is right."
     write_section(
         PAGE,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from fleet.speed import WAYS
+from fleet.speed import ROUNDS, WAYS
 
 __all__ = ["page"]
 
@@ -23,7 +23,7 @@ def page(log: dict[str, Any], kill_units: int) -> str:
         f"| {row['what']} | {row['kills']} | {row['runs']} | {row['lost']} | {row['completed']} |"
         for row in kills["rows"]
     )
-    dask = 1 - tiny["ways"][WAYS[3]] / tiny["ways"][WAYS[2]]
+    dask_tiny, dask_large = (1 - each["ways"][WAYS[3]] / each["ways"][WAYS[2]] for each in (tiny, large))
     two_tiny, two_large = (each["ways"][WAYS[2]] / each["ways"][WAYS[1]] for each in (tiny, large))
     early, late = (size / 1e6 for size in storage["memory"])
     return f"""# Many units
@@ -47,14 +47,15 @@ Together {planted["missed"]} are missed, and there are {planted["false"]} false 
 
 The load before the measurement was {speed["load"]:.1f}. The start of the processes is included, except that
 of the Dask cluster. Tiny recordings have {tiny["size"] / 1e3:.0f} kB ({tiny["units"]} units), large ones
-{large["size"] / 1e6:.1f} MB ({large["units"]} units).
+{large["size"] / 1e6:.1f} MB ({large["units"]} units). Each rate is the best of {ROUNDS}
+interleaved rounds.
 
 | | tiny, units/s | large, units/s |
 |---|---|---|
 {rates}
 
-Two processes are {two_tiny:.2f} times (tiny) and {two_large:.2f} times (large) as fast as one. With tiny
-recordings Dask costs {100 * dask:.0f} % of the rate of two processes.
+Two processes are {two_tiny:.2f} times (tiny) and {two_large:.2f} times (large) as fast as one. Dask
+costs {100 * dask_tiny:.0f} % (tiny) and {100 * dask_large:.0f} % (large) of the rate of two processes.
 
 ## A large store
 

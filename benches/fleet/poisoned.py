@@ -1,13 +1,13 @@
 """A fleet with one file that ends each process that reads it, beside the same fleet without this file."""
 
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import imucal
 from fleet.killing import Run, start
 from fleet.simulated import plan, write_manifest, write_one, write_poison
-from pool import pool_of
 
 __all__ = ["Poisoned", "poisoned"]
 
@@ -37,7 +37,7 @@ def poisoned(folder: Path, units: int) -> Poisoned:
     for day in {each.date for each in planned}:
         (folder / day).mkdir(parents=True, exist_ok=True)
     bad = replace(planned[units // 2], bad="poisoned")
-    with pool_of(None) as pool:
+    with ProcessPoolExecutor() as pool:
         list(pool.map(write_one, [folder] * (units + 1), [*planned, bad], chunksize=20))
     write_manifest(folder / "good.csv", planned)
     write_manifest(folder / "poisoned.csv", [*planned[: units // 2], bad, *planned[units // 2 + 1 :]])

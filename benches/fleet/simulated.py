@@ -12,6 +12,7 @@ import argparse
 import csv
 import json
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from datetime import date, timedelta
 from pathlib import Path
@@ -19,7 +20,6 @@ from pathlib import Path
 import numpy as np
 
 import imucal
-from pool import pool_of
 
 __all__ = ["BAD_KINDS", "Planned", "Truth", "plan", "write", "write_manifest", "write_one", "write_poison"]
 
@@ -151,7 +151,7 @@ def write(folder: Path, units: int, seed: int = 42) -> Truth:
     planned, truth = plan(units, seed)
     for day in {each.date for each in planned}:
         (folder / day).mkdir(parents=True, exist_ok=True)
-    with pool_of(None) as pool:
+    with ProcessPoolExecutor() as pool:
         # Consumed, so that an error of a process is raised here.
         list(pool.map(write_one, [folder] * len(planned), planned, chunksize=20))
     write_manifest(folder / "manifest.csv", planned)
