@@ -7,9 +7,11 @@ import pytest
 from distributed import Client, LocalCluster
 
 import imucal
+from engine import Engine
 from fleet.dask_processes import Cluster
 from fleet.killing import check, start
 from imucal.fleet.cluster import DaskPool
+from imucal.fleet.local import LocalPool
 from small_fleet import UNITS
 
 pytestmark = [
@@ -49,6 +51,17 @@ def test_a_run_on_a_client_equals_one_on_processes(small_fleet, client, tmp_path
     assert first.serials.tolist() == second.serials.tolist()
     assert (first.values_si == second.values_si).all()
     assert (first.covariances == second.covariances).all()
+
+
+def test_a_benchmark_gives_the_same_answers_on_a_client_and_on_processes(client):
+    def bias(seed):
+        return imucal.Unit.random("bmi088", seed).gyroscope.bias.tolist()
+
+    answers = []
+    for pool in (lambda: DaskPool(client), lambda: LocalPool(2)):
+        with Engine(pool, None) as engine:
+            answers.append(list(engine.map(bias, range(9), name="bias")))
+    assert answers[0] == answers[1] == [bias(seed) for seed in range(9)]
 
 
 def test_a_poisoned_file_and_a_lost_scheduler(small_fleet, tmp_path):
