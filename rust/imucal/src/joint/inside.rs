@@ -59,9 +59,9 @@ impl<'a> Rows<'a> {
         Self { target: Target::Lanes(lanes), next: 0, place: 0 }
     }
 
-    /// Writes the whitened derivatives of the residuals of a move with respect to the parameters of `planes`, which has
-    /// one state (three components) per block. The derivative of the residual of a block along d is the dot product of
-    /// the state of the block with the vector `toward(block, d)`, plus the terms of `edges`.
+    /// Writes whitened derivatives of the residuals of a move with respect to the parameters of `planes`. For each
+    /// block and each parameter, `planes` contains a 3-vector. The derivative of the block's residual along the
+    /// direction d is the dot product of this vector and `toward(block, d)`, plus the terms of `edges`.
     pub(super) fn write_block(
         &mut self,
         inside: &Inside<'_>,

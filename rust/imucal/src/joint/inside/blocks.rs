@@ -16,8 +16,9 @@ pub(super) struct Derivatives<'a> {
     /// For each block, one vector for each of the three directions. The dot product of this vector and the block's
     /// values in `planes` is the derivative of the block's residual along the direction.
     pub(super) toward: &'a [[Vector3<f64>; 3]],
-    /// Contributions of the gravity directions at both ends of the move, one value per parameter: three rows for the
-    /// direction at the start, then two rows for the direction at the end.
+    /// Contributions of the gravity directions at both ends of the move to the derivatives. Each row has one value per
+    /// parameter. The first three rows belong to the direction at the start, the last two rows to the direction at the
+    /// end.
     pub(super) at_edges: &'a [f64],
 }
 

@@ -192,8 +192,8 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Derivatives of the whitened residuals with respect to the rounding errors of the mean rate and of the mean force
-    /// at each rest, three columns per rest.
+    /// Two matrices: derivatives of the whitened residuals with respect to the rounding errors of the mean rates, and
+    /// with respect to the rounding errors of the mean forces. Each rest has three columns.
     ///
     /// These errors are multiplied by the widening factors of norms and moves, too. Otherwise the whitened residuals
     /// would barely depend on the factors wherever rounding is the dominant error, and the factors would not settle.
