@@ -14,8 +14,8 @@ import lazy_loader
 import imucal.data_frame as _data_frame
 import imucal.notebook as _notebook
 
-# `import imucal` loads no array, file or command library, because each name is loaded when it is first used.
-# The stub lists each name once, for this call and for type checkers.
+# Each name is loaded when it is first used, so `import imucal` loads no library for arrays, files or
+# commands. The names are listed once, in the stub, for this call and for type checkers.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 _notebook.register("imucal.report.notebook")

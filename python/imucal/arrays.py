@@ -45,13 +45,13 @@ def _as_array(
     """`values` as float64, or unchanged if their type is in `kept`."""
     shape = "(N,)" if width is None else f"(N, {width})"
     try:
-        # asanyarray keeps the mask, which marks values that are not measurements.
+        # asanyarray keeps the mask of a masked array, which marks values that are not measurements.
         array = np.asanyarray(values)
         numeric = array.dtype.kind in "fiub" or array.size == 0
-        # The type is compared first, because the name np.ma loads numpy.ma, which takes as long as reading a
-        # small file.
+        # The type is compared first, because access to np.ma loads the module numpy.ma, which takes as long
+        # as reading a small file.
         masked = type(array) is not np.ndarray and isinstance(array, np.ma.MaskedArray)
-        # Integers have no NaN for masked values.
+        # A masked array of integers is converted to float64, because integers have no NaN for masked values.
         if numeric and (array.dtype not in kept or masked):
             array = array.astype(np.float64, order="C", copy=False)
     except (TypeError, ValueError) as error:
@@ -71,7 +71,7 @@ def _as_array(
         raise InputError(
             f"{what} has {len(array)} rows but {rows} are needed: all columns need one row per sample"
         )
-    # A view, so that the caller's array stays writable.
+    # The read-only flag is set on a view, so that the caller's array stays writable.
     view = np.ascontiguousarray(array).view(np.ndarray).view()
     view.flags.writeable = False
     return view

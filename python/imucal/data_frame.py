@@ -39,8 +39,8 @@ def table_of(recording: Any) -> Any:
 
 def _converter() -> Any:
     if not _converters:
-        # Imported here, because `import imucal` loads this module and no other.
+        # The import is here, because `import imucal` loads this module and must not load others.
         from imucal.errors import InputError
 
-        raise InputError("data frames need the whole package: import imucal, not only a part of it")
+        raise InputError("data frames need the whole package: use `import imucal` and not only a submodule")
     return importlib.import_module(_converters[0])

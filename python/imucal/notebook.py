@@ -15,7 +15,7 @@ _makers: list[str] = []
 
 
 def register(module: str) -> None:
-    """Set the module whose function `html_of` makes the HTML of a result."""
+    """Set the module whose function `html_of` returns the HTML of a result."""
     _makers[:] = [module]
 
 

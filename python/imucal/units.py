@@ -54,8 +54,8 @@ UNITS: Final[dict[str, dict[str, float]]] = {
     "rad/s/(m/s^2)": {"rad/s/(m/s^2)": 1.0, "deg/s/g": _DEG / _G},
     "rad/s/(m/s^2)^2": {"rad/s/(m/s^2)^2": 1.0, "deg/s/g^2": _DEG / _G**2},
 }
-# Units of a sensitivity in counts, which are reciprocal to the keys. Key: SI unit per count. Value: the units
-# that files and options may use, each with the size of the unit of the quantity in SI units.
+# Units of a sensitivity in counts, for example lsb per deg/s. Key: SI unit per count, the reciprocal. Value:
+# the units that files and options may use, each with the size of its quantity (deg/s) in SI units.
 COUNTS: Final[dict[str, dict[str, float]]] = {
     "m/s^2/lsb": {"lsb/g": _G},
     "rad/s/lsb": {"lsb/(deg/s)": _DEG},
@@ -109,7 +109,7 @@ DATASHEET: Final[dict[str, tuple[float, str]]] = {
     "rad/s/s/sqrt(Hz)": (3600.0 * 60.0 / _DEG, "deg/h/sqrt(h)"),
     "m/s^2/s/sqrt(Hz)": (1e6 * 60.0 / _G, "ug/sqrt(h)"),
 }
-# Matches parameters that are shown in a different unit than other quantities with the same SI unit.
+# Matches the sensitivities, which are shown in other units than other dimensionless parameters.
 _SENSITIVITY: Final = re.compile(r"(?:accel|gyro)_sensitivity_([xyz])([xyz])")
 _DIAGONAL: Final = (1e6, "ppm")
 _OFF_DIAGONAL: Final = (1e3, "mrad")

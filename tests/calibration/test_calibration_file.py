@@ -359,7 +359,7 @@ BAD_FIELDS = {
     "an effect twice": (lambda d: d["effects"].append(d["effects"][0]), "an effect stands twice"),
     "a user's name that is taken": (
         put("effects", 1, "name", value="gyro_bias_drift"),
-        "imucal has an effect of the name gyro_bias_drift",
+        "the catalogue has an effect gyro_bias_drift already",
     ),
     "a user's effect without typical size": (
         lambda d: d["effects"][1]["parameters"][0].pop("typical"),
@@ -367,7 +367,7 @@ BAD_FIELDS = {
     ),
     "other reference temperature": (
         put("reference_temperature_degc", value=20.0),
-        r"\$\.reference_temperature_degc is 20.0: this version of imucal counts temperature from 25.0",
+        r"\$\.reference_temperature_degc is 20.0: the reference temperature of this version .* is 25.0",
     ),
     "covariance": (lambda d: d["covariance"]["names"].pop(), r"\$\.covariance\.matrix"),
     "huge": (put("gravity_mps2", value=10**400), r"\$\.gravity_mps2 .*finite"),

@@ -79,7 +79,7 @@ def test_a_formula_of_the_temperature_in_the_first():
     of_force = FormulaEffect.of("rub = accel: k * f**2")
     values = imucal.EffectValues("rub", [1e-4, 2e-4, 3e-4])
     first = dataclasses.replace(FIRST, effects=(values,), user_effects=(of_force,))
-    with pytest.raises(imucal.InputError, match="effect rub, which depends on the samples"):
+    with pytest.raises(imucal.InputError, match="effect rub, which depends on rate or force"):
         imucal.compose(first, SECOND)
 
 
@@ -158,7 +158,7 @@ REFUSED = {
     "an effect that depends on the sample": (
         unit(FIRST, {"accel_scale_quadratic": [1e-4, 2e-4, 3e-4]}),
         SECOND,
-        r"effect accel_scale_quadratic, which depends on the samples .* two steps",
+        r"effect accel_scale_quadratic, which depends on rate or force.* two steps",
     ),
     "a g-sensitivity before a nonlinear accelerometer": (
         unit(FIRST, G_SENSITIVITY),

@@ -104,7 +104,7 @@ def test_a_move_that_no_parameter_shows_is_seen_by_all_of_them():
     assert not found.moved
     assert found.verdict == "moved"
     assert found.chi2 == pytest.approx(144, rel=1e-6)
-    assert found.reasons[0].startswith("all parameters at once: chi2 is 144 with 21 degrees of freedom")
+    assert found.reasons[0].startswith("all parameters jointly: chi2 is 144 with 21 degrees of freedom")
 
 
 def effect(std, **options):
@@ -127,7 +127,7 @@ def test_an_effect_of_one_of_them_is_zero_in_the_other():
     found = imucal.diff(BEFORE, effect(1e-3))
     assert found.verdict == "same"
     assert len(found.changes) == 30
-    assert found.notes == ("only the second carries gyro_g_sensitivity: it is zero in the other",)
+    assert found.notes == ("only the second contains gyro_g_sensitivity: it is zero in the other",)
     found = imucal.diff(effect(1e-5), BEFORE)
     assert {c.name for c in found.moved} == {
         f"gyro_g_sensitivity_{entry}" for entry in ("xx", "xy", "xz", "yx", "yz", "zx", "zy", "zz")
@@ -226,7 +226,9 @@ def test_an_accelerometer_alone_is_compared_with_that_of_both_sensors():
         found = imucal.diff(*pair)
         assert [c.name for c in found.changes] == list(NAMES[:9])
         assert (found.verdict, found.dof) == ("same", 9)
-        assert any("has no gyroscope: the accelerometers are compared" in note for note in found.notes)
+        assert any(
+            "has no gyroscope, so only the accelerometers are compared" in note for note in found.notes
+        )
     moved = calibration(VALUES + 8 * np.sqrt(np.diag(sum(COVARIANCES))), COVARIANCES[0])
     assert imucal.diff(moved, alone).verdict == "moved"
 

@@ -207,7 +207,7 @@ def test_ten_mistakes_are_said_and_the_result_is_that_of_calibrate(port, tmp_pat
     expected = {
         "moves too early": ("NOT TAKEN", "moved too early: held still for 1."),
         "repeats a pose": ("NOT TAKEN", "this is pose 2 again (+x up)"),
-        "shakes": ("NOT TAKEN", "it trembles in place"),
+        "shakes": ("NOT TAKEN", "it shakes without rotating"),
         "stays": ("NOT TAKEN", "the unit is still in it"),
         "too fast": ("WARNING", "rotated too fast"),
         "clips": ("WARNING", "saturated at 7 rad/s"),

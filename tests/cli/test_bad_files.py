@@ -227,7 +227,7 @@ def test_a_run_does_not_judge_itself_however_its_samples_are_held(times, control
     run, control = (
         rows(lambda n, m=m: np.arange(n).repeat(m))(stand_run().recording) for m in (times, control_times)
     )
-    with pytest.raises(InputError, match="which the calibration is made of"):
+    with pytest.raises(InputError, match="which is a calibration recording"):
         imucal.calibrate(run, control=control)
 
 

@@ -385,11 +385,11 @@ def test_missing_samples_stay_missing():
     [
         (lambda state: np.zeros((3, 2)), r"field of own has the shape \(3, 2\), \(2000, 3, 1\) is needed"),
         (lambda state: np.full((2000, 3, 1), np.nan), "field of own is not finite at 2000 samples, first at"),
-        (lambda state: state.auxiliary["vdd"], r"field of own asks for 'vdd', .* columns \['supply_v'\]"),
+        (lambda state: state.auxiliary["vdd"], r"field of own needs 'vdd', .* columns \['supply_v'\]"),
         (lambda state: "text", "field of own cannot be evaluated"),
         (
             lambda state: 3 * state.angular_rate[:, :, None],
-            "own cannot be undone, sample 0 has not settled",
+            "own cannot be corrected: at sample 0 the correction has not converged",
         ),
         (None, r"definition of the effect own is not in the file: pass it as user_effects=\[...\]"),
     ],
@@ -400,7 +400,9 @@ def test_a_field_that_cannot_be_used_is_named(field, message):
     recording = measured(unit(), true_state())
     with pytest.raises(imucal.InputError, match=message):
         calibration.apply_recording(recording)
-    with pytest.raises(imucal.InputError, match="own is a user's effect, its field takes whole columns"):
+    with pytest.raises(
+        imucal.InputError, match="own is a user-defined effect, whose field needs whole columns"
+    ):
         calibration.apply(recording.angular_rate, recording.specific_force)
 
 
@@ -418,8 +420,8 @@ def test_what_is_no_effect_of_ones_own_is_named():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"name": "gyro_g_sensitivity"}, "imucal has an effect of the name gyro_g_sensitivity"),
-        ({"name": "mount_slip"}, "imucal has an effect of the name mount_slip"),
+        ({"name": "gyro_g_sensitivity"}, "the catalogue has an effect gyro_g_sensitivity already"),
+        ({"name": "mount_slip"}, "the catalogue has an effect mount_slip already"),
         ({"name": "my effect"}, "name 'my effect' cannot be one"),
         ({"sensor": "magnetometer"}, "sensor of own is 'magnetometer': give one of accelerometer, gyroscope"),
         ({"parameters": ()}, r"own has the parameters \[\]"),

@@ -83,8 +83,8 @@ def test_the_recording_that_the_calibration_was_made_of_is_noticed(heated, tmp_p
     capsys.readouterr()
     main(["evaluate", "cal.json", "control.csv", "copy.csv"])
     shown = capsys.readouterr().out
-    assert shown.count("this calibration was made of the same file") == 1
-    assert "warning: copy.csv: this calibration was made of the same file" in shown
+    assert shown.count("this calibration was estimated from the same file") == 1
+    assert "warning: copy.csv: this calibration was estimated from the same file" in shown
 
 
 def test_results_are_one_line_where_they_are_shown(heated):

@@ -103,6 +103,6 @@ def test_the_command_shows_the_epochs(cycled, tmp_path, capsys):
     assert main(["inspect", str(path), "--json", str(tmp_path / "seen.json")]) == 2
     shown = capsys.readouterr().out
     assert re.search(r"rest +from s +to s +duration s +epochs\n.*\n? *0 +.* 50", shown), shown
-    assert "count as one rest for the poses" in shown
+    assert "together count as one pose" in shown
     document = json.loads((tmp_path / "seen.json").read_text(encoding="utf-8"))
     assert document["recordings"][0]["rests"][0]["epochs"] == 50

@@ -195,7 +195,7 @@ def test_a_formula_is_reported_and_counted():
     exported = imucal.export(unit, "blob")
     assert exported.lost == (f"the effect {effect.name} (user-defined)",)
     assert exported.binary[9] == 1 and exported.binary[8] == 0
-    assert "Their errors stay in the data" in exported.text
+    assert "errors of omitted effects stay in the data" in exported.text
 
 
 def test_damaged_bytes_are_refused(program):

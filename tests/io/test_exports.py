@@ -924,7 +924,7 @@ def test_what_cannot_be_read_is_named(tmp_path):
         (
             "long.csv",
             ["sensor,timestamp,x,y,z", *(f"{s},{i},1.5,2.5,3.5" for i in range(50) for s in ("ACC", "GYRO"))],
-            r"one sensor, which the column 'sensor' names \(ACC, GYRO\)",
+            r"one sensor, named in the column 'sensor' \(ACC, GYRO\)",
         ),
     ):
         with pytest.raises(imucal.FormatError, match=message):

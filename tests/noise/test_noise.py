@@ -400,7 +400,7 @@ def test_kalibr_reads_the_largest_axis(found):
 def test_kalibr_gets_a_bound_for_what_is_not_seen():
     found = imucal.noise(still(duration_s=100.0, instability=0.0, walk=0.0))
     text = kalibr_yaml(found)
-    assert "not seen on any axis" in text
+    assert "not detected on any axis" in text
     assert yaml.safe_load(text)["gyroscope_random_walk"] == pytest.approx(
         max(axis.random_walk.high for axis in found.triad("gyro")), rel=1e-8
     )

@@ -210,7 +210,7 @@ def test_a_motion_without_turns_determines_the_bias_of_the_gyroscope_alone():
     assert plan.worst["gyro_bias"].value == pytest.approx(
         np.deg2rad(0.025) / np.sqrt(2.0) / np.sqrt(30.0), rel=0.01
     )
-    with pytest.raises(imucal.InputError, match="no program of a stand"):
+    with pytest.raises(imucal.InputError, match="no program for a stand"):
         _ = plan.program
 
 
@@ -335,9 +335,9 @@ def test_targets_of_a_box_on_its_faces_give_the_smallest_number_of_rounds():
     assert plan.rests == 28
     assert plan.worst["accel_bias"].value <= target["accel_bias"]
     assert not quick("faces", targets=target, minutes=1.5).reached
-    with pytest.raises(imucal.InputError, match="rounds follow from the targets"):
+    with pytest.raises(imucal.InputError, match="rounds is computed from the targets"):
         quick("faces", targets=target, options={"rounds": 2})
-    with pytest.raises(imucal.InputError, match="for the optimal program and for faces"):
+    with pytest.raises(imucal.InputError, match="targets need the program optimal or faces"):
         quick("random", targets=target)
 
 

@@ -184,7 +184,7 @@ class Calibration(SensorModel):
             *([] if self.gyroscope is None else [f"gyroscope in {self.gyro_unit}"]),
             f"{count or 'no'} effect{'s' if count != 1 else ''}",
         ]
-        # A file written by another program may hold figures of other types.
+        # In a file written by another program, figures may have other types.
         for name, figures in (("control set", self.control_set), ("calibration set", self.calibration_set)):
             known = {key: value for key, value in (figures or {}).items() if isinstance(value, (int, float))}
             if text := figures_text(known):
@@ -205,7 +205,7 @@ class Calibration(SensorModel):
     def from_dict(
         document: Mapping[str, Any], name: str = "calibration", *, user_effects: Sequence[UserEffect] = ()
     ) -> Calibration:
-        """The calibration of a document from `to_dict`; FormatError names a field that is wrong."""
+        """The calibration in a document from `to_dict`. Raises FormatError that names an invalid field."""
         return _calibration_of(Node(plain(document), "$", name), user_effects)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -247,7 +247,7 @@ def _calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibrati
 
 
 def require_calibration(given: Calibration) -> None:
-    """Raise InputError that says what to pass instead if an argument is not a Calibration."""
+    """Raise InputError, with the argument to pass instead, if `given` is not a Calibration."""
     if isinstance(given, Calibration):
         return
     if isinstance(given, (str, os.PathLike)):
@@ -255,7 +255,7 @@ def require_calibration(given: Calibration) -> None:
         raise InputError(
             f"{path!r} is the path of a file: give a Calibration, imucal.Calibration.load({path!r})"
         )
-    hint = "imucal.calibrate makes one, imucal.Calibration.load reads one"
+    hint = "imucal.calibrate returns a Calibration, imucal.Calibration.load reads one from a file"
     if isinstance(given, Recording):
         hint = "give the calibration first and the recordings after it"
     elif isinstance(getattr(given, "calibration", None), Calibration):

@@ -80,10 +80,10 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
         covariance_names=names,
         noise=second.noise,
         temperature_range_degc=_temperature_range(first, second),
-        # The result is usable, but the residuals of both corrections together are not known.
+        # The result is usable, but its residuals are not known, because no recording was corrected by both.
         verdict="incomplete",
         reasons=(
-            "these are two calibrations applied one after the other, which no recording has judged: use "
+            "two calibrations were combined, and the combination was not evaluated on any recording: use "
             "imucal evaluate",
         ),
         provenance=Provenance(
@@ -106,8 +106,8 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
         both = "lsb" in (first.accel_unit, first.gyro_unit)
         which = "both calibrations expect raw counts" if both else "the second calibration expects raw counts"
         raise InputError(
-            f"{which}, but the samples that the first gives are in m/s^2 and rad/s: the second was made of "
-            "raw samples and replaces the first, use it alone; or correct its recordings with the first "
+            f"{which}, but the first gives corrected samples in m/s^2 and rad/s: the second was made from "
+            "raw samples and replaces the first, so use it alone; or correct its recordings with the first "
             "(imucal apply) and calibrate again"
         )
     if (
@@ -116,7 +116,7 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
     ):
         raise InputError(
             f"the first calibration is of unit {first.serial_number}, the second of unit "
-            f"{second.serial_number}: give two of the same unit"
+            f"{second.serial_number}: give two calibrations of the same unit"
         )
     shared = {s.sha256 for s in first.provenance.files} & {s.sha256 for s in second.provenance.files}
     if shared:
@@ -142,7 +142,8 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
         if values.name not in left:
             moved.append(_moved(first, values, accel2, step, second))
             if values.name == G_SENSITIVITY:
-                # The rate that the first correction subtracts because of the force bias b2.
+                # The rate that the first correction subtracts because of the bias b2 of the second
+                # accelerometer.
                 gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel2.bias
     # A product of lower triangular matrices is lower triangular; other products have no special form.
     triangular = first.frame == second.frame == "triangular" and second.axes == UNCHANGED
@@ -176,7 +177,8 @@ def _definitions(first: SensorModel, second: SensorModel) -> tuple[UserEffect, .
         other = found.setdefault(effect.name, effect)
         if other is not effect and getattr(other, "text", other) != getattr(effect, "text", effect):
             raise InputError(
-                f"both calibrations have an effect {effect.name}, with different fields: rename one"
+                f"both calibrations have an effect {effect.name}, with different fields: rename one of the "
+                "effects"
             )
     return tuple(found.values())
 
@@ -201,9 +203,9 @@ def _moved(
         moved = np.linalg.solve(gyro_t, numbers.reshape(3, 3) @ gyro_t)
     elif not (name == DELAY and "gyroscope" not in sensors) and not _is_neutral(accel2, gyro2, sensors):
         raise InputError(
-            f"the first calibration has the effect {name}, which depends on the samples that the second then "
-            "corrects: no effect of the catalogue describes both together; correct recordings in two steps "
-            "(imucal apply), or calibrate raw recordings with this effect"
+            f"the first calibration has the effect {name}, which depends on rate or force, and the second "
+            "changes rate or force: no effect of the catalogue describes both together; correct recordings "
+            "in two steps (imucal apply), or calibrate raw recordings with this effect"
         )
     return replace(values, values=np.asarray(moved, dtype=np.float64).ravel())
 
@@ -246,7 +248,7 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
         return None, ()
     to_second = jacobian(lambda model: _composed(first, model), second)
     covariance = to_second @ from_second @ to_second.T
-    # Parameters that only `first` has estimated: those of its effects, and those of its gyroscope.
+    # Parameters that only `first` has estimated: parameters of its effects and of its gyroscope.
     estimated = tuple(f"{values.name}_" for values in second.effects)
     base = base_count(first.frame, has_gyroscope=first.gyroscope is not None)
     both = base_count(first.frame, has_gyroscope=second.gyroscope is not None)

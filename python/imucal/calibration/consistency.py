@@ -34,8 +34,8 @@ OPTIONAL: Final = frozenset(
         "reasons",
     }
 )
-# Accepted relative difference of a standard deviation: rounding to three digits, which is often used for
-# them.
+# Accepted relative difference between two values of a standard deviation: rounding to three digits, which is
+# common for standard deviations.
 STD_ROUNDING: Final = 1e-3
 # Accepted difference of a value, as a fraction of its standard deviation. A difference this small has no
 # effect on corrected samples.
@@ -44,7 +44,7 @@ SHARE_OF_STD: Final = 0.01
 # an effect: rounding to nine decimals.
 DECIMALS_ROUNDING: Final = 1e-9
 # Accepted magnitude of a negative eigenvalue of the correlation matrix. Rounding the entries to seven digits
-# causes smaller ones.
+# causes eigenvalues of smaller magnitude.
 CORRELATION_ROUNDING: Final = 1e-5
 
 
@@ -69,7 +69,7 @@ def require_written_again(
 def origins_of(
     written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
 ) -> dict[str, Origin]:
-    """The path of the repeated field and the accepted difference, for each field that repeats another."""
+    """For each field that repeats another field: the path of that field, and the accepted difference."""
     places = _places(written, frame)
     names = [] if written["covariance"] is None else written["covariance"]["names"]
     variances = {name: f"$.covariance.matrix[{k}][{k}]" for k, name in enumerate(names)}

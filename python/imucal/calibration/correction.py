@@ -30,8 +30,8 @@ from imucal.recording.recording import Recording, require_sensors, samples_of_bo
 
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
-# Convergence criterion: the largest change of a sample in an iteration, relative to the magnitude of its
-# terms: 16 rounding errors of float64.
+# Convergence criterion: largest change of a sample in an iteration, relative to the magnitude of its terms.
+# The value is 16 rounding errors of float64.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
 
 # Inputs of a field besides rate and force, each with the column of a recording from which it is computed.
@@ -150,7 +150,9 @@ def _require_rate_and_force_only(model: SensorModel) -> None:
                     f"recording that has {COLUMNS[need]}"
                 )
     for own in model.user_effects:
-        raise InputError(f"{own.name} is a user's effect, its field takes whole columns: use apply_recording")
+        raise InputError(
+            f"{own.name} is a user-defined effect, whose field needs whole columns: use apply_recording"
+        )
 
 
 def _require_columns(model: SensorModel, recording: Recording) -> None:
@@ -175,12 +177,13 @@ def _require_derivative(recording: Recording, name: str) -> None:
     wrong = np.flatnonzero(~(np.diff(recording.time_s) >= 0))
     if len(wrong):
         raise InputError(
-            f"{recording.name}: time_s goes back from sample {wrong[0]} to {wrong[0] + 1} and {name} "
-            "depends on angular acceleration: give times in their order"
+            f"{recording.name}: time_s decreases from sample {wrong[0]} to {wrong[0] + 1}, and {name} "
+            "depends on angular acceleration: give samples in order of time"
         )
 
 
-# A diverging iteration overflows to infinity without a warning and ends with the InputError below.
+# If the iteration diverges, values overflow to infinity without a warning, and the InputError below is
+# raised.
 @np.errstate(over="ignore", invalid="ignore")
 def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     """The raw recording without the contributions of the user-defined effects.
@@ -203,9 +206,9 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
         )
     )
     rate, force = _core.correct_recording(others, recording)
-    # The rate is differentiated only once, because differentiating in each iteration would add noise. The
-    # time since the last motion is a discontinuous function of the rate. It is also computed once, because a
-    # sample at the threshold could otherwise oscillate forever.
+    # The rate is differentiated only once, because differentiation in each iteration would add noise. The
+    # time since the last motion is also computed only once, because it changes abruptly when the rate crosses
+    # a threshold, so a sample near the threshold could oscillate forever.
     start = State.of(recording, rate, force)
     acceleration = start.angular_acceleration
     measured = np.isfinite(np.hstack((rate, force)))
@@ -225,8 +228,9 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
             return without
     names = ", ".join(effect.name for effect, _ in own)
     raise InputError(
-        f"{recording.name}: {names} cannot be undone, sample {unsettled.any(axis=1).argmax()} has not "
-        f"settled in {_core.MAX_PASSES} passes: what is added must be small against what it depends on"
+        f"{recording.name}: {names} cannot be corrected: at sample {unsettled.any(axis=1).argmax()} the "
+        f"correction has not converged in {_core.MAX_PASSES} iterations, because the effect is too large "
+        "relative to the rate or force on which it depends"
     )
 
 

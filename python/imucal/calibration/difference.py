@@ -115,7 +115,7 @@ class Difference:
         """The reasons for the verdict `moved` (largest difference first) or `unknown`; empty for `same`."""
         if self.p_value is None:
             return (
-                "no parameter has a standard deviation in both calibrations, so no difference can be judged: "
+                "no parameter has a standard deviation in both calibrations, so no difference can be tested: "
                 "compare calibrations from recordings (imucal calibrate)",
             )
         single = tuple(
@@ -124,7 +124,7 @@ class Difference:
             for c in self.moved
         )
         if self.p_value < self.false_alarm / 2:
-            joint = f"all parameters at once: chi2 is {self.chi2:.4g} with {self.dof} degrees of freedom, p "
+            joint = f"all parameters jointly: chi2 is {self.chi2:.4g} with {self.dof} degrees of freedom, p "
             return (*single, joint + f"{self.p_value:.2g}")
         return single
 
@@ -177,7 +177,8 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
     if before.sensors != after.sensors:
         which = "first" if before.gyroscope is None else "second"
         notes.append(
-            f"the {which} calibration has no gyroscope: the accelerometers are compared, without effects"
+            f"the {which} calibration has no gyroscope, so only the accelerometers are compared, without "
+            "effects"
         )
         before, after = _accelerometer(before), _accelerometer(after)
     _require_same_units(before, after)
@@ -332,8 +333,8 @@ def _notes(before: Calibration, after: Calibration) -> list[str]:
     known = "unknown" not in (before.references.gravity_from, after.references.gravity_from)
     if known and before.gravity_mps2 != after.gravity_mps2:
         notes.append(
-            f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: right for two places, and an "
-            "error of the scale of the accelerometer if it was one"
+            f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: if both calibrations were "
+            "made at the same place, the accelerometer scales differ for this reason"
         )
     shared = {s.sha256 for s in before.provenance.files} & {s.sha256 for s in after.provenance.files}
     if shared:
@@ -344,5 +345,5 @@ def _notes(before: Calibration, after: Calibration) -> list[str]:
         )
     for name, one, other in (("first", before, after), ("second", after, before)):
         only = {values.name for values in one.effects} - {values.name for values in other.effects}
-        notes += [f"only the {name} carries {effect}: it is zero in the other" for effect in sorted(only)]
+        notes += [f"only the {name} contains {effect}: it is zero in the other" for effect in sorted(only)]
     return notes

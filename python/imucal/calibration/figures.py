@@ -14,7 +14,7 @@ from imucal.units import datasheet
 
 __all__ = ["Figures", "figures_text", "poor_figures", "saved_reasons"]
 
-# Name of each figure in texts, and the unit of its field.
+# Name of each figure of merit in texts, and the unit of its field.
 FIGURE_TEXT: Final = {
     "gravity_norm_rms_mps2": ("|f| - g", "m/s^2"),
     "gravity_direction_rms_deg": ("gravity direction per move", "deg"),

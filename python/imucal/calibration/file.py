@@ -135,8 +135,8 @@ def _effects_table(model: SensorModel, parameters: Sequence[Parameter]) -> list[
             else number(values, effect.shape, float(values.shape)),
         }
         if isinstance(effect, UserEffect):
-            # The typical sizes are stored, because a reader of the file may not have the definition of the
-            # effect.
+            # The typical sizes are stored, because a program that reads the file may not have the definition
+            # of the effect.
             for item, parameter in zip(entry["parameters"], effect.parameters, strict=True):
                 item["typical"] = parameter.typical
             entry["user_defined"] = True
@@ -178,7 +178,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
     names: tuple[str, ...] = ()
     if covariance.value is not None:
         names = tuple(item.text() for item in covariance.get("names").items())
-        # The names in the table are compared with those of the matrices later.
+        # The names in the table are compared with the names of the matrix entries later.
         require_covariance(covariance, [item.get("name").text() for item in node.get("parameters").items()])
     return {
         "accelerometer": accelerometer,
@@ -247,8 +247,8 @@ def _verdict(node: Node) -> dict[str, Any]:
     verdict = node.get("verdict").text(VERDICTS)
     if (verdict == "good") == bool(reasons):
         raise FormatError(
-            f"{node.file}: {node.get('verdict').path} is {verdict} with {len(reasons)} reasons: a "
-            "verdict that is not good has reasons, and a good one has none; correct one of them"
+            f"{node.file}: {node.get('verdict').path} is {verdict} with {len(reasons)} reasons: a verdict "
+            "other than good needs reasons, and the verdict good has none; correct the verdict or the reasons"
         )
     return {"verdict": verdict_of(verdict), "reasons": reasons}
 
@@ -262,8 +262,8 @@ def _require_reference_temperature(node: Node) -> None:
         reference = node.get("reference_temperature_degc")
         if reference.number() != _core.REFERENCE_TEMPERATURE_DEGC:
             raise FormatError(
-                f"{node.file}: {reference.path} is {reference.value}: this version of imucal counts "
-                f"temperature from {_core.REFERENCE_TEMPERATURE_DEGC} degC"
+                f"{node.file}: {reference.path} is {reference.value}: the reference temperature of this "
+                f"version of imucal is {_core.REFERENCE_TEMPERATURE_DEGC} degC"
             )
 
 
@@ -339,7 +339,7 @@ def _provenance(node: Node, control_set: Node) -> Provenance:
             if source.sha256 == other.sha256:
                 raise FormatError(
                     f"{node.file}: {node.path}.control_files[{k}].sha256 is that of {node.path}.files[{j}]: "
-                    "a control recording is not one that the calibration is made of: calibrate again"
+                    "a control recording must not be one of the calibration recordings: calibrate again"
                 )
     if control_files and control_set.value is None:
         raise FormatError(

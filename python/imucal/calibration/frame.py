@@ -54,12 +54,12 @@ def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
         return calibration
     if np.linalg.det(calibration.accelerometer.sensitivity) < 0:
         raise InputError(
-            "the accelerometer's sensitivity has a negative determinant, so its axes are left-handed and no "
-            f"rotation leads to the frame {frame}: change the sign of an axis in the recordings"
+            "the accelerometer's sensitivity has a negative determinant, so its axes are left-handed and "
+            f"cannot be rotated to the frame {frame}: change the sign of an axis in the recordings"
         )
 
     def convert(model: SensorModel) -> SensorModel:
-        # The accelerometer alone defines the frame, so any gyroscope can stand in for a missing one.
+        # The accelerometer alone defines the frame, so a missing gyroscope can be replaced by the identity.
         gyroscope = np.eye(3) if model.gyroscope is None else model.gyroscope.sensitivity
         accel, gyro = _core.convert_frame(model.accelerometer.sensitivity, gyroscope, frame)
         rotation: FloatArray = np.linalg.solve(accel, model.accelerometer.sensitivity).astype(np.float64)
@@ -122,8 +122,8 @@ def rotated_effect(model: SensorModel, values: EffectValues, rotation: FloatArra
         return values
     else:
         raise InputError(
-            f"{values.name} is defined along the axes of its body frame, and the frames of the two "
-            "calibrations differ: compare calibrations in the same frame"
+            f"{values.name} is defined along the axes of the body frame, and the two calibrations have "
+            "different body frames: compare calibrations in the same frame"
         )
     return replace(values, values=rows.ravel())
 

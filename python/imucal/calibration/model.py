@@ -66,7 +66,7 @@ class SensorModel:
                 )
         names = {values.name for values in self.effects}
         if len(names) < len(self.effects):
-            raise InputError(f"an effect stands twice among {[values.name for values in self.effects]}")
+            raise InputError(f"an effect occurs twice in {[values.name for values in self.effects]}")
         known = definitions(self.user_effects)
         for values in self.effects:
             check_values(known.get(values.name) or find(values.name), values)
@@ -74,8 +74,8 @@ class SensorModel:
         of_catalogue = len(self.effects) - len(used)
         if of_catalogue > _core.MAX_EFFECTS:
             raise InputError(
-                f"a calibration can have at most {_core.MAX_EFFECTS} effects, {of_catalogue} were given: "
-                "leave out those that matter least"
+                f"a calibration can have at most {_core.MAX_EFFECTS} effects, but {of_catalogue} were given: "
+                "leave out the smallest effects"
             )
         object.__setattr__(self, "user_effects", used)
         parameters = [parameter.name for parameter in self.parameters]
@@ -92,8 +92,8 @@ class SensorModel:
         """(accelerometer, gyroscope); InputError `sensor_missing` for an accelerometer alone."""
         if self.gyroscope is None:
             raise InputError(
-                "the calibration has no gyroscope, and this needs one [sensor_missing]: calibrate both "
-                "sensors; docs/one-sensor.md lists what one sensor alone allows"
+                "this operation needs a gyroscope, and the calibration has none [sensor_missing]: calibrate "
+                "both sensors; docs/one-sensor.md lists the operations for a single sensor"
             )
         return self.accelerometer, self.gyroscope
 
@@ -165,6 +165,6 @@ class SensorModel:
                 )
         if recording.axes != self.axes:
             raise InputError(
-                f"{recording.name} was read with axes={recording.axes!r}, but the recordings of the "
-                f"calibration with axes={self.axes!r}: read it with axes={self.axes!r}"
+                f"{recording.name} was read with axes={recording.axes!r}, but the calibration was made from "
+                f"recordings with axes={self.axes!r}: read the recording with axes={self.axes!r}"
             )

@@ -14,13 +14,13 @@ __all__ = ["ParameterRow", "Units", "difference_text", "parameter_row", "sigma_t
 # Function that returns the scale in which a table shows a parameter with this name and SI unit: `datasheet`
 # or `si` of imucal.units.
 Units: TypeAlias = Callable[[str, str], Scale]
-# Significant digits of a standard deviation. Its parameter is shown with the same number of decimals. Further
-# digits may differ between processors, because rounding changes the end point of a fit by a small part of the
-# standard deviations.
+# Number of significant digits of a standard deviation. The value of the parameter is shown with the same
+# number of decimals. Further digits may differ between processors, because rounding errors change the result
+# of a fit by a small part of the standard deviations.
 SIGMA_DIGITS: Final = 2
 # Significant digits of a value without a standard deviation.
 VALUE_DIGITS: Final = 7
-# Values are written without an exponent if their standard deviation is in this range.
+# A value is written without an exponent if its standard deviation is in this range.
 PLAIN: Final = (1e-6, 1e6)
 
 

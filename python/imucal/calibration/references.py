@@ -29,8 +29,8 @@ ON_EARTH_MPS2: Final = (9.764, 9.834)
 # Accepted heights above the ellipsoid, m, for normal gravity: from the Dead Sea to the highest summits.
 HEIGHTS_M: Final = (-500.0, 9000.0)
 LATITUDES_DEG: Final = (-90.0, 90.0)
-# Accepted difference between gravity in a file and normal gravity at the place in the file, m/s^2: rounding
-# to seven digits.
+# Accepted difference, m/s^2, between the gravity in a file and the normal gravity at the latitude and height
+# in the file. It allows for rounding to seven digits.
 GRAVITY_ROUNDING_MPS2: Final = 1e-6
 
 
@@ -97,9 +97,9 @@ class References:
         if self.clock_ppm is not None:
             return []
         return [
-            "the clock of the time stamps is taken as exact: all gyroscope scales are wrong by the same "
-            "share as the clock, about 20 to 100 ppm for a quartz crystal and 1 to 2 % for the oscillator of "
-            "a sensor, which is not in the standard deviations; --clock-ppm includes it"
+            "the clock of the time stamps is taken as exact: a relative error of the clock is an equal error "
+            "of all gyroscope scales, about 20 to 100 ppm for a quartz crystal and 1 to 2 % for the "
+            "oscillator of a sensor; the standard deviations do not include it; --clock-ppm includes it"
         ]
 
     @staticmethod
@@ -156,7 +156,7 @@ def references_of(
     if latitude_deg is None:
         if height_m is not None:
             raise InputError(
-                "height_m is given without latitude_deg, which gravity depends on more: give both"
+                "height_m is given without latitude_deg, but gravity depends more on the latitude: give both"
             )
         if gravity_mps2 is not None:
             return float(gravity_mps2), References("given", sigma, clock)

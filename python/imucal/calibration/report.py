@@ -20,12 +20,13 @@ from imucal.errors import FormatError
 __all__ = ["require_date", "require_figures", "require_fit", "require_sha256", "require_version"]
 
 AGAIN: Final = "correct one of them, or calibrate again"
-# Largest accepted figures by name: gravity itself, half a revolution, and residuals of a million times the
-# noise.
+# Largest accepted figures of merit by name: residuals as large as gravity, half a revolution, and chi2 of
+# residuals of a million times the noise.
 LARGEST: Final = {"gravity_norm_rms_mps2": 9.9, "gravity_direction_rms_deg": 180.0, "chi2_per_dof": 1e12}
 COUNTS: Final = ("rests", "moves")
 FITS: Final = ("accelerometer", "gyroscope", "joint")
-# Fields of the section `fit` that occur only together: those of every calibration, and those of a joint fit.
+# Groups of fields of the section `fit` that occur only together: fields of every calibration, and fields of a
+# joint fit.
 TOGETHER: Final = (
     ("accelerometer", "gyroscope", "rest_thresholds"),
     ("joint", "noise_alone", "bias_instability_radps", "tremor_deg", "effects"),
@@ -108,7 +109,7 @@ def require_fit(
         if counts[0] != counts[1]:
             raise FormatError(
                 f"{node.file}: {node.path}.tremor_deg has {counts[0]} items, but {node.path}.rest_thresholds "
-                f"has {counts[1]}: both have one for each recording: {AGAIN}"
+                f"has {counts[1]}: both need one item per recording: {AGAIN}"
             )
     for name in ("tremor_deg", "bias_instability_radps"):
         for item in node.get(name).items() if isinstance(fit.get(name), list) else ():
@@ -129,7 +130,7 @@ def _require_report(node: Node) -> None:
 
 
 def _require_scales(node: Node) -> None:
-    """Raise FormatError unless the inflation of the joint fit is the largest of its scales."""
+    """Raise FormatError unless the noise inflation factor of the joint fit is the largest of its scales."""
     scales = node.get("scales")
     known = [scales.get(name) for name in SCALES if scales.get(name).value is not None]
     for scale in known:
@@ -220,7 +221,7 @@ def _require_statistic(
 
 
 def _require_threshold(node: Node) -> None:
-    """Raise FormatError for a rest threshold outside its reported stable range."""
+    """Raise FormatError for a threshold of rest detection outside its reported stable range."""
     numbers = {}
     for name in ("factor", "stable_from", "stable_to", "window_s"):
         item = node.get(name)

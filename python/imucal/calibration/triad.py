@@ -41,12 +41,12 @@ ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "given": ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"),
 }
 GYRO_ENTRIES: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
-# Number of parameters of both triads in the frames "symmetric" and "triangular". In tables and covariances
-# they come before the parameters of effects.
+# Number of parameters of both triads in the frames "symmetric" and "triangular". In tables and covariances,
+# these parameters precede the parameters of effects.
 BASE: Final = 21
-# Largest accepted condition number of a sensitivity. Real triads are below 2. At 100, two axes are within a
-# degree of each other or one axis is nearly dead, and the correction multiplies noise and rounding errors by
-# 100.
+# Largest accepted condition number of a sensitivity matrix. Real triads have less than 2. At 100, two axes
+# are within a degree of each other, or one axis has almost no sensitivity. The correction then multiplies
+# noise and rounding errors by 100.
 MAX_CONDITION: Final = 100.0
 
 

@@ -62,7 +62,7 @@ class ResidualFit:
 
 
 def verdict_of(word: str) -> Verdict:
-    """The verdict with this name; `poor` for an unknown name, which a newer version may have written."""
+    """The verdict with this name. An unknown name, which a newer version may have written, gives `poor`."""
     return next((verdict for verdict in VERDICTS if verdict == word), "poor")
 
 

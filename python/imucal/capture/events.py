@@ -31,7 +31,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A pose that counts: number from 1, interval of its rest, s, and up direction in the body, (3,)."""
+    """A recorded pose: number from 1, interval of its rest, s, and up direction in the body frame, (3,)."""
 
     number: int
     start_s: float

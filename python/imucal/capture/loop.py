@@ -25,12 +25,13 @@ Ending: TypeAlias = Literal["finished", "ended_by_person", "stopped", "stream_en
 
 # Longest wait for samples in one iteration, s.
 WAIT_S: Final = 0.05
-# Number of rows that the session processes before further rows are written: a third of a second at 100 Hz.
+# Number of rows that the session processes at once, before newly arrived rows are written to the file. It is
+# a third of a second at 100 Hz.
 ROWS_AT_ONCE: Final = 32
 # Interval between two flushes to the disk, s.
 SYNC_S: Final = 0.5
-# Time without a sample after which a message says that the unit is silent, and interval between repetitions
-# of the message, s of the computer's clock.
+# Time without a sample after which a message reports that the unit sends nothing, and interval between
+# repetitions of this message, both in s of the computer's clock.
 SILENT_S: Final = 1.0
 SILENT_AGAIN_S: Final = 10.0
 # Shortest time between two messages about damaged data, s of the computer's clock.
@@ -147,8 +148,8 @@ class Capture:
         self._silent_said_s = silent_s
         if not self.source.counts()["samples"] and self.source.bytes_received:
             text = (
-                "data arrive, but none of them can be read: check the baud rate, and that --columns or "
-                f"--packet describes what the unit sends{_example(self.source)}"
+                "data arrive, but none can be decoded: check the baud rate, and that --columns or "
+                f"--packet describes the data of the unit{_example(self.source)}"
             )
         elif not self.source.counts()["samples"]:
             text = f"no data yet: {self.source.hint or UNIT_SILENT}"
@@ -161,7 +162,9 @@ class Capture:
         self._heard_s = now_s
         if self._silent_said_s != math.inf:
             self._silent_said_s = math.inf
-            text = f"data arrive again after {silent_s:.1f} s without; the pose during the gap does not count"
+            text = (
+                f"data arrive again after a gap of {silent_s:.1f} s; the pose during the gap does not count"
+            )
             self._say("info", "back", text)
 
     def _damage(self, now_s: float) -> None:
@@ -185,5 +188,8 @@ def _example(source: StreamSource) -> str:
 
 def _link_text(code: str, message: str) -> str:
     if code == "unit_link_lost":
-        return f"the connection to the unit is lost: {message}; what was recorded is kept: plug it in again"
+        return (
+            f"the connection to the unit is lost: {message}; recorded samples are kept: connect the unit "
+            "again"
+        )
     return message

@@ -42,7 +42,7 @@ class Outlook:
     absent: Collection[str] = ()
 
     def reaches(self, targets: Mapping[str, float]) -> bool:
-        """Whether every group with a target is within its target."""
+        """Whether the predicted standard deviation of every group with a target is within its target."""
         return not self._above(targets)
 
     def short_of(self, targets: Mapping[str, float]) -> str:

@@ -21,13 +21,14 @@ __all__ = ["angle_deg", "attitude_with", "next_pose", "pose_words", "standard_po
 SAME_DEG: Final = 20.0
 # Largest angle between a requested and a held up direction for the requested pose to count as held, deg.
 NEAR_DEG: Final = 30.0
-# A pose closer to the current one than this angle, deg, is requested only if no other pose is left, because
-# short rotations determine the gyroscope's sensitivity less well.
+# A pose within this angle of the current pose, deg, is requested only if no other pose is left, because small
+# rotations determine the gyroscope's sensitivity less accurately.
 SHORT_TURN_DEG: Final = 60.0
-# The six faces, in an order in which each rotation is by 90 deg about another axis than the previous
-# rotation.
+# The six faces of a box, as up directions. Each rotation between consecutive faces is by 90 deg, about
+# another axis than the previous rotation.
 FACES: Final = ((0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, -1), (-1, 0, 0), (0, -1, 0))
-# Minimum component of the up direction along an axis for the axis to be named in the description of a pose.
+# The description of a pose names an axis if the component of the up direction along it is at least this
+# share.
 NAMED_SHARE: Final = 0.3
 
 

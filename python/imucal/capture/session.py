@@ -45,10 +45,11 @@ __all__ = ["Order", "Session"]
 
 # Interval between two evaluations of the recording, s of the recording's time.
 EVERY_S: Final = 0.25
-# Number of samples up to which an evaluation every `EVERY_S` takes a small share of a processor. With more
-# samples, the interval is extended in proportion.
+# Up to this number of samples, the recording is evaluated every `EVERY_S`, which takes a small share of a
+# processor. With more samples, the interval grows in proportion.
 SAMPLES_OF_EVERY: Final = 200_000
-# Default number of poses without and with targets. Nine is the number of parameters of an accelerometer.
+# Default number of poses without targets, and minimum number of poses with targets. Nine is the number of
+# parameters of an accelerometer.
 POSES: Final = 18
 POSES_WITH_TARGETS: Final = 9
 # Minimum duration of a rest that counts as an attempt at a pose, s. Shorter rests are pauses in a rotation.
@@ -62,7 +63,8 @@ STAYS_AGAIN_S: Final = 8.0
 # Samples are missing if a time step exceeds both `GAP_S`, s, and `GAP_STEPS` median time steps.
 GAP_S: Final = 0.05
 GAP_STEPS: Final = 5.0
-# Maximum change of the ends of a rest while the recording grows, s.
+# Two detections of the same rest, made while the recording grows, differ in their ends by at most this time,
+# s.
 ENDS_MOVE_S: Final = 0.5
 
 
@@ -121,7 +123,8 @@ class Session:
         self._directions = list(order.directions or standard_poses())
         self._outlook = Outlook()
         self._next_look_s = 0.0
-        # The rest in progress at the last evaluation, and the messages that were sent about it.
+        # The rest that was in progress at the last evaluation, and the messages that were sent about this
+        # rest.
         self._before: Held | None = None
         self._said: set[str] = set()
         self._reminded_s = -np.inf
@@ -321,8 +324,8 @@ class Session:
         """Request the next pose."""
         is_held = [any(angle_deg(pose.up, up) < NEAR_DEG for pose in self._round) for up in self._directions]
         asked = next_pose(self._directions, is_held, current)
-        # None occurs if poses between the listed directions cover the whole list before the round is
-        # complete.
+        # `asked` is None if poses between the listed directions have covered all directions before the round
+        # is complete.
         self._asked = 0 if asked is None else asked
         up = self._directions[self._asked]
         self._attitude = attitude_with(up, self._attitude)

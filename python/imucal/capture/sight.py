@@ -72,7 +72,7 @@ def look(recording: Recording, gravity_mps2: float) -> Sight:
         first, end = np.searchsorted(recording.time_s, [start_s, end_s + 1e-9])
         up = force[first : max(end, first + 1)].mean(axis=0)
         size = float(np.linalg.norm(up))
-        # Without gravity there is no up direction, which the checks report.
+        # A rest without gravity has no up direction and is skipped. The checks of the data report this fault.
         if size > 0 and np.isfinite(size):
             rests.append(Held(start_s - recording.time_s[0], end_s - recording.time_s[0], up / size))
     current = rests[-1] if rests and rests[-1].end_s >= now_s - NOW_S else None

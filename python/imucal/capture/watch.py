@@ -15,25 +15,27 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Watch"]
 
-# Warnings of the checks that a person can act on during recording. Other warnings are left to the
-# calibration, which uses the whole recording. Errors are always reported, with the exceptions below.
+# Codes of warnings that are reported during recording, because a person can react to them. Other warnings are
+# reported by the calibration, which uses the whole recording. Errors are always reported, with the exceptions
+# below.
 SAID_WARNINGS: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 # Findings that are reported again when their count has grown. Other errors are repeated after `REMINDED_S`,
 # s.
 GROWING: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 REMINDED_S: Final = 20.0
-# Number of rests from which on an axis can be reported as stuck. Before, the axis may not have been rotated
-# yet.
+# Minimum number of rests before an axis can be reported as stuck. With fewer rests, the unit may not have
+# been rotated about this axis yet.
 RESTS_OF_STUCK: Final = 3
 # Shortest time between two messages with the same code, s.
 AGAIN_S: Final = 2.0
 # Time without a rest and without a rotation after which the unit counts as shaking, s.
 SHAKES_S: Final = 1.5
-# Minimum share of the samples in this time that must have arrived for the unit to count as shaking.
+# Minimum share of the expected samples in `SHAKES_S` that must have arrived for the unit to count as shaking.
 ENOUGH_SHARE: Final = 0.8
-# Change of the vertical in this time, deg, above which the motion counts as a rotation.
+# Change of the vertical during `SHAKES_S`, deg, above which the motion counts as a rotation and not as
+# shaking.
 SHAKEN_DEG: Final = 10.0
-# Ratio of the mean of the angular rate to its rms above which the motion counts as a rotation.
+# Ratio of the mean angular rate to its rms above which the motion counts as a rotation and not as shaking.
 SHAKEN_SHARE: Final = 0.35
 # An axis is clipped at rest if this share of the samples in `SHAKES_S` has the extreme value of the axis,
 # while at most `EQUAL_SHARE` of its other samples equal the sample before. The second condition excludes
@@ -49,11 +51,12 @@ LARGEST_DPS: Final = 2200.0
 RECENT_S: Final = 0.5
 # Time at both ends of a rest, s, that is not evaluated, because the ends of a rest in progress are not final.
 BLOCK_S: Final = 0.1
-# Duration of the beginning, s, in which a wrong unit cannot be distinguished from a fast rotation.
+# Time from the first sample, s, in which a wrong unit of the data cannot be distinguished from a fast
+# rotation.
 FIRST_S: Final = 1.5
-# Minimum ratio of the largest reading of the gyroscope in a rotation to the mean rate of the vertical, and
-# minimum mean rate, deg/s, of rotations for which it is tested. The errors of a sensor are only a few per
-# cent.
+# In a rotation, the largest gyroscope reading must be at least this share of the mean rate of the vertical;
+# otherwise the unit of the data is wrong, because sensor errors are only a few per cent. Rotations with a
+# smaller mean rate than the second number, deg/s, are not tested.
 LEAST_SHARE: Final = 0.5
 LEAST_MEAN_DPS: Final = 15.0
 # Mean rate of the vertical between two rests above which a rotation is too fast, deg/s. It is used for
@@ -169,7 +172,8 @@ class Watch:
 
 
 SHAKING: Final = (
-    "the unit is not still: it trembles in place; rest your hand or the unit on a table, and hold it still"
+    "the unit is not at rest: it shakes without rotating; rest your hand or the unit on a table, and hold it "
+    "still"
 )
 
 

@@ -27,15 +27,15 @@ from imucal.cli.streams import printable, standing_streams
 
 __all__ = ["app", "main"]
 
-# Environment variable with which the completion script of a shell calls the command.
+# Name of the environment variable that the shell's completion script sets when it calls the command.
 COMPLETE = "_IMUCAL_COMPLETE"
-# Messages longer than this number of characters are broken at "; " into one item per line.
+# Messages longer than this number of characters are split at each "; " into separate lines.
 MOST_ON_A_LINE = 300
 
 # Commands by task, in the order of the help: name, and first sentence of the help of the command.
 TASKS: Final[dict[str, dict[str, str]]] = {
     "Start here": {
-        "demo": "Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",
+        "demo": "Calibrate a simulated unit and show a report, or find a hidden effect in simulated data.",
         "help": "Show the help of a command, the cause and cure of a reason code, or all commands.",
     },
     "Calibrate one unit": {
@@ -45,7 +45,7 @@ TASKS: Final[dict[str, dict[str, str]]] = {
         "calibrate": "Calibrate one unit from its recordings.",
         "evaluate": "Evaluate a calibration on recordings of the same unit that were not used for its fit.",
         "gap": "Find a missing effect from the residuals of a calibration, and add it to the model.",
-        "plan": "Plan a motion, and predict what it determines before anything moves.",
+        "plan": "Plan a motion, and predict the standard deviations of the parameters that it gives.",
         "stand": "Move a stand, record the unit on it, and calibrate.",
     },
     "Use a calibration": {
@@ -58,7 +58,7 @@ TASKS: Final[dict[str, dict[str, str]]] = {
         "diff": "Compare two calibrations of a unit: difference of each parameter in standard deviations.",
     },
     "Many units": {
-        "fleet": "Many units: calibrate all recordings into one store, and ask it.",
+        "fleet": "Calibrate the recordings of many units into one store, and query the store.",
         "limits": "Limits for units: write a first limits file from good units, and check units against it.",
     },
     "Noise and temperature": {
@@ -168,8 +168,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _unwritable(error)
     if code == INTERRUPTED:
         return _say(f"{ended.what}, no file is incomplete", ended.code)
-    # After a signal, the exit code is that of the signal, even if an error followed, such as that of a closed
-    # terminal.
+    # After a signal, the exit code is the code of the signal, even if an error followed, for example because
+    # the terminal was closed.
     return code if ended.by is None else ended.code
 
 

@@ -39,7 +39,7 @@ ARGUMENTS: Final = (
     "time_unit",
     "topic",
 )
-# Matches values in quotes or brackets, and plain values. `...` is excluded, because it stands for a value
+# Matches values in quotes or brackets, and plain values. `...` is excluded, because it represents a value
 # that the reader chooses.
 VALUE: Final = r"'[^']*'|\"[^\"]*\"|\[[^]]*\]|(?!\.\.\.)[\w+-][\w.+/^-]*(?<!\.)"
 ASSIGNED: Final = re.compile(rf"(?<![\w.-])({'|'.join(ARGUMENTS)})( = |=)({VALUE})")
@@ -48,7 +48,7 @@ TEXTS: Final = {"explanation", "message", "missing", "notes", "reasons", "warnin
 
 
 def as_typed(text: str) -> str:
-    """The message with options as typed on the command line."""
+    """A message in which names of Python arguments are replaced by command line options."""
     return ASSIGNED.sub(_option, text)
 
 
@@ -65,7 +65,7 @@ def _option(found: re.Match[str]) -> str:
 
 
 def document_as_typed(document: Mapping[str, Any]) -> dict[str, Any]:
-    """The document with options as typed in its messages."""
+    """A document whose messages name command line options instead of Python arguments."""
     return {name: _typed(value) if name in TEXTS else _nested(value) for name, value in document.items()}
 
 

@@ -87,11 +87,12 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Give the unit of the time in the column name (`time_ms`, `time_us`, `time_ns`), or `--rate-hz`.",
         ),
         "clock_irregular": Code(
-            "The time stamps are uneven: of packets instead of samples, or made when the samples arrived.",
+            "The time stamps are uneven, because they are those of packets, or of the arrival of the "
+            "samples.",
             "Use the time stamps of the sensor, or omit them and give `--rate-hz` if no sample is missing.",
         ),
         "samples_missing": Code(
-            "Samples are lost, by gaps in the time stamps or by jumps of the rate.",
+            "Samples are lost: the time stamps have gaps, or the angular rate jumps.",
             "A few do no harm. Otherwise look for lost packets or a full buffer, and record again.",
         ),
         "samples_duplicated": Code(
@@ -203,7 +204,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Record with check sums.",
         ),
         "resampled": Code(
-            "The two sensors have different sampling rates; one was brought to the time stamps of the other.",
+            "The two sensors have different sampling rates; one was resampled to the time stamps of the "
+            "other.",
             "Nothing; record both at one rate if the noise matters.",
         ),
         "already_corrected": Code(
@@ -270,8 +272,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     },
     "Verdict incomplete": {
         "residuals_above_noise": Code(
-            "Some residuals exceed twice their noise: the unit or its motion does something that the "
-            "model lacks.",
+            "Some residuals exceed twice their noise, because the unit has an error, or the motion a "
+            "property, that the model does not contain.",
             "The result is usable. [`imucal gap`](gap.md) searches for the missing effect.",
         ),
         "irregular_clock": Code(
@@ -298,7 +300,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Record the motion that the message names, or hold the parameter with `--hold`.",
         ),
         "at_bound": Code(
-            "A time constant is outside the range that the recordings can determine.",
+            "An estimated time constant is outside the range that the recordings can determine.",
             "Record from power-on until the sensors have settled, or leave the effect out.",
         ),
         "noise_overestimated": Code(
@@ -333,7 +335,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Look for lost packets or a full buffer, and record again if the stretch is too short.",
         ),
         "step": Code(
-            "The mean of some axes changes in a step, as by a bump of the table.",
+            "The mean of some axes changes abruptly, for example because the table was bumped.",
             "`--cut-steps` uses the longest part without a step.",
         ),
         "steps_cut": Code(
@@ -341,11 +343,11 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Nothing; record again without touching the table if the part is too short.",
         ),
         "drift": Code(
-            "The mean drifts as of a unit that warms up. The random walk contains this drift.",
+            "The mean drifts, as while a unit warms up. The estimated random walk includes this drift.",
             "Let the unit run for 30 minutes before recording.",
         ),
         "noise_filtered": Code(
-            "A filter has coloured the high frequencies; only lower ones are used.",
+            "A filter has attenuated the noise at high frequencies; only lower frequencies are used.",
             "Nothing; record without the filter for a more accurate noise density.",
         ),
         "noise_model": Code(

@@ -1,4 +1,4 @@
-"""Details that `--verbose` adds to the output: rest detection, convergence, residuals, and candidates."""
+"""Output of `--verbose`: rest detection, convergence, residuals, and ranking of candidate effects."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def show_fit(out: Output, fit: Fit) -> None:
 
 
 def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Move]) -> None:
-    """Tables of rests and moves: residual, its expected standard deviation, and whether it is used."""
+    """Tables of rests and moves: residual, its expected standard deviation, and whether the fit uses it."""
     are_long = any(rest.epochs > 1 for rest in rests)
     scale = out.scale("norm_error", "m/s^2")
     out.table(

@@ -53,7 +53,7 @@ class Equipment:
     driver: Annotated[str, _option("--driver", f"Driver of the stand: {', '.join(DRIVERS)}.")] = "simulated"
     speed: Annotated[
         float,
-        _option("--speed", "Factor on real time; the samples do not depend on it.", SIMULATED),
+        _option("--speed", "Speed-up relative to real time; the samples do not depend on it.", SIMULATED),
     ] = 1.0
     unit: Annotated[
         str,
@@ -95,13 +95,13 @@ class Equipment:
         _option("--port", "Serial port of the controller or of the motors.", MOTORS, metavar="PORT"),
     ] = None
     baud: Annotated[
-        int, _option("--baud", "Its baud rate; Dynamixel motors are delivered with 57600.", MOTORS)
+        int, _option("--baud", "Baud rate of the port; Dynamixel motors are delivered with 57600.", MOTORS)
     ] = 115200
     axes: Annotated[str, _option("--axes", "grbl: axis letters of the motors, outermost first.", GRBL)] = (
         "XYZ"
     )
     home: Annotated[
-        bool, _option("--home", "grbl: run the homing cycle ($H) first; its end is the zero.", GRBL)
+        bool, _option("--home", "grbl: run the homing cycle ($H) first; its end position is the zero.", GRBL)
     ] = False
     unlock: Annotated[
         bool, _option("--unlock", "grbl: unlock a controller that is locked by an alarm ($X).", GRBL)
@@ -155,13 +155,13 @@ class Equipment:
     ] = None
 
     def to_dict(self) -> dict[str, Any]:
-        """The options for a journal, with which `stand resume` opens the same equipment."""
+        """The options as stored in a journal, from which `stand resume` opens the same equipment."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
 
     @classmethod
     def of_dict(cls, values: dict[str, Any], **changes: Any) -> Equipment:
-        """The equipment of a journal; unknown options of another version are ignored."""
+        """The equipment stored in a journal. Options that this version does not know are ignored."""
         known = {field.name for field in fields(cls)}
         given = {name: value for name, value in values.items() if name in known} | changes
         packet = given.get("packet")

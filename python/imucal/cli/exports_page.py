@@ -1,4 +1,4 @@
-"""The section of docs/formats.md on exports of makers' programs and apps: export, command, and lost data."""
+"""The section of docs/formats.md on files that vendors' programs export: settings, command, lost data."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ __all__ = ["TRACEBACK", "command_offered", "is_fault", "message_of", "no_result_
 
 # Environment variable. If it is set, a bug ends the command with a traceback.
 TRACEBACK: Final = "IMUCAL_TRACEBACK"
-# Matches a model with fewer parameters in a message. `WITH_MODEL` are the commands with the option --model.
+# Matches the name of a smaller model that a message proposes. `WITH_MODEL`: commands with the option --model.
 OFFERED: Final = re.compile(r"\bmodel='(\w+)'")
 WITH_MODEL: Final = ("calibrate", "gap")
 
@@ -94,8 +94,8 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
     except (Exit, SystemExit):
         raise
     except BaseException as error:
-        # If the result has already been written, an interrupt does not replace it. An ImucalError, which
-        # means that a file could not be written, replaces it.
+        # If the result has already been written, an interrupt does not replace the result. An ImucalError
+        # replaces it, because it means that an output file could not be written.
         is_told = Output.documents > before and (path == "-" or not isinstance(error, ImucalError))
         if path is not None and not is_told and not _is_read(path, options.values()):
             _write(path, error)

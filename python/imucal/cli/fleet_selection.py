@@ -1,4 +1,4 @@
-"""Shared arguments and options of the commands on a store: selection of units, and a table as CSV."""
+"""Arguments and options that all commands on a store share: selection of units, and output as CSV."""
 
 from __future__ import annotations
 

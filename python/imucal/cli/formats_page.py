@@ -1,4 +1,4 @@
-"""The page of formats, docs/formats.md, which `imucal convert --list` prints."""
+"""The page docs/formats.md on file formats, which `imucal convert --list` also prints."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ LONGEST_SUMMARY = 200
 # Maximum width of the help, characters, even in a wider terminal, because longer lines are hard to read.
 WIDEST_HELP = 110
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": WIDEST_HELP}
-# Headings of options that several commands have. They come after the headings of the other options.
+# Headings in the help for options that several commands share. They follow the headings of other options.
 OPTIONS: Final = "Options"
 LAST_PANELS: Final = ("Output", "Files of other programs")
 
@@ -60,7 +60,7 @@ class _Help(click.Command):
             if record is not None and not isinstance(item, Argument):
                 panel = item.panel if isinstance(item, Option) else None
                 panels.setdefault(panel or OPTIONS, []).append(record)
-        # `sorted` is stable, so panels with the same key keep their order.
+        # `sorted` is stable, so headings with equal keys keep their order.
         for panel in sorted(
             panels, key=lambda name: LAST_PANELS.index(name) + 1 if name in LAST_PANELS else 0
         ):
@@ -160,7 +160,7 @@ class Commands(_Help, click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command of the first word. The error for one of `other_words` names the intended command."""
+        """The command named by the first word. The error for one of `other_words` names the right command."""
         if args and args[0] in self._other_words and not ctx.resilient_parsing:
             offered = f"{ctx.command_path} {self._other_words[args[0]]}"
             raise click.UsageError(f"there is no command {args[0]!r}: use `{offered}`")
@@ -175,7 +175,7 @@ class Commands(_Help, click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the group's own function and the command."""
-        # This is also needed for a group, because `imucal demo` runs without a subcommand.
+        # A group also needs this error handling, because `imucal demo` runs without a subcommand.
         with no_result_told(ctx.params):
             return super().invoke(ctx)
 

@@ -13,8 +13,8 @@ __all__ = ["RELOAD_S", "LivePage"]
 
 # Interval, s, at which the browser reloads the page, and minimum interval between two writes of the page.
 RELOAD_S: Final = 10.0
-# Maximum share of the time during which the page is being written, because writing takes a processor from the
-# run. A page of 100,000 units takes a minute.
+# Maximum share of the time in which the page is written, because writing occupies a processor that the run
+# could use. Writing a page of 100,000 units takes a minute.
 SHARE: Final = 0.2
 
 
@@ -46,7 +46,8 @@ class LivePage:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                # With a separate session, Ctrl-C in a terminal reaches only the run, which ends this process.
+                # The process gets a separate session, so that Ctrl-C in a terminal reaches only the run. The
+                # run then ends this process.
                 start_new_session=True,
             )
 

@@ -116,7 +116,7 @@ ExcludeSaturated = Annotated[
 ]
 LimitsPath = Annotated[
     Path | None,
-    option("--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is not kept."),
+    option("--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is exceeded."),
 ]
 ModelOption = Annotated[
     str,
@@ -149,7 +149,7 @@ class Required(str, Enum):
 
 Require = Annotated[
     Required,
-    option("--require", help="Worst verdict that ends with exit code 0; with a worse one it is 2."),
+    option("--require", help="Worst verdict with exit code 0; for a worse verdict the exit code is 2."),
 ]
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class _Predicted(Protocol):
-    """A parameter with its standard deviation, which is None if it is not determined."""
+    """A parameter with its standard deviation, which is None for a parameter that is not determined."""
 
     @property
     def name(self) -> str: ...
@@ -41,7 +41,8 @@ __all__ = [
     "require_apart",
 ]
 
-# Exit codes: no result (also for bad input), and a verdict that is poor or worse than required.
+# Exit code without a result, for example after bad input; and exit code if the verdict is poor or worse than
+# required.
 NO_RESULT = 1
 POOR_VERDICT = 2
 # Maximum length of a file name, bytes, on Linux, macOS and Windows.

@@ -23,7 +23,7 @@ import click
 __all__ = ["Argument", "Declared", "Option", "argument", "call_with", "option", "parameters_of"]
 
 _TYPES: Final[dict[Any, Any]] = {str: click.STRING, int: click.INT, float: click.FLOAT}
-# Metavars of options by suffix of the name, which states the unit of the value; and metavars by type.
+# Metavars (placeholders of values in the help) by the suffix of an option's name, which states the unit.
 _ENDINGS: Final = {
     "_s": "S",
     "_hz": "HZ",
@@ -119,7 +119,7 @@ def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
 
 
 def call_with(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function for values of the parser: empty lists are replaced by defaults, and texts by enums."""
+    """The function adapted to the parser: empty lists become defaults, and texts become enum members."""
     kinds = {name: (kind, default) for name, kind, _, default in _signature(function)}
 
     def called(**values: Any) -> Any:

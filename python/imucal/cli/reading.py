@@ -81,8 +81,8 @@ class Reading:
         str | None,
         _option(
             "--axes",
-            "Change of axes, the same for both sensors: frd or ned (z down), flu (none), or the columns that "
-            "give x, y and z: x,-y,-z; accel=... or gyro=... for one sensor.",
+            "Change of axes for both sensors: frd or ned (z down), flu (no change), or the file's axes that "
+            "become x, y and z, such as x,-y,-z. For one sensor: accel=... or gyro=...",
         ),
     ] = None
 
@@ -93,7 +93,7 @@ class Reading:
         return read(*paths, **self._options())
 
     def by_pieces(self, paths: Sequence[Path], use: Callable[[Iterator[Recording]], T]) -> T:
-        """Call `use` with the recording in pieces, or in one piece if it cannot be read in several."""
+        """Call `use` with the recording in pieces, or in one piece if its format cannot be read in pieces."""
         from imucal.io import NotInPartsError, read_pieces
 
         try:

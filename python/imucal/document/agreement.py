@@ -18,7 +18,8 @@ from imucal.errors import FormatError
 
 __all__ = ["ROUNDING", "Origin", "agree", "require_agreement", "require_fields"]
 
-# Relative difference of two numbers that counts as rounding: that of a file written with seven digits.
+# Largest relative difference of two numbers that counts as rounding. It allows for files written with seven
+# digits.
 ROUNDING: Final = 1e-6
 
 

@@ -28,13 +28,13 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """
     try:
         given = Path(path)
-        # The given path is used and not its link target, because the target of /dev/stdout is not a usable
-        # path if it is a pipe.
+        # Pipes and devices are opened by the given path and not by their link target, because the target of
+        # /dev/stdout is not a usable path if standard output is a pipe.
         if given.exists() and not given.is_file() and not given.is_dir():
             with given.open("wb") as device:
                 yield device
             return
-        # A symbolic link stays a link; the file to which it points is replaced.
+        # If the path is a symbolic link, the link is kept, and the file to which it points is replaced.
         target = Path(os.path.realpath(given))
         if target.is_dir():
             raise IsADirectoryError(21, "it is a folder, give a file's name")

@@ -40,7 +40,7 @@ def to_json(document: Any) -> str:
         if not math.isfinite(number):
             raise InputError(f"{path} is {number}: it is not written, JSON holds finite numbers only")
     text = _escaped(json.dumps(document, indent=2, ensure_ascii=False))
-    # A JSON string contains no raw line break, so only arrays of numbers match.
+    # The pattern matches only arrays of numbers, because a JSON string contains no raw line break.
     return re.sub(
         r"\[\n\s*([-+\d.eE]+(?:,\n\s*[-+\d.eE]+)*)\n\s*\]",
         lambda match: "[" + re.sub(r",\n\s*", ", ", match[1]) + "]",
@@ -80,8 +80,9 @@ def read_json(path: str | os.PathLike[str]) -> Node:
         return Node(content, "$", given)
     except json.JSONDecodeError as error:
         raise FormatError(
-            f"{given} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}: give a JSON "
-            "file here (a calibration, limits, a unit, a program), and recordings where REC stands in --help"
+            f"{given} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}: give a JSON file "
+            "here (a calibration, limits, a unit, a program); --help shows with REC where recordings are "
+            "given"
         ) from None
     except (UnicodeDecodeError, RecursionError):
         raise FormatError(f"{given} is not JSON: it is no text in UTF-8") from None
@@ -129,7 +130,7 @@ class Node:
         return self.value
 
     def text(self, one_of: Sequence[str] = ()) -> str:
-        """A string; if `one_of` is not empty, one of its strings."""
+        """A string. If `one_of` is not empty, the string must be one of its items."""
         if not isinstance(self.value, str) or (one_of and self.value not in one_of):
             raise self._wrong(f"one of {', '.join(one_of)}" if one_of else "a string")
         return self.value

@@ -14,7 +14,7 @@ from imucal.errors import InputError
 
 __all__ = ["LONGEST_NAME", "require_name", "shown"]
 
-# Maximum length of a name in characters. It is a length that still fits into a file name.
+# Maximum length of a name in characters. A name of this length still fits into a file name.
 LONGEST_NAME: Final = 200
 
 

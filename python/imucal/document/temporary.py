@@ -26,9 +26,10 @@ __all__ = ["TemporaryFile"]
 # file systems allow.
 PREFIX: Final = ".imucal-"
 SUFFIX: Final = ".tmp"
-# Age above which a file without a lock counts as left behind, s. A younger file may not be locked yet.
+# Age, s, above which a temporary file without a lock counts as left by a killed process. A younger file may
+# not be locked yet.
 LEFT_BEHIND_S: Final = 60.0
-# Number of attempts to name a complete file while other processes write to the same target.
+# Maximum number of attempts to link a complete file to its name while other processes write the same target.
 ATTEMPTS: Final = 20
 
 
@@ -65,8 +66,9 @@ class TemporaryFile:
         with suppress(FileExistsError):
             self._link(target)
             return
-        # A link cannot replace a file, but a rename can. The intermediate name depends only on the target. So
-        # if a process is killed between the two calls, the next process replaces the file that was left.
+        # A link cannot replace an existing file, but a rename can. Therefore the file is first linked to an
+        # intermediate name, which depends only on the target. If the process is killed between link and
+        # rename, the next process that writes this target replaces the intermediate file.
         linked = self._folder / f"{PREFIX}{_digest(target.name)}{SUFFIX}"
         for attempt in range(ATTEMPTS):
             try:
@@ -85,7 +87,8 @@ class TemporaryFile:
         """Link the unnamed file to a name in its folder."""
         folder = os.open(self._folder, os.O_RDONLY)
         try:
-            # Python follows the link of the descriptor only if a folder is given by its descriptor.
+            # The folder is given by its descriptor, because otherwise Python does not follow the link in
+            # /proc.
             os.link(f"/proc/self/fd/{self.descriptor}", path.name, dst_dir_fd=folder, follow_symlinks=True)
         finally:
             os.close(folder)
@@ -93,7 +96,7 @@ class TemporaryFile:
     def _open(self) -> int:
         """Open an unnamed file if the file system supports it, otherwise a named file."""
         if hasattr(os, "O_TMPFILE") and Path("/proc/self/fd").is_dir():
-            # Not all file systems have files without a name.
+            # Not all file systems support files without a name.
             with suppress(OSError):
                 return os.open(self._folder, os.O_TMPFILE | os.O_RDWR, 0o666)
         _remove_left_behind(self._folder)

@@ -14,7 +14,7 @@ LARGEST_COUNT: Final = 2**31 - 1
 
 
 def is_whole(value: Any) -> bool:
-    """Whether this is an integer: True for NumPy integers; False for floats, even with an integral value."""
+    """Whether a value is of an integer type, including NumPy integers. False for a float such as 2.0."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 

@@ -53,9 +53,11 @@ class UserEffect:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
         if not self.name.isidentifier():
-            raise InputError(f"the effect's name {self.name!r} cannot be one: use letters, digits and _")
+            raise InputError(f"{self.name!r} is not a valid name of an effect: use letters, digits and _")
         if self.name in catalogue_by_name() or self.name in {row.name for row in disturbances()}:
-            raise InputError(f"imucal has an effect of the name {self.name}: give yours another name")
+            raise InputError(
+                f"the catalogue has an effect {self.name} already: give your effect another name"
+            )
         if self.sensor not in TRIADS:
             raise InputError(f"the sensor of {self.name} is {self.sensor!r}: give one of {', '.join(TRIADS)}")
         names = [parameter.name for parameter in self.parameters]
@@ -63,7 +65,7 @@ class UserEffect:
             # A parameter's name may start with a digit, because the name of the effect precedes it.
             if not f"_{name}".isidentifier():
                 raise InputError(
-                    f"the parameter {name!r} of {self.name} cannot be one: use letters, digits and _"
+                    f"{name!r} is not a valid name of a parameter of {self.name}: use letters, digits and _"
                 )
         for parameter in self.parameters:
             require_name(parameter.unit, f"the unit of the parameter {parameter.name} of {self.name}")
@@ -101,13 +103,15 @@ class UserEffect:
             columns = np.asarray(field(state), dtype=np.float64)
         except KeyError as error:
             raise InputError(
-                f"the field of {self.name} asks for {error}, the recording has the auxiliary columns "
+                f"the field of {self.name} needs {error}, but the recording has the auxiliary columns "
                 f"{sorted(state.auxiliary)}"
             ) from error
         except (TypeError, ValueError) as error:
             raise InputError(f"the field of {self.name} cannot be evaluated: {error}") from error
         if columns.shape != needed:
-            raise InputError(f"the field of {self.name} has the shape {columns.shape}, {needed} is needed")
+            raise InputError(
+                f"the field of {self.name} has the shape {columns.shape}, but {needed} is needed"
+            )
         known = np.isfinite(state.angular_rate).all(axis=1) & np.isfinite(state.specific_force).all(axis=1)
         wrong = np.flatnonzero(known & ~np.isfinite(columns).all(axis=(1, 2)))
         if len(wrong):
@@ -130,7 +134,7 @@ def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
         if not isinstance(effect, UserEffect):
             raise InputError(f"{effect!r} is no effect of your own: give a list of imucal.UserEffect")
         if effect.name in found:
-            raise InputError(f"the effect {effect.name} is defined twice: give each one name")
+            raise InputError(f"the effect {effect.name} is defined twice: give each effect its own name")
         found[effect.name] = effect
     return found
 

@@ -82,11 +82,12 @@ class EffectValues:
         values = as_rows(self.values, f"the values of {self.name}")
         if not np.isfinite(values).all():
             raise InputError(
-                f"the values of {self.name} hold {values[~np.isfinite(values)][0]}: finite numbers are needed"
+                f"the values of {self.name} contain {values[~np.isfinite(values)][0]}: finite numbers are "
+                "needed"
             )
         if self.shape is not None and not (math.isfinite(self.shape) and self.shape > 0):
             raise InputError(f"the shape of {self.name} is {self.shape}: a positive number is needed")
-        # A copy: a later change of the caller's array must not change a calibration.
+        # The array is copied, so that a later change of the caller's array does not change a calibration.
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)

@@ -65,8 +65,8 @@ FUNCTIONS: Final[Mapping[str, int]] = {
 }
 OPERATORS: Final = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 COMPARISONS: Final = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-# Maximum length of a formula in characters, and maximum nesting depth. The limits are generous for a formula
-# that a person reads on one line.
+# Maximum length of a formula in characters, and maximum nesting depth. A formula that fits on one line is far
+# below both limits.
 MOST_CHARACTERS: Final = 500
 MOST_NESTED: Final = 50
 # Largest number in a formula. The limit is needed because Python integers are unbounded.
@@ -253,7 +253,7 @@ class _Reader:
         columns = ", ".join(sorted(self.columns)) or "no further columns"
         return self._error(
             f"has {' and '.join(found)} {where}",
-            "it must be proportional to its parameters, so give numbers in their place"
+            "the formula must be linear in its parameters, so replace these parameters by numbers"
             + (f"; {', '.join(hints)}" if hints else f"; the recording has {columns}"),
         )
 

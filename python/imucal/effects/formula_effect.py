@@ -23,8 +23,8 @@ __all__ = ["FormulaEffect", "formula_effects", "sizes_of"]
 UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
 # Typical rms of the error that an effect adds: 0.05 deg/s and 1 mg, as for the biases of the catalogue.
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
-# Assumed rate of a turn, rad/s. It replaces the unknown scale of a gyroscope in counts when typical sizes are
-# computed.
+# Assumed typical angular rate of a rotation, rad/s. Typical sizes of effects are computed from it if a
+# gyroscope is in counts, because its scale is not known.
 TURN_RADPS: Final = 1.0
 OPERATIONS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: np.add,
@@ -238,8 +238,9 @@ def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]
     constant = [p.name for p, s in zip(effect.parameters, spread, strict=True) if not s > 0]
     if constant:
         raise InputError(
-            f"{' and '.join(constant)} of the formula {effect.name} multiplies what does not vary in the "
-            "recordings, which is the same as a bias: record data in which it varies"
+            f"in the formula {effect.name}, {' and '.join(constant)} multiplies an expression that is "
+            "constant in the recordings, so it cannot be distinguished from a bias: record data in which "
+            "the expression varies"
         )
     return [TYPICAL[effect.sensor] / value for value in spread]
 

@@ -23,20 +23,20 @@ class Meaning:
 
 
 _THERMAL_CAUSE: Final = (
-    "Dimensions, stiffness and electronics of the sensor change with temperature; the compensation on the "
-    "chip leaves a part of it."
+    "Dimensions, stiffness and electronics of the sensor change with temperature, and the compensation on "
+    "the chip leaves a part of it."
 )
 _THERMAL_REMEDY: Final = (
     "Keep it in the calibration and give the temperature of every sample to the correction. Calibrate over "
     "the temperatures of use: the correction is not reliable beyond them."
 )
 _HISTORY_CAUSE: Final = (
-    "The thermometer is not where the sensor is, so it lags while the temperature changes, or stress in the "
-    "package and the solder relaxes slowly."
+    "The thermometer is not at the sensing element, so its reading lags while the temperature changes, or "
+    "stress in the package and the solder relaxes slowly."
 )
 _HISTORY_REMEDY: Final = (
     "Record heating and cooling at the rates of use. The correction needs the temperature of the whole "
-    "recording, not of single samples; change the temperature more slowly if it may not be corrected."
+    "recording, not of single samples. Without a correction, change the temperature more slowly."
 )
 _WARMUP_CAUSE: Final = "The unit heats itself and its package relaxes after power-on."
 _WARMUP_REMEDY: Final = (
@@ -47,25 +47,26 @@ _DRIFT_CAUSE: Final = (
     "Self-heating, a change of the room temperature, or slow relaxation of stress in the package."
 )
 _DRIFT_REMEDY: Final = (
-    "Record the temperature: if it explains the drift, the correction holds in other recordings. A drift "
+    "Record the temperature. If it explains the drift, the correction is valid for other recordings. A drift "
     "with time alone describes this recording only."
 )
 _ENCODER_REMEDY: Final = (
     "It is an error of the stand, not of the unit, so the calibration of the sensors does not contain it. "
-    "Mend the stand, or keep the effect in its model."
+    "Repair the stand, or keep the effect in its model."
 )
 
 MEANINGS: Final[dict[str, Meaning]] = {
     "gyro_g_sensitivity": Meaning(
-        "The gyroscope's bias depends linearly on the specific force: a unit at rest reads another rate in "
-        "each pose.",
+        "The gyroscope's bias depends linearly on the specific force, so the rate of a unit at rest differs "
+        "between poses.",
         "Gravity and acceleration displace the vibrating mass, because its suspension is not perfectly "
         "symmetric.",
         "Keep it in the calibration and correct the rate with the force of the same sample. Mount the unit "
         "on dampers if vibration is strong, because the correction needs forces within the bandwidth.",
     ),
     "gyro_g2_sensitivity": Meaning(
-        "The gyroscope's bias depends on products of the specific force, so vibration shifts its mean.",
+        "The gyroscope's bias depends on products of specific force components, so vibration shifts its "
+        "mean.",
         "Nonlinear displacement of the vibrating mass, and rectification of vibration by the electronics.",
         "Keep it in the calibration; damp the mount if the unit vibrates, because vibration beyond the "
         "bandwidth is rectified but not measured.",
@@ -89,11 +90,12 @@ MEANINGS: Final[dict[str, Meaning]] = {
     ),
     "gyro_scale_asymmetry": Meaning(
         "The gyroscope's scale differs between the two directions of rotation.",
-        "Two different halves of the readout, such as a demodulator or converter with unequal gains.",
+        "Two halves of the readout electronics with unequal gains, such as those of a demodulator or "
+        "converter.",
         "Keep it in the calibration, and include rotations in both directions in every calibration.",
     ),
     "gyro_cross_axis_quadratic": Meaning(
-        "Simultaneous rotation about two axes causes an error of a third one.",
+        "Simultaneous rotation about two axes causes an error of the third axis.",
         "Coriolis and centrifugal forces couple the axes of a vibrating mass that all three share.",
         "Keep it in the calibration if the unit rotates about several axes at once.",
     ),
@@ -108,8 +110,8 @@ MEANINGS: Final[dict[str, Meaning]] = {
     "accel_scale_cubic": Meaning(
         "The accelerometer's scale changes with the magnitude of the force.",
         "The spring or the electrostatic readout is nonlinear at large deflections.",
-        "Keep it in the calibration. Gravity alone shows it only within 1 g: use a centrifuge or a shaker "
-        "for more.",
+        "Keep it in the calibration. Gravity alone determines it only up to 1 g. For larger forces, use a "
+        "centrifuge or a shaker.",
     ),
     "accel_scale_asymmetry": Meaning(
         "The accelerometer's scale differs between the two signs of the force.",
@@ -155,7 +157,8 @@ MEANINGS: Final[dict[str, Meaning]] = {
     ),
     "gyro_angular_acceleration": Meaning(
         "The gyroscope's error is proportional to the angular acceleration.",
-        "The phase of its filter, or a mass that the angular acceleration moves directly.",
+        "The phase delay of the gyroscope's filter, or angular acceleration that displaces the mass "
+        "directly.",
         "Check the delay and the low-pass filter of the gyroscope first: a delay has the same form for each "
         "axis.",
     ),
@@ -167,7 +170,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
     ),
     "earth_rate": Meaning(
         "The gyroscope measures the rotation of the Earth, 15 deg/h.",
-        "It is a true rate and not an error, but the model takes a unit at rest as not rotating.",
+        "It is a true rate and not an error, but the model assumes that a unit at rest does not rotate.",
         "Include it in the calibration of gyroscopes whose noise is well below 15 deg/h; navigation "
         "corrects it by the latitude and the heading.",
     ),
@@ -175,8 +178,8 @@ MEANINGS: Final[dict[str, Meaning]] = {
         "The accelerometer is not at the point about which the unit rotates, so it measures centripetal and "
         "tangential forces.",
         "The distance of the accelerometer from the axes of the stand, or from the origin of the body frame.",
-        "It belongs to the mount: keep the lever arm of the calibration, or transform the force to the "
-        "origin of the body frame with it.",
+        "It is a property of the mounting. Keep the lever arm in the calibration, or use it to transform the "
+        "force to the origin of the body frame.",
     ),
     "accel_size_effect": Meaning(
         "The three axes of the accelerometer measure at different points.",
@@ -206,7 +209,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
         for sensor, name in (("gyro", "gyroscope"), ("accel", "accelerometer"))
         for form, on in (
             ("rate", "on how fast the temperature changes"),
-            ("lag", "on a temperature that follows the measured one with a time constant"),
+            ("lag", "on a temperature that follows the measured temperature with a time constant"),
             ("hysteresis", "on whether the unit is heating or cooling"),
         )
     },

@@ -40,8 +40,7 @@ from imucal.rig.unit import Unit
 
 __all__ = ["calibrate", "result_of"]
 
-# Largest accepted number of folds. More would not be useful, because each fold needs a fit and recordings
-# have fewer moves.
+# Largest accepted number of folds. More folds would not be useful, because recordings have fewer moves.
 MOST_FOLDS: Final = 1000
 # Largest accepted value of `max_iterations`. A minimisation that has not converged after this number of
 # iterations does not converge.
@@ -137,7 +136,8 @@ def calibrate(
     if not isinstance(recordings, Means):
         if noise_mps2 is not None:
             raise InputError(
-                "noise_mps2 is the noise of a table of means; recordings contain theirs: leave it out"
+                "noise_mps2 is only for a table of means, because recordings show their own noise: leave it "
+                "out"
             )
         unit_data = of_one_unit(recordings)
     else:

@@ -160,11 +160,11 @@ def evaluate(
 
 
 def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s: float) -> _core.Evaluation:
-    """The evaluation by the compiled library; raises as `evaluate`."""
+    """The evaluation by the compiled library. Raises the same errors as `evaluate`."""
     require_judges(calibration, judges)
     if calibration.frame == "given" and calibration.covariance is not None and not calibration.effects:
-        # The figures are the same in every body frame, and the library supports the covariance in the
-        # symmetric frame only.
+        # The calibration is converted to the symmetric frame, because the library supports a covariance only
+        # in this frame. The figures are the same in every body frame.
         calibration = in_frame(calibration, "symmetric")
     if calibration.gyroscope is None:
         nine = _covariance(calibration)
@@ -209,7 +209,7 @@ def _covariance(calibration: Calibration) -> FloatArray | None:
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
     """Raise InputError for recordings on which a calibration cannot be evaluated."""
     if not judges:
-        raise InputError("there is no recording to judge on: give at least one")
+        raise InputError("there is no recording for the evaluation: give at least one")
     require_different(judges)
     for recording in judges:
         model.require_raw_units(recording)
@@ -268,7 +268,7 @@ def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) 
                 seen,
                 float(seen),
                 "files",
-                "this calibration was made of the same file: unless of another part of it, it says nothing "
-                "about new data",
+                "this calibration was estimated from the same file: unless the samples are from another "
+                "part of the file, the figures say nothing about new data",
                 "judge on another recording of the unit",
             )

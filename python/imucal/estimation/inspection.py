@@ -145,7 +145,7 @@ def inspect(
 
 
 def only_moves_determine(names: Sequence[str]) -> str:
-    """The parameters for which the rests alone lack directions, in words."""
+    """A sentence on the parameters that the rests alone do not determine."""
     return (
         f"the rests alone lack directions for {', '.join(names)}; the moves between them determine these, too"
     )

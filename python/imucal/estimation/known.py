@@ -30,13 +30,14 @@ def known_accelerometer(calibration: Calibration, recordings: Sequence[Recording
             )
         if recording.axes != calibration.axes:
             raise InputError(
-                f"{recording.name} was read with axes={recording.axes!r}, but the recordings of the given "
-                f"calibration with axes={calibration.axes!r}: read it with axes={calibration.axes!r}"
+                f"{recording.name} was read with axes={recording.axes!r}, but the given calibration was made "
+                f"from recordings with axes={calibration.axes!r}: read the recording with "
+                f"axes={calibration.axes!r}"
             )
     if calibration.effects:
         raise InputError(
-            f"the given calibration has the effect {calibration.effects[0].name}, which a known "
-            "accelerometer cannot have: calibrate without effects, or estimate both sensors together"
+            f"the given calibration has the effect {calibration.effects[0].name}, but effects of a known "
+            "accelerometer are not supported: calibrate without effects, or estimate both sensors together"
         )
     symmetric = in_frame(calibration, "symmetric")
     count = base_count("symmetric", has_gyroscope=False)
@@ -44,7 +45,8 @@ def known_accelerometer(calibration: Calibration, recordings: Sequence[Recording
     known = dict(zip(symmetric.covariance_names, range(len(symmetric.covariance_names)), strict=True))
     if symmetric.covariance is None or not set(names) <= known.keys():
         raise InputError(
-            "the given calibration has no covariance of its accelerometer: give one of imucal calibrate"
+            "the given calibration has no covariance of its accelerometer: give a calibration file of "
+            "imucal calibrate"
         )
     rows = [known[name] for name in names]
     covariance = symmetric.covariance[rows][:, rows]

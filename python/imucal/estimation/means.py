@@ -50,7 +50,7 @@ class FromMeans:
 
 
 def rows_of_means(means: Means) -> Recording:
-    """The accelerometer means as a recording with one sample per row; the row number serves as time."""
+    """The accelerometer means as a recording with one sample per row. The row number is used as the time."""
     return Recording(
         np.arange(len(means), dtype=np.float64),
         means.specific_force,
@@ -96,8 +96,8 @@ def _with_noise_of(means: Means, unit: Unit) -> Means:
     """The means with standard deviations computed from the white noise of a unit."""
     if means.duration_s is None:
         raise InputError(
-            f"{means.name} has no column duration_s, so the noise density of unit does not give the noise of "
-            "a mean: add the time over which each mean was taken, or give noise_mps2"
+            f"{means.name} has no column duration_s, so the noise of a mean cannot be computed from the "
+            "noise density of unit: add the averaging time of each mean, or give noise_mps2"
         )
     if means.accel_unit == "lsb":
         raise InputError(f"{means.name} is in counts and the profile of unit in SI units: give noise_mps2")

@@ -21,17 +21,18 @@ if TYPE_CHECKING:
 
 __all__ = ["HeldParameter", "Hold", "HoldTuple", "PriorShare", "Priors", "holds_of", "profile_of"]
 
-# Parameters to hold. Either texts NAME, NAME=VALUE, NAME+-SIGMA or NAME=VALUE+-SIGMA, or a mapping from each
-# name to None, to a value, or to a pair of value and standard deviation, each of which may be None.
+# Type of the parameters to hold: a text or texts such as NAME, NAME=VALUE, NAME+-SIGMA or NAME=VALUE+-SIGMA;
+# or a mapping from each name to None, to a value, or to a pair of value and standard deviation. Each number
+# of the pair may be None.
 Hold: TypeAlias = "str | Sequence[str] | Mapping[str, float | tuple[float | None, float | None] | None]"
-# Name, mean and standard deviation for the library.
+# Name, mean and standard deviation of a prior, as the compiled library expects them.
 HoldTuple: TypeAlias = "tuple[str, float | None, float | None]"
 
 NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 TEXT: Final = re.compile(rf"\s*(\w+)\s*(?:=\s*({NUMBER}))?\s*(?:(?:\+-|±|\+/-)\s*({NUMBER}))?\s*")
 FORM: Final = "give NAME, NAME=VALUE, or NAME=VALUE+-SIGMA, such as accel_misalignment=0+-0.005"
-# Threshold of the share of a free parameter's variance that comes from the priors of held parameters. A note
-# reports larger shares.
+# A note reports each parameter that is not held if the priors of held parameters cause more than this share
+# of its variance.
 NOTED_SHARE: Final = 0.1
 SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": "default for MEMS sensors"}
 
@@ -132,7 +133,7 @@ class Priors:
             suffix = "" if unit == "1" else f" {unit}"
             notes.append(
                 f"{group} {axes} held by the prior {value:g} +- {sigma:.3g}{suffix} ({SOURCES[source]}): "
-                f"estimated {estimates}{suffix}; {share} % of the variance is that of the prior"
+                f"estimated {estimates}{suffix}; {share} % of the variance comes from the prior"
             )
         names = {held.group.replace("misalignment", "sensitivity") for held in self.held}
         others = [
@@ -188,7 +189,8 @@ def _of_mapping(name: str, given: Any) -> HoldTuple:
             isinstance(number, bool) or not isinstance(number, (int, float, np.number))
         ):
             raise InputError(
-                f"hold of {name!r} is {given!r}: give None, the value, or the value and its sigma"
+                f"hold of {name!r} is {given!r}: give None, a value, or a pair of value and standard "
+                "deviation"
             )
     return name, None if value is None else float(value), None if sigma is None else float(sigma)
 

@@ -106,7 +106,7 @@ class FittedMove(Move):
 
 
 def of_library(kind: type[T], fields: Mapping[str, Any]) -> T:
-    """An instance of a frozen dataclass with the fields that the compiled library returns by name."""
+    """An instance of the frozen dataclass `kind` from the fields that the compiled library returns."""
     return kind(
         **{name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
     )

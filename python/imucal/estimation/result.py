@@ -31,8 +31,8 @@ ACCELEROMETER_ALONE: Final = (
     "the recordings have no gyroscope: the accelerometer is calibrated alone, and the tremor of a hand is "
     "not separated from its noise"
 )
-# Threshold of the p-value of the residuals. At smaller values a note says that noise alone does not explain
-# the residuals.
+# If the p-value of the residuals is below this threshold, a note says that noise alone does not explain the
+# residuals.
 UNLIKELY: Final = 1e-6
 
 

@@ -21,8 +21,8 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["UserEffectSource"]
 
 
-# Interval over which samples are averaged before correction, s, when two calibrations are compared. The means
-# suffice, because errors of a calibration vary as slowly as the motion.
+# When two calibrations are compared, samples are averaged over this time, s, before they are corrected.
+# Averages are sufficient, because the errors of a calibration vary as slowly as the motion.
 BRIEF_S: Final = 0.1
 
 RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]
@@ -61,7 +61,7 @@ class UserEffectSource:
     def brief_means(
         self, before: _core.Estimate, after: _core.Estimate, of_control: bool
     ) -> tuple[list[RateAndForce], list[RateAndForce], list[UserField]]:
-        """Means over 0.1 s, corrected by two calibrations, and the fields of the second one at the means."""
+        """Means over 0.1 s, corrected by two calibrations, and the fields of effects of the second one."""
         recordings = [_brief(recording) for recording in (self.control if of_control else self.recordings)]
         better = self._calibration(after)
         first = self._calibration(before) if self.given is None else self.given

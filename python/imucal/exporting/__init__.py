@@ -70,7 +70,7 @@ FORMATS: Final[dict[str, Format]] = {
     )
 }
 
-# Figures of an evaluation that are compared between the exported model and the whole calibration.
+# Figures of merit of an evaluation, which are compared between the exported model and the whole calibration.
 COST: Final = ("gravity_direction_rms_deg", "gravity_norm_rms_mps2")
 
 
@@ -213,8 +213,8 @@ def export(
     try:
         written = form.write(along_columns(calibration), noise)
     except InputError:
-        # A format without a rotation can only have the body frame along the columns of the recordings, so the
-        # axes of both sensors must be the same.
+        # In a format without a rotation, the body frame must be along the columns of the recordings. This is
+        # possible only if both sensors have the same axis remapping.
         axes = Axes.parse(calibration.axes)
         if calibration.axes == UNCHANGED or not axes.are_alike:
             raise

@@ -64,12 +64,12 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
             rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = (
-        "The recording has the axes of the sensor. Parameters apply before AHRS_ORIENTATION, but logs "
-        "are after it: if it was not 0 in the log that was calibrated, export with --board-orientation "
-        "AHRS_ORIENTATION."
+        "The recording is assumed to be along the axes of the sensor. ArduPilot applies the parameters "
+        "before the rotation AHRS_ORIENTATION, but logs samples after it. If AHRS_ORIENTATION was not 0 in "
+        "the log that was calibrated, export with --board-orientation AHRS_ORIENTATION."
         if rotation is None
-        else "The recording was turned by AHRS_ORIENTATION; the parameters are for the axes of the sensor, "
-        "before it.",
+        else "The recording was rotated by AHRS_ORIENTATION; the parameters are for the axes of the sensor, "
+        "before this rotation.",
         "Raw samples are samples without ArduPilot's corrections: record with INS_ACCOFFS and INS_GYROFFS 0, "
         "INS_ACCSCAL 1 and INS_TCAL1_ENABLE 0.",
         "The parameters are for the first sensors. INS_ACC_ID and INS_GYR_ID are not in this file. They must "
@@ -98,9 +98,10 @@ def _require_no_log(calibration: Calibration) -> None:
     for source in calibration.provenance.files:
         if source.path.lower().endswith(LOG_SUFFIX):
             raise InputError(
-                f"the calibration is of {source.path}: logs of ArduPilot are after the rotation "
-                "AHRS_ORIENTATION, and its parameters apply before it: give --board-orientation with "
-                "its value, 0 if the board is not rotated (`imucal inspect` shows any other value)"
+                f"the calibration is of {source.path}: ArduPilot logs samples after the rotation "
+                "AHRS_ORIENTATION, but applies its parameters before this rotation: give "
+                "--board-orientation with the value of AHRS_ORIENTATION, 0 if the board is not rotated "
+                "(`imucal inspect` shows any other value)"
             )
 
 

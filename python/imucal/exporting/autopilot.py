@@ -82,7 +82,8 @@ def per_axis_model(calibration: Calibration) -> PerAxis:
     scale = per_axis(accel.sensitivity)
     thermal = {
         sensor: _thermal(values, triad.sensitivity)
-        # The thermal terms are in raw units, so the rotation of the body frame does not affect them.
+        # The autopilots apply thermal terms to raw samples, so the rotation of the body frame does not affect
+        # these terms.
         for sensor, triad in (("accel", calibration.accelerometer), ("gyro", calibration.gyroscope))
         for values in calibration.effects
         if triad is not None and values.name == THERMAL[sensor]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BLOB", "C_LOADER", "blob_of"]
 
-# Version of the form that `imucal_core::stored` and the C header read.
+# Version of the binary form. `imucal_core::stored` and the C header read only this version.
 VERSION: Final = 1
 RATE_IN_COUNTS: Final = 1
 FORCE_IN_COUNTS: Final = 2
@@ -79,7 +79,8 @@ def _warnings(calibration: Calibration, kept: Sequence[EffectValues], lost: Sequ
         notes.append(f"The firmware must give: {', '.join(needs).replace('_', ' ')}")
     if lost:
         notes.append(
-            "Their errors stay in the data; omitted_effects counts them, so that a firmware can refuse"
+            "The errors of omitted effects stay in the data. omitted_effects is their number, so that a "
+            "firmware can refuse the calibration"
         )
     return notes
 
@@ -88,7 +89,7 @@ def _of_counts(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dp
     """A calibration in SI units converted to one for raw samples in counts."""
     if calibration.gyroscope is None or "lsb" in (calibration.accel_unit, calibration.gyro_unit):
         raise InputError(
-            "this calibration is of counts already: remove --accel-lsb-per-g and --gyro-lsb-per-dps"
+            "this calibration is for raw counts already: remove --accel-lsb-per-g and --gyro-lsb-per-dps"
         )
     accel, gyro = accel_lsb_per_g / STANDARD_GRAVITY_MPS2, math.degrees(gyro_lsb_per_dps)
     if not (math.isfinite(accel) and accel > 0 and math.isfinite(gyro) and gyro > 0):

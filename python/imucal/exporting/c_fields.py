@@ -11,7 +11,7 @@ from typing import Final, TypeAlias
 
 __all__ = ["FIELDS", "WARM_UPS", "Field", "Term", "product_of"]
 
-# The index of an axis, and the C expression of the field's component along this axis.
+# A term of a field: the index of an axis, and the C expression of the field's component along this axis.
 Term: TypeAlias = tuple[int, str]
 # For each parameter of an effect, in the order of the catalogue, the nonzero terms of its field.
 Field: TypeAlias = Sequence[Sequence[Term]]
@@ -24,12 +24,12 @@ WARM_UPS: Final = ("gyro_bias_warmup", "accel_bias_warmup")
 
 
 def _axes(causes: Sequence[str]) -> Field:
-    """The field with one parameter per axis, which is multiplied by the input quantity of that axis."""
+    """A field with one parameter per axis, each multiplied by the input quantity of its axis."""
     return [[(i, cause)] for i, cause in enumerate(causes)]
 
 
 def _entries(causes: Sequence[str]) -> Field:
-    """The field of a full matrix of parameters, by rows, times the vector of input quantities."""
+    """A field with nine parameters: a 3 x 3 matrix, by rows, times the vector of input quantities."""
     return [[(i, cause)] for i in range(3) for cause in causes]
 
 

@@ -131,7 +131,8 @@ def _notes(
     notes += temperature_note(calibration)
     if calibration.left_in_data:
         notes.append(
-            f"Not compensated, as these effects are no sensor errors: {', '.join(calibration.left_in_data)}"
+            "Not compensated, because these effects are not sensor errors: "
+            f"{', '.join(calibration.left_in_data)}"
         )
     return tuple(notes)
 

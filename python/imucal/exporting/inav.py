@@ -52,7 +52,7 @@ def write(
     moved, _ = rotated(calibration, "symmetric")
     accel, gyro = moved.accelerometer, moved.gyroscope
     in_counts = calibration.accel_unit == "lsb", calibration.gyro_unit == "lsb"
-    # Counts of INAV's driver per raw unit of the calibration.
+    # Factor from raw units of the calibration to counts of INAV's driver.
     accel_counts = 1.0 if in_counts[0] else accel_lsb_per_g / STANDARD_GRAVITY_MPS2
     gyro_counts = 1.0 if in_counts[1] else gyro_lsb_per_dps * 180 / np.pi
     # Counts of the driver per m/s^2 and per rad/s of a perfect sensor.

@@ -59,9 +59,11 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         same_as=moved,
         frame=FRAMES["triangular"] + ", Kalibr's frame i" + turned(rotation),
         notes=(
-            "The formula gives raw samples from true values: solve it for f_i first, then for w_i.",
+            "The formula gives raw samples from true values. To correct samples, solve it for f_i and then "
+            "for w_i.",
             "Add rostopic, update_rate and the noise figures: imucal noise REC --kalibr imu.yaml",
-            "OpenVINS has other names, and its Tg is A C_gyro_i instead of A: use --to openvins for it.",
+            "OpenVINS has other names, and its Tg is A C_gyro_i instead of A: for OpenVINS use --to "
+            "openvins.",
         ),
     )
 
@@ -127,7 +129,8 @@ def write_imu(calibration: Calibration, noise: NoiseResult | None) -> Written:
     return Written(
         body=kalibr_yaml(noise),
         lost=(
-            "bias, scale, misalignment and effects: imu.yaml contains noise only, use --to kalibr for them",
+            "bias, scale, misalignment and effects: imu.yaml contains only noise figures, use --to kalibr "
+            "for these",
         ),
         same_as=None,
         frame=FRAMES[calibration.frame],

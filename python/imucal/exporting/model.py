@@ -77,8 +77,8 @@ def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calib
 def axes_note(calibration: Calibration) -> str:
     """The header line on the axis remapping of the recordings."""
     return (
-        f"The recordings were read with axes={calibration.axes!r}. Raw samples of this file are along the "
-        "axes of the columns, before this change."
+        f"The recordings were read with axes={calibration.axes!r}. The raw samples to which this file "
+        "applies are along the axes of the columns, before this axis remapping."
     )
 
 
@@ -102,7 +102,7 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
     if _is_in(frame, old):
         return replace(linear(calibration), frame=frame), np.eye(3)
     gyroscope = calibration.gyroscope
-    # The accelerometer alone defines the frame, so the identity can stand in for a missing gyroscope.
+    # The accelerometer alone defines the frame, so a missing gyroscope can be replaced by the identity.
     accel, gyro = _core.convert_frame(old, np.eye(3) if gyroscope is None else gyroscope.sensitivity, frame)
     moved = replace(
         linear(calibration),

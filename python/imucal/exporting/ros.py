@@ -48,7 +48,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 def _lost_gyroscope(gyro: Triad) -> tuple[str, ...]:
     return (
-        f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node estimates its own at its start",
+        f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node estimates this bias at its start",
         *off_scale("gyroscope", gyro.sensitivity),
         *misalignment("gyroscope", gyro.sensitivity),
     )

@@ -13,7 +13,7 @@ from imucal.fleet.worker import Work, do
 __all__ = ["DaskPool"]
 
 EXTRA: Final = "needs Dask: pip install 'imucal-rs[fleet]'"
-# Number of submitted tasks per worker thread. A few are needed so that no thread waits for the scheduler.
+# Number of submitted tasks per worker thread. With several tasks, no thread waits for the scheduler.
 PER_THREAD: Final = 3
 # Timeout of the connection to a scheduler, s. It is sufficient even for a busy network.
 CONNECT_S: Final = 30
@@ -70,7 +70,7 @@ class DaskPool:
         while True:
             self._require_scheduler()
             try:
-                # The client is not the default client of Dask, because the user may have a default client.
+                # This client must not become Dask's default client, because the user may have set one.
                 with self._client.as_current():
                     done = wait(list(self._futures), timeout=POLL_S, return_when="FIRST_COMPLETED").done
             except (TimeoutError, asyncio.TimeoutError):
@@ -126,6 +126,6 @@ class DaskPool:
 
     def _lost(self) -> ImucalError:
         return ImucalError(
-            f"the scheduler {self._address} is lost: what was in the store is in it; start the scheduler, "
-            "and run the same command again"
+            f"the scheduler {self._address} is lost: results that are already in the store are safe; start "
+            "the scheduler, and run the same command again"
         )

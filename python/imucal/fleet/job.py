@@ -40,7 +40,7 @@ __all__ = [
     "unread",
 ]
 
-# Prefix of the key of a job whose files cannot be read. The key then contains the paths instead of a hash.
+# Prefix of the key of a job whose files cannot be read. Such a key contains the paths instead of a hash.
 UNREAD: Final = "unread:"
 # Arguments of `calibrate` that each job sets, so they cannot be options of a run.
 OF_A_JOB: Final = ("control", "serial_number", "frame")
@@ -111,8 +111,8 @@ class Options:
             and not (isinstance(value, (bool, float, str)) and value == defaults.get(name))
         }
         if "unit" in given:
-            # The profile itself is stored instead of its path, because the file may be missing on another
-            # machine.
+            # The content of the unit's profile is stored instead of its path, because the file may be missing
+            # on another machine.
             given["unit"] = unit_of(given["unit"])
         object.__setattr__(self, "calibrate", given)
         object.__setattr__(self, "read", {k: v for k, v in self.read.items() if v not in (None, False)})
@@ -134,8 +134,8 @@ class Options:
             return json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
         except (TypeError, ValueError) as error:
             raise InputError(
-                f"the options of a run must be plain values, which a store can compare: {error}; for other "
-                "options call imucal.calibrate for each unit"
+                "the options of a run must be plain values (text, numbers, lists), so that a store can "
+                f"compare them: {error}; for other options call imucal.calibrate for each unit"
             ) from None
 
 

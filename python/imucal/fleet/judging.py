@@ -135,8 +135,8 @@ class Judging(ABC):
         for serial, files, text in rows:
             if serial in wanted and serial not in found:
                 options = json.loads(text)
-                # The unit's profile is not used, because it widens standard deviations by instabilities,
-                # which is not necessary for means over units.
+                # The unit's profile is not used. It would increase the standard deviations by bias
+                # instabilities, which average out in means over units.
                 arguments = {k: v for k, v in options["calibrate"].items() if k not in ("unit", "folds")}
                 found[serial] = UnitFiles(serial, tuple(json.loads(files)), options["read"], arguments)
         return list(found.values())

@@ -30,7 +30,7 @@ class Ended:
 
 # Work and its answer, or `Ended`.
 Done = tuple[Any, Any]
-# Number of tasks in the pool per process: one that runs and one that waits, so that no process waits for the
+# Number of tasks in the pool per process: a running and a waiting task, so that no process waits for the
 # parent.
 PER_PROCESS: Final = 2
 # Time, s, to wait for the exit code of a process whose pipes are closed.
@@ -104,7 +104,7 @@ class LocalPool:
 
     def next(self) -> Done:
         """Wait until any work ends. Raises ImucalError if no process can be started."""
-        # The timeout is needed, because on Windows a wait without a timeout delays signals.
+        # The wait has a timeout, because on Windows a wait without a timeout delays signals such as Ctrl-C.
         while True:
             try:
                 done = self._done.get(timeout=1.0)

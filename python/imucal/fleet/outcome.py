@@ -24,7 +24,7 @@ __all__ = [
     "measured_of",
 ]
 
-# Codes of failures that may not occur in another run: a file was missing or changed during the run.
+# Codes of failures that a later run may not have: a file was missing, or changed during the run.
 TRANSIENT: Final = ("file_missing", "file_changed")
 # Compression level of documents. Level 1 takes a fifth of the time of level 6, and its output is a tenth
 # larger.
@@ -95,7 +95,7 @@ def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
     if calibration.covariance is not None:
         matrix = _in_order(calibration.covariance, calibration.covariance_names, names)
         covariance = matrix[np.triu_indices(len(names))].tobytes()
-        # The matrix is not repeated in the document if the table of the store contains it in the same order.
+        # The covariance matrix is left out of the document if its stored triangle has the same order.
         if calibration.covariance_names == names and np.array_equal(matrix, matrix.T):
             document["covariance"]["matrix"] = None
     temperature = calibration.temperature_range_degc

@@ -140,8 +140,8 @@ def _measurements(
     columns = {number: [name for name, _ in pairs] for number, pairs in parameters.items()}
     given: list[int] = []
     packed: tuple[list[bytes], list[bytes], list[bytes]] = ([], [], [])
-    # Rows are processed one by one, because with a list of all rows the garbage collector would take a third
-    # of the time.
+    # Rows are processed one by one, because with a list of all rows a third of the time would be spent in
+    # garbage collection.
     for job, of_values, of_sigmas, of_figures in connection.execute(
         f"SELECT id, {', '.join(PACKED)} {selected}", arguments
     ):

@@ -25,12 +25,12 @@ from imucal.fleet.task import FILE_MISSING, Task, failure_of
 __all__ = ["Tally", "run_jobs"]
 
 # Number of jobs per task, without and with the search for a missing effect. A calibration takes about 20 ms,
-# so the overhead of a task, a few ms, is small. The search takes seconds, and a task should not take minutes,
-# because a killed run repeats its tasks.
+# so with 50 jobs the overhead of a task, a few ms, is small. A search takes seconds, and a task must not take
+# minutes, because a run that was killed repeats its unfinished tasks.
 PER_TASK: Final = 50
 PER_TASK_WITH_GAP: Final = 5
-# Minimum number of tasks per process for a small fleet. With fewer tasks, some processes would be idle while
-# the last task runs.
+# In a small fleet, the jobs are divided into at least this number of tasks per process. With fewer tasks,
+# some processes would be idle while the last tasks run.
 TASKS_PER_PROCESS: Final = 4
 # Number of attempts to compute a single job while no other job runs. After the last failure its recording
 # counts as poisoned.
@@ -212,8 +212,9 @@ class _Run:
         waiting: list[Job | KeyedJob] = []
         jobs = iter(jobs)
         while block := list(islice(jobs, PER_TASK)):
-            # For a new store all jobs are new, so their files are read only by the processes of the pool.
-            # With a time limit, the keys are needed here for jobs whose process does not answer.
+            # For a new store all jobs are new, so the parent process need not read their files to compute
+            # keys. With a time limit, it computes the keys, because a process that does not answer returns
+            # none.
             is_new = self._options.time_limit_s is None and self._store.is_new
             waiting += block if is_new else self._new_ones(block)
             size = self._task_size()

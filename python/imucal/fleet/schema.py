@@ -147,7 +147,7 @@ def connect_writing(
     connection = _open(path, f"{_uri(path)}?mode=rwc")
     try:
         connection.execute("PRAGMA journal_mode = WAL")
-        # With FULL, a commit is on the disk when it returns and survives a power failure.
+        # With FULL, committed data are on the disk when the commit returns, and survive a power failure.
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA foreign_keys = ON")
         # Two processes may open a new store at the same time. One creates the tables while the other waits.

@@ -60,7 +60,7 @@ RESULT_COLUMNS: Final = (
     *("other_figures", "other_parameters", "names", "parameter_values", "sigmas"),
     *("figure_names", "figure_values"),
 )
-# Columns of a manifest that describe a job, besides its files. A later manifest may correct them.
+# Columns of a manifest that describe a job and not its files. A later manifest may correct their values.
 ABOUT: Final = ("date", "station", "operator", "batch", "role")
 
 
@@ -119,7 +119,7 @@ class Store:
 
     @property
     def is_new(self) -> bool:
-        """Whether all jobs in the store were stored by this object."""
+        """Whether the store was empty when it was opened, and no other process has added jobs since."""
         with self._failing():
             return bool(self._was_empty) and self._version_by_others() == self._others
 

@@ -46,7 +46,7 @@ def do(work: Work) -> Any:
 
 # Freed memory, bytes, that a process keeps for its next recording.
 KEPT: Final = 128 << 20
-# Parameters of `mallopt` of the GNU C library.
+# Parameter numbers of the function `mallopt` of the GNU C library, from malloc.h.
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 

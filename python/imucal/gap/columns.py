@@ -18,10 +18,9 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["column_effects", "usable_columns"]
 
-# Threshold of the share of a column's variance that time, temperature, force and rate explain. At or above it
-# the column is not a candidate. This excludes counters and clocks, copies of the sensor's columns, and
-# further temperatures, which effects of the catalogue describe. The noise of a supply voltage alone keeps its
-# share below the threshold.
+# A column is not a candidate if time, temperature, force and rate explain at least this share of its
+# variance. This excludes counters and clocks, copies of the sensor's columns, and further temperatures, which
+# effects of the catalogue describe. A supply voltage stays below this share because of its own noise.
 EXPLAINED: Final = 0.95
 # Maximum number of columns that become candidates. Each additional candidate makes a false alarm more likely,
 # so the evidence required of an effect grows with the number of candidates. The columns with the smallest

@@ -1,4 +1,4 @@
-"""Fields of the result of a search, separate from `Gap` so that the text module can import them."""
+"""Fields of the result of a search. They are separate from `Gap`, so that `text` can import them."""
 
 from __future__ import annotations
 

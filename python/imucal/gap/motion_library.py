@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Suggestion", "suggestions"]
 
-# Seed of the random rotations. It differs from the default seed 1, with which the present recordings were
-# probably made, so that the motions differ.
+# Seed of the random rotations. The present recordings were probably made with the default seed 1, and the new
+# motion must differ from theirs.
 SEED: Final = 2
 # Number of moves of the random program.
 MOVES: Final = 45
@@ -123,7 +123,7 @@ def _circles() -> Program:
 
 
 def _headings() -> list[Step]:
-    """Four headings with each body axis up and down, by motor 3, or by motor 2 if its axis is vertical."""
+    """Four headings in each of six poses (each body axis up and down), set by a vertical motor axis."""
 
     def go(*turn_deg: float) -> Step:
         first, second, third = turn_deg

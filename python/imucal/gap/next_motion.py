@@ -35,12 +35,13 @@ if TYPE_CHECKING:
 __all__ = ["next_motion"]
 
 # Minimum expected chi2 for a motion to distinguish between two effects. The log likelihood ratio of the true
-# effect to its rival has mean chi2 / 2 and standard deviation sqrt(chi2): 15 +- 5.5 nats for chi2 = 30.
+# effect to its rival has the mean chi2 / 2 and the standard deviation sqrt(chi2), so 15 +- 5.5 nats for chi2
+# = 30.
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated recordings.
 SEED: Final = 3
-# Lower bounds of the noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). They are
-# needed because the estimate is zero for recordings that were simulated without noise.
+# Lower bounds of the noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). Without them,
+# recordings that were simulated without noise would give densities of zero.
 LEAST_DENSITY: Final = (1e-5, 1e-6)
 # Trial time constants of effects, as shares of the duration of the longest recording.
 SHAPE_SHARES: Final = (0.03, 0.1, 0.3, 1.0)
@@ -97,7 +98,9 @@ def next_motion(question: Question, analysis: _core.GapAnalysis, after: Calibrat
     if pairs:
         words.append(f"expected chi2 between these effects {chi2:.0f}, with the present recordings {now:.1f}")
         if chi2 <= SEPARATES:
-            words.append("no known motion distinguishes them with certainty; this motion is the best")
+            words.append(
+                "no known motion distinguishes these effects with certainty; this motion is the best"
+            )
     if suggestion.on_its_own:
         words.append("search for effects in that recording alone")
     return {
@@ -169,7 +172,7 @@ def _design(question: Question, recordings: Sequence[Recording], names: Sequence
 
 
 def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
-    """chi2 T(a, b) of one pair, for the time constant of the rival that is hardest to distinguish."""
+    """chi2 T(a, b) of one pair of effects, minimised over the time constant of the rival."""
     base, columns = design
     if pair.name not in columns or pair.rival not in columns:
         return 0.0
@@ -182,8 +185,8 @@ def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
     beside = [columns[name][0] for name in pair.beside if name in columns]
     rivals = columns[pair.rival]
     if len(rivals) > 1:
-        # The time constant of the rival would be estimated. Columns at two adjacent trial values together
-        # approximate the columns at values between them.
+        # In a fit, the time constant of the rival would be estimated. Columns at two adjacent trial values
+        # together approximate the columns for any time constant between these values.
         rivals = [np.hstack(both) for both in itertools.pairwise(rivals)]
     return min(_residual_norm2(trace, np.hstack([base, *beside, rival])) for rival in rivals)
 

@@ -25,9 +25,8 @@ __all__ = [
     "session_of",
 ]
 
-# Threshold of the ratio of chi2 per degree of freedom with a given calibration to that of a fit without
-# effects. Above it, the given calibration is reported as outdated, because the parameters of the unit have
-# changed.
+# A given calibration is reported as outdated if its chi2 per degree of freedom exceeds that of a new fit
+# without effects by more than this factor, because then the parameters of the unit have changed.
 FAR_WORSE: Final = 2.0
 
 # Minimum change of the mean temperature between sessions, K, for temperature to be considered as the cause of

@@ -31,8 +31,8 @@ __all__ = ["MoveResiduals", "MoveSignals", "OwnMotion", "RestResiduals", "own_mo
 
 # Duration of the parts of the rests before and after a move that `MoveSignals` includes, s.
 MARGIN_S: Final = 1.0
-# The rate of a move is the median of the samples above this share of the maximum rate. This excludes the
-# ramps of a move at constant rate.
+# The rate of a move is the median over samples whose rate exceeds this share of the maximum rate. This
+# excludes acceleration and deceleration at the ends of a move.
 PLATEAU: Final = 0.7
 # Minimum cosine of the angle between the rotation axis and a body axis for a move to count as a rotation
 # about this body axis: 0.85 is 32 deg.

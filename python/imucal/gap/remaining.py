@@ -12,15 +12,15 @@ from imucal.gap.remainder import Remainder
 
 __all__ = ["described"]
 
-# chi2 per degree of freedom above which a calibration is a poor fit. The compiled library uses the same
-# value.
+# A calibration with a larger chi2 per degree of freedom is a poor fit. The compiled library uses the same
+# threshold.
 POOR_CHI2_PER_DOF: Final = 100.0
 
 Described = tuple[Remainder, Mapping[str, Any] | None, list[str]]
 
 
 def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Described:
-    """The remainder, its variation, and the reasons of a poor fit that belong into the notes."""
+    """The remainder, its dependence on time or motion, and the reasons of a poor fit for the notes."""
     found, search = analysis.remainder, analysis.search
     session, reasons = notes.session_of(analysis.session), notes.misfits(after)
     generic = notes.generic_of(search.generic)
@@ -28,8 +28,8 @@ def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Describe
         generic = notes.scatter_of(search.scattering_rests)
     if generic is None and found.pattern == "between_sessions" and session is not None:
         words = notes.session_in_words(session)
-        # Changed biases explain the poor fit if chi2 per degree of freedom of the control recordings is at
-        # most POOR_CHI2_PER_DOF with biases fitted to them. The other reasons are then omitted.
+        # With biases fitted to the control recordings, their chi2 per degree of freedom may be at most
+        # POOR_CHI2_PER_DOF. Then changed biases explain the poor fit, and the other reasons are omitted.
         left = reasons if session.chi2_per_dof_own > POOR_CHI2_PER_DOF else []
         generic = {
             "block": found.block,

@@ -29,30 +29,30 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["Soak", "SoakTerm", "SoakedSensor", "soak"]
 
-# Number of epochs into which a recording is divided for averaging, and minimum number of samples of an epoch.
+# The readings are averaged over this number of epochs, each with at least `LEAST_SAMPLES` samples.
 EPOCHS: Final = 240
 LEAST_SAMPLES: Final = 10
 # Minimum number of epochs, and minimum range of their temperatures, K. Recordings with less are refused.
 LEAST_EPOCHS: Final = 40
 LEAST_RANGE_K: Final = 2.0
-# Number of folds of the cross-validation, and number of consecutive epochs that are held out together, so
-# that slow variations are not predicted from adjacent epochs.
+# Number of folds of the cross-validation. Epochs are held out in blocks of `BLOCK` consecutive epochs, so
+# that slow variations cannot be predicted from adjacent epochs.
 FOLDS: Final = 10
 BLOCK: Final = 3
-# Minimum improvement of the prediction over that of a simpler model, in standard errors over the folds. In
-# tests on sensors with a constant reading, the threshold 1 gave one of eight sensors a term, and the
-# threshold 2 none of 40.
+# A term is added if it improves the prediction of held-out epochs by at least this number of standard errors
+# over the folds. In tests on sensors with a constant reading, a term was added for one of eight sensors with
+# the threshold 1, and for none of 40 with the threshold 2.
 STANDARD_ERRORS: Final = 2.5
 # Maximum scatter of the gravity direction within a soak, rad. A larger scatter means that the unit was moved.
 MOST_TURN_RAD: Final = 0.35
-# Number of time constants of a lag that are compared in a round, and number of rounds. Each round searches
-# between the neighbours of the best value of the previous round; the last steps are 1 %.
+# Search for the time constant of a lag: number of trial values per round, and number of rounds. Each round
+# searches between the neighbours of the best value of the previous round. The last steps are 1 %.
 TAUS: Final = 11
 ROUNDS: Final = 3
 AXES: Final = "xyz"
 REFERENCE_DEGC: Final = _core.REFERENCE_TEMPERATURE_DEGC
-# Formulas of each kind of term by degree, and the suffixes that the units of their parameters add to the unit
-# of the reading.
+# For each kind of term, the formulas of its degrees, and the suffixes that are appended to the unit of the
+# reading to give the units of the parameters.
 FORMULAS: Final = {
     "polynomial": (
         "k (T - T0)",
@@ -185,7 +185,7 @@ class Soak:
 
 @dataclass(frozen=True)
 class Form:
-    """A model: effects with their numbers of parameters. A lag, with time constant `tau_s`, comes last."""
+    """A model: effects with their numbers of parameters. A lag (time constant `tau_s`) is the last effect."""
 
     effects: tuple[tuple[str, int], ...] = ()
     tau_s: float | None = None
@@ -287,7 +287,8 @@ class _Search:
         self.folds = (np.arange(len(mean)) // BLOCK) % FOLDS
         self.known: dict[tuple[str, float | None], FloatArray] = {}
         self.cubic = Form(((self.prefix, 9),))
-        # The residuals of each axis are divided by those of the cubic, so that all axes have similar weight.
+        # The residuals of each axis are divided by those of the cubic model, so that all axes have similar
+        # weights.
         self.scale = np.sqrt((self._held_out(self.cubic) ** 2).mean(axis=0))
         self.scale = np.maximum(self.scale, np.finfo(np.float64).tiny)
 

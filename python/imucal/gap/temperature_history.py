@@ -21,7 +21,8 @@ NODE_S: Final = 1.0
 MOST_NODES: Final = 20_000
 # Half of the interval over which the rate is computed, s.
 RATE_S: Final = 10.0
-# Half of the temperature change that completes a reversal of the direction, K. Smaller changes are noise.
+# Half of the temperature change, K, after which the direction of the change counts as reversed. Smaller
+# changes are noise.
 REVERSAL_K: Final = 1.0
 
 

@@ -35,9 +35,9 @@ EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
-# Threshold that selects the figure in the summary. The control figure is printed if its improvement is at
-# least this share of the improvement of the residuals that improve most, both in multiples of noise.
-# Otherwise these residuals are printed.
+# The summary prints either the control figure or the kind of residual that improves most. It prints the
+# control figure if its improvement is at least this share of that of the residuals, both in multiples of
+# their noise.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
@@ -83,7 +83,8 @@ def sentences(gap: GapFields) -> Iterator[str]:
         yield (
             f"{where}: {figure['metric']} {figure['before']:.4g} before{refitted}, "
             f"{figure['after']:.4g} after, floor {figure['floor']:.3g}: "
-            # A negative share means that the improvement is within the scatter of these figures.
+            # A negative share means that the difference is within the scatter of the figures before and
+            # after.
             + (
                 "the difference is not significant"
                 if figure["closed"] < 0
@@ -170,7 +171,8 @@ def _finding(gap: GapFields) -> str:
     )
     figure = _by_the_effects(gap.gap)
     row = max(gap.where["channels"], key=_drop) if gap.where else None
-    # If the figures hardly improve, the effect acts inside moves or on the stand: print residuals instead.
+    # If the figures hardly improve, the effect acts during moves or on the stand, so residuals are printed
+    # instead.
     if (
         figure is not None
         and verified is not None
@@ -187,7 +189,7 @@ def _finding(gap: GapFields) -> str:
             f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words}: {before[name]:.2g} -> "
             f"{after[name]:.2g} {unit}"
         )
-    # Without a figure of control or held-out data, the sentence claims only what the residuals show.
+    # Without a figure from control or held-out data, the sentence does not claim an improvement.
     if row is None or row["times_noise_after"] is None:
         return f"{names} {'is' if len(gap.effects) == 1 else 'are'} part of the model"
     excess, left = (max(0.0, row[name] ** 2 - 1.0) for name in ("times_noise", "times_noise_after"))
@@ -324,7 +326,7 @@ def explanation(gap: GapFields, name: str) -> Iterator[str]:
         value, unit = for_people(size["value"], size["unit"])
         yield (
             f"detection limit in these recordings: {value:.2g} {unit} rms per parameter; an effect of this "
-            f"size is named with a chance of about {100 * size['chance']:.0f} %"
+            f"size is named with a probability of about {100 * size['chance']:.0f} %"
         )
     added = next((e for e in gap.effects if e["name"] == name and e["parameters"]), None)
     score = next((score for score in gap.ranking if score["name"] == name), None)

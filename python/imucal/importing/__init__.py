@@ -182,8 +182,8 @@ def _calibration(
         # The calibration is usable, but its residuals are not known.
         verdict="incomplete",
         reasons=(
-            f"this is a calibration of {reader.program}, which no recording has judged here: use imucal "
-            "evaluate",
+            f"this is a calibration of {reader.program}, which imucal has not evaluated on any recording: "
+            "use imucal evaluate",
         ),
         provenance=Provenance(
             imucal_version=str(_core.__version__),
@@ -198,7 +198,8 @@ def _calibration(
         ),
         serial_number=serial_number or found.serial_number,
     )
-    # This runs the checks of a calibration file: ranges of sensitivities, biases, noise and temperatures.
+    # The conversion to a document and back runs the checks of a calibration file: ranges of sensitivities,
+    # biases, noise and temperatures.
     return Calibration.from_dict(calibration.to_dict(), names)
 
 

@@ -26,9 +26,10 @@ __all__ = ["ARDUPILOT"]
 
 # Number of each sensor in the names of its parameters; the first sensor has no number.
 NUMBERS: Final = ("", "2", "3")
-# Value of INS_TCAL_ENABLE with which ArduPilot applies the thermal terms. With 2 it learns them.
+# Value of INS_TCAL_ENABLE with which ArduPilot applies the thermal terms. With the value 2 it estimates them.
 APPLIED: Final = 1.0
-# Default of INS_ACC_CALTEMP and INS_GYR_CALTEMP, degC, for "not set". ArduPilot clamps it to TMIN.
+# Default value of INS_ACC_CALTEMP and INS_GYR_CALTEMP, degC. It means "not set", and ArduPilot replaces it by
+# TMIN.
 NO_CALTEMP_DEGC: Final = -300.0
 
 
@@ -41,7 +42,9 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     """The accelerometer and the gyroscope with the number `instance`, from 0."""
     parameters = Parameters.of(contents[0])
     if not wanted.instance < len(NUMBERS):
-        raise InputError(f"instance is {wanted.instance}: parameters INS_ACC have the sensors 0 to 2")
+        raise InputError(
+            f"instance is {wanted.instance}: parameter files of ArduPilot have the sensors 0 to 2"
+        )
     number = NUMBERS[wanted.instance]
     # The offsets of the first gyroscope are INS_GYROFFS; those of the others are INS_GYR2OFFS and
     # INS_GYR3OFFS.

@@ -52,7 +52,7 @@ def per_axis_found(
     temperatures = None
     if thermal and wanted.temperature_degc is not None:
         temperatures = (wanted.temperature_degc, wanted.temperature_degc)
-        remarks.append(f"the thermal terms are those at {wanted.temperature_degc:g} degC")
+        remarks.append(f"the thermal terms are evaluated at {wanted.temperature_degc:g} degC")
     elif found:
         ranges = [cubic.range_degc for cubic in thermal.values()]
         temperatures = max(low for low, _ in ranges), min(high for _, high in ranges)

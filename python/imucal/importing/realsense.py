@@ -34,8 +34,8 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     device = content.document.mapping().get("device_type")
     if isinstance(device, str) and device.upper().startswith("T2"):
         raise InputError(
-            f"{content.name} is of a {device}, whose files have another order of the matrices than those of "
-            "rs-imu-calibration (D435i, D455, L515): it is not read"
+            f"{content.name} is of a {device}, whose files have another order of the matrix entries than "
+            "files of rs-imu-calibration (D435i, D455, L515), so it cannot be read"
         )
     imus = content.document.get("imus").items()
     if not wanted.instance < len(imus):
@@ -88,8 +88,8 @@ def _sensor(node: Node) -> str:
 
 
 NOTE: Final = (
-    "raw samples are those with motion correction switched off (enable_motion_correction 0), in the axes of "
-    "the depth sensor: x right, y down, z forward"
+    "raw samples are samples with motion correction switched off (enable_motion_correction 0), along the "
+    "axes of the depth sensor: x right, y down, z forward"
 )
 
 REALSENSE: Final = Reader(

@@ -205,7 +205,7 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
 
 
 def write_pieces(pieces: Iterable[Recording], path: str | os.PathLike[str]) -> None:
-    """Write a recording that is given in one or more pieces, in the same form as `write`."""
+    """Write a recording that is given in one or more pieces. The file is the same as that of `write`."""
     write_parts((column_names(piece) for piece in pieces), path)
 
 

@@ -16,8 +16,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["alone", "recording_of_any_text"]
 
-# Number of unknown columns from which a file may contain a second sensor with unrecognised names. A sensor
-# has three axes.
+# A file with at least this number of unrecognised columns may contain a second sensor, because a sensor has
+# three axes.
 SECOND_SENSOR = 3
 NO_UNITS = Units(None, None, None)
 
@@ -36,7 +36,7 @@ def recording_of_any_text(
 
 
 def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
-    """The sensor of a text with the columns of one sensor and without columns of a possible second one."""
+    """The sensor of a text that has the columns of one sensor, and no columns of a possible second sensor."""
     header = layout_header(text.layout)
     try:
         sensor = sensor_of(text)
@@ -70,7 +70,7 @@ def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recordi
         text.name,
         "read_by_header",
         f"columns and units were read from the header: {', '.join(shown)}",
-        "if this is wrong, give the right ones with --columns",
+        "if they are wrong, give the right columns and units with --columns",
     )
     table = replace(table, ticks_per_s=ticks, findings=(*table.findings, as_read))
     return recording_from_table(table, text.sources, rate_hz)

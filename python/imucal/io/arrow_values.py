@@ -91,7 +91,7 @@ def truth_of(array: Any) -> NDArray[np.bool_]:
 
 
 def _bits(buffer: Any, array: Any) -> NDArray[np.bool_]:
-    """The bits in a buffer that belong to an array, which may be a small part of the column."""
+    """The bits of a buffer that belong to an array, which may be a slice of a larger column."""
     first, end = array.offset // 8, (array.offset + len(array) + 7) // 8
     bits = np.unpackbits(np.frombuffer(buffer, np.uint8)[first:end], bitorder="little")
     return bits[array.offset - 8 * first :][: len(array)].astype(bool)

@@ -39,10 +39,10 @@ PARQUET_MAGIC = b"PAR1"
 # Size of the read buffer for a Parquet column chunk, bytes.
 BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
-# Number of rows in a written Parquet row group: Arrow's default.
+# Number of rows in each row group of a written Parquet file. It is Arrow's default.
 ROWS_WRITTEN = 1 << 20
-# Number of rows that are formatted as CSV at once. It is small, because a part that contains any integral
-# value is formatted more slowly.
+# Number of rows that are formatted as CSV at once. It is small, because Arrow formats a block of rows more
+# slowly if it contains an integral value.
 ROWS_OF_TEXT = 1 << 16
 
 # Names and values of columns, in the order in which they are written.
@@ -196,7 +196,7 @@ def parquet_table(path: str | os.PathLike[str]) -> Table:
 
     @contextmanager
     def opened() -> Iterator[Any]:
-        # Python opens the file because Arrow only accepts file names in UTF-8. The two options keep Arrow
+        # Python opens the file, because Arrow only accepts file names in UTF-8. The two options prevent Arrow
         # from prefetching the compressed bytes of many row groups into memory.
         try:
             with Path(path).open("rb") as file:

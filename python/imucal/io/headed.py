@@ -116,8 +116,8 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
             "every column in its order (columns=..., --columns time_s,accel_x_g,...), '-' for a column to "
             "ignore"
         )
-    # If only the name of the time column is canonical, such as time_us, the other names are still
-    # interpreted.
+    # If the name of the time column is the only canonical name, such as time_us, the header is still
+    # interpreted to find the sensors.
     by_names = any(triad_part(name) for name in layout.names) or (
         any(map(is_canonical, layout.names)) and not layout_header(layout).accel
     )
@@ -127,7 +127,7 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
 
 
 def names_given(name: str, layout: Layout, columns: str | Sequence[str] | None) -> list[str]:
-    """The name of each column, from the header or from `columns`; `-` for columns that are not read."""
+    """The canonical name of each column, from the header or from `columns`; `-` for columns not to read."""
     header = layout.names or []
     if columns is None:
         return [column or SKIP[0] for column in header]
@@ -226,7 +226,7 @@ def certain_time(
     if accel.unit is None or gyro.unit is None:
         return None
     gravity = gravity_g(head.triad(accel), accel.unit)
-    # The data contradict the header, for example acceleration without gravity.
+    # The header is not used if the data contradict it, for example if the acceleration excludes gravity.
     if np.isfinite(gravity) and not NO_GRAVITY_G < gravity < 1 / NO_GRAVITY_G:
         return None
     if has_rate:
@@ -270,7 +270,7 @@ def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
         file,
         "read_by_header",
         f"columns and units were read from the header{by}: {', '.join(shown)}",
-        "if this is wrong, give the right ones with --columns",
+        "if they are wrong, give the right columns and units with --columns",
     )
 
 

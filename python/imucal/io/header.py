@@ -129,7 +129,7 @@ class Header:
     program: str | None = None
 
 
-# Name and unit of each axis, by quantity and rest of the name.
+# Column name and unit of each axis, by quantity and by the part of the name that all three axes share.
 _Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
 
 
@@ -234,7 +234,7 @@ def _shared_start(names: Sequence[str]) -> str:
 
 
 def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
-    """The quantity, the axis, and the rest of the name, which is the same for all axes of one sensor."""
+    """The quantity, the axis, and the rest of the name, which all axes of a sensor share; None if unknown."""
     of = unit[0] if unit else ""
     if of in ("time", "temp", "angle", "other"):
         return None

@@ -37,7 +37,6 @@ def hold_temperature(
         if number == 0 and is_known.any():
             first = int(is_known.argmax())
             source[:first] = first
-        # If a sample has no reading, the time of its source is NaN, so the comparison is false.
         is_near = np.abs(time_s - time_s[source]) <= longest_s
         held = np.where(is_near, degc[source], np.nan)
         last_s, last_degc = time_s[source[-1]], degc[source[-1]]

@@ -38,7 +38,7 @@ def read_imu_tk(
             raise InputError(
                 f"{what} is {unit!r}: give one of {', '.join(known)}, and convert other units first"
             )
-    # If there is a header, units and axes are taken from it.
+    # If a file has a header, units and axes are taken from the header.
     has_header = any(head_of(path)[1].names is not None for path in (accel_path, gyro_path))
     return read_pair(
         accel_path,

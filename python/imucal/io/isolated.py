@@ -27,17 +27,18 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Limits", "limits_for", "read_in_child", "size_of"]
 
-# Limit of the memory that a child may allocate after its start, bytes: a constant for libraries and small
-# files, plus a multiple of the size of the files. A ROS message needs about its size in the file. An array of
-# a compressed file needs several times its compressed size, and twice as much during conversion.
+# Memory that a child process may allocate after its start, bytes: the first number, for libraries and small
+# files, plus the second number times the size of the files. A ROS message takes about as much memory as space
+# in the file. An array of a compressed file takes several times its compressed size, and twice as much during
+# conversion.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 10
-# Limit of the processor time of a child, s: a constant for libraries and small files, plus a time per byte.
-# The slowest library reads some megabytes per second.
+# Processor time that a child process may use, s: the first number, for libraries and small files, plus the
+# second number times the size of the files in bytes. The slowest library reads some megabytes per second.
 PROCESSOR_S: Final = 6.0
 PROCESSOR_S_PER_BYTE: Final = 4e-6
-# Limit of the duration of a child, as a multiple of the limit of its processor time. It allows for waiting
-# and for a busy computer.
+# Maximum duration of a child process, as a multiple of its maximum processor time. It allows for waiting for
+# the disk and for a busy computer.
 DURATION: Final = 20.0
 # Program of the child. It uses the module search path of this process, so that it finds the same libraries.
 START: Final = (
@@ -57,7 +58,7 @@ ONE_THREAD: Final = {
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a child: memory in bytes, processor time and duration in s."""
+    """Limits of a child process: memory in bytes, processor time and duration in s."""
 
     memory_bytes: int
     processor_s: int
@@ -95,8 +96,8 @@ def read_in_child(
             [sys.executable, "-I", *(["-B"] if sys.dont_write_bytecode else []), "-c", START],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            # The messages that libraries print about damage are discarded, because the error message replaces
-            # them.
+            # Messages that libraries print about damaged files are discarded, because this module raises its
+            # own error.
             stderr=subprocess.DEVNULL,
             env={**os.environ, **ONE_THREAD},
         )

@@ -43,7 +43,7 @@ def serve(request: dict[str, Any]) -> None:
         else:
             write_error(error, stream)
         stream.flush()
-    # Ends without the clean-up of libraries, which can crash after damaged files.
+    # Exit without the clean-up code of libraries, because it can crash after a damaged file.
     os._exit(0)
 
 
@@ -66,8 +66,8 @@ def limit_process(memory_bytes: int, processor_s: int) -> None:
         _, most = resource.getrlimit(kind)
         allowed = value if most == resource.RLIM_INFINITY else min(value, most)
         with suppress(OSError, ValueError):
-            # Only the soft limit is changed. At the hard limit of processor time the system kills a process
-            # without the signal that identifies the cause.
+            # Only the soft limit is changed, because a process that reaches its hard limit of processor time
+            # is killed without the signal that identifies the cause.
             resource.setrlimit(kind, (allowed, most))
 
 

@@ -41,7 +41,7 @@ def are_blocks(start: bytes) -> bool:
 
 
 def rows_of_blocks(lines: list[str]) -> tuple[list[str], int]:
-    """A header line with a row for each complete block, and the number of lines outside complete blocks."""
+    """A header line and one row per complete block, and the number of lines outside complete blocks."""
     blocks: list[dict[str, str]] = [{}]
     sizes: list[int] = [0]
     other = 0

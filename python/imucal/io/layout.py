@@ -23,9 +23,9 @@ __all__ = ["HEAD", "Layout", "is_number", "is_value", "layout_of", "plain_text",
 HEAD: Final = 1 << 16
 # Number of lines before the first row in which the header is searched.
 HEADER_LINES: Final = 50
-# Number of lines at the end of the searched part from which separator and number of columns are determined.
+# Number of lines, at the end of the first `HEAD` bytes, from which separator and number of columns are found.
 SAMPLE_LINES: Final = 60
-# Minimum number of values in a line for its separator to be accepted.
+# Minimum number of numeric fields in a line for a separator to be accepted.
 LEAST_NUMBERS: Final = 3
 NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
@@ -70,7 +70,7 @@ class Layout:
 
     @property
     def described(self) -> list[str]:
-        """The column names, each with the unit of the line of units."""
+        """The column names, each with its unit if there is a line of units below the header."""
         names = self.names or []
         if self.units is None:
             return list(names)

@@ -51,7 +51,7 @@ def read_matlab(
     if first_bytes(path, 19) == MATLAB_MAGIC[1]:
         h5py = library("h5py", "matlab", "MATLAB files of version 7.3")
         with hdf5_arrays(h5py, path, ".", "MATLAB") as stored:
-            # `#refs#` holds the contents of cell arrays.
+            # The group `#refs#` contains the contents of cell arrays, which are not read.
             by_path = {p: _transposed(array) for p, array in stored.items() if not p.startswith("#")}
             if any(p.startswith("#subsystem#") for p in stored) and not _has_samples(by_path):
                 raise FormatError(f"{name} {OBJECTS}")
@@ -75,7 +75,7 @@ def _variables(scipy_io: Any, path: str) -> tuple[list[str] | None, bool]:
     except TypeError:
         # SciPy cannot list a file with objects, but it can load it.
         return None, True
-    # Other variables, such as cell arrays of a large log, are not loaded.
+    # Variables of other classes, such as cell arrays of a large log, are not loaded.
     names = [variable for variable, _, kind in listed if kind in NUMERIC or kind == "struct"]
     return names, any(kind in ("opaque", "object", "unknown") for _, _, kind in listed)
 

@@ -19,7 +19,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["read_numpy"]
 
-# Limit of the memory for one decompressed array, bytes: a constant plus a multiple of its compressed size.
+# Largest accepted memory for one decompressed array, bytes: the first number plus the second number times the
+# compressed size of the array.
 MEMORY_BYTES: Final = 200_000_000
 MEMORY_PER_BYTE: Final = 40
 

@@ -19,8 +19,8 @@ GZIP: Final = b"\x1f\x8b"
 ZIP: Final = b"PK\x03\x04"
 # First bytes of a compound file, the format of .xls and .doc.
 OLD_SPREADSHEET: Final = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-# Limits of the size of decompressed data, which protect against decompression bombs: the ratio to the
-# compressed size, and a size in bytes that is always allowed.
+# Protection against decompression bombs: largest ratio of decompressed to compressed size, and decompressed
+# size, bytes, up to which any ratio is accepted.
 LARGEST_RATIO, ALWAYS_ALLOWED = 40, 200_000_000
 TEXT_ENDINGS: Final = (".csv", ".txt", ".tsv", ".dat", ".log", ".asc")
 

@@ -12,8 +12,9 @@ from typing import Any, BinaryIO, Final
 
 __all__ = ["require_plausible_pages", "require_plausible_rows"]
 
-# Limit of the memory for the values of a file, bytes: a constant plus a multiple of the size of the file.
-# Constant columns can be compressed by any factor, so the constant is large enough for hours of such columns.
+# Largest accepted memory for the values of a file, bytes: the first number plus the second number times the
+# size of the file. Constant columns can be compressed by any factor, so the first number is large enough for
+# hours of such columns.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 1000
 # Largest accepted page, bytes. Programs write pages of about 1 MB.
@@ -82,7 +83,7 @@ def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
 
 
 class _Header:
-    """Length of a page header, sizes of the page, bytes, and number of its values (0 for a dictionary)."""
+    """A page header: its length, the sizes of its page, bytes, and the number of values (dictionary: 0)."""
 
     def __init__(self, content: bytes) -> None:
         self._content, self.length = content, 0
@@ -142,7 +143,7 @@ class _Header:
             raise ValueError(f"a page header has a field of the unknown type {kind}")
 
     def _skip_item(self, kind: int, depth: int) -> None:
-        # A boolean takes one byte in a list, but none as a field.
+        # As an element of a list, a boolean takes one byte. As a field, it is part of the field's type.
         self._skip(BYTE if kind in (TRUE, FALSE) else kind, depth + 1)
 
     def _signed(self) -> int:

@@ -62,7 +62,7 @@ def _piece(table: Table, source: Source, rate_hz: float | None, clock: Clock) ->
         # The whole file is read instead, because its error message contains the line number.
         raise NotInPartsError(table.file) from None
     if rate_hz is None and has_equal_stamps(piece.time_s):
-        # Copies of rows can be detected and counted only in the whole recording.
+        # Rows that were written twice can be detected and counted only in the whole recording.
         raise NotInPartsError(table.file)
     return piece
 

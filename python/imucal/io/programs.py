@@ -41,7 +41,7 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
     if {"ax", "gx", "imu_degc"} <= low:
         return Program("OpenLog Artemis", "mg", "dps", {"micros": "us"})
     if any("[x8004]" in name for name in low) and any("[x8005]" in name for name in low):
-        # These are the descriptors of scaled accelerometer and gyroscope in the MIP protocol.
+        # 8004 and 8005 are the descriptors of scaled accelerometer and gyroscope data in the MIP protocol.
         return Program("MicroStrain SensorConnect", "g", "radps", {"gps tow": "s"})
     if {"gfx", "gfy", "gfz"} <= low and "time" in low:
         return Program("Physics Toolbox", "g", "radps", {"time": "s"})

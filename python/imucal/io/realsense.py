@@ -29,8 +29,7 @@ HARDWARE: Final = "HW Timestamp (ms)"
 HOST: Final = "Host Timestamp(ms)"
 VALUES: Final = ("3DOF_x", "3DOF_y", "3DOF_z")
 STREAMS: Final = {"Accel": "the accelerometer", "Gyro": "the gyroscope"}
-# Largest relative difference of the elapsed times of two clocks at which they are considered to have the same
-# unit.
+# Two clocks are considered to have the same unit if their elapsed times differ by at most this share.
 SAME_UNIT: Final = 0.1
 # Largest share of the lines of a stream that may contain other text than numbers. Such lines are skipped; a
 # larger share is an error.

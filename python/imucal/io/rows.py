@@ -20,14 +20,16 @@ from imucal.io.table import Table
 
 __all__ = ["LastLine", "cleaned_columns", "without_blank_rows"]
 
-# Largest share of rows with a field that is not a number, for example after an error on a serial line. Such
-# rows are skipped; a larger share is an error.
+# Rows with a field that is not a number, for example after an error on a serial line, are skipped. If their
+# share is larger than this number, the file is refused.
 MOST_GARBLED: Final = 0.01
-# Largest ratio of text lines to rows; a larger ratio is an error.
+# Lines of text between the rows are skipped. If their number, divided by the number of rows, is larger than
+# this ratio, the file is refused.
 MOST_TEXT: Final = 1.0
 # Block size with which Arrow infers column types from the whole file, bytes: Arrow's maximum.
 LARGEST_BLOCK: Final = 2**31 - 1
-# Number of rows before the last one from which the usual number of decimals of the last field is determined.
+# Number of rows before the last row whose last fields show the usual number of decimals. A last field with
+# fewer decimals may have been cut off.
 COMPARED_ROWS: Final = 20
 # Regular expression of a number, for RE2; {point} is the decimal point.
 NUMBER: Final = r"^\s*[-+]?(\d+{point}?\d*|{point}\d+)([eE][-+]?\d+)?\s*$|^\s*[-+]?(?i:nan|inf|infinity)\s*$"
@@ -108,7 +110,7 @@ def _filled(rows: Any) -> Any:
 
 @dataclass
 class _LeftOut:
-    """Lines with a wrong number of fields: (index among all lines, content, whether it is a text line)."""
+    """Skipped lines with a wrong number of fields: index among all lines, content, and whether it is text."""
 
     lines: list[tuple[int, str, bool]]
     width: int

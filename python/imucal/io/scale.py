@@ -28,15 +28,16 @@ COUNTS_PER_DPS: Final = (
     *(16.4, 32.8, 65.6, 65.5, 131.0, 131.072, 262.4, 16.384, 32.768, 65.536, 262.144, 16.0, 14.375),
     *(1000 / 4.375, 1000 / 8.75, 1000 / 17.5, 1000 / 35.0, 1000 / 70.0),
 )
-# Usual noise per sample of a MEMS gyroscope, rad/s. A unit in which the noise differs from it by more than
-# the factor is unlikely; rad/s and deg/s differ by a factor of 57.
+# Typical noise per sample of a MEMS gyroscope, rad/s. A unit of measurement is unlikely if the noise of the
+# column in this unit differs from the typical noise by more than the factor. For comparison, rad/s and deg/s
+# differ by a factor of 57.
 USUAL_NOISE_RADPS: Final = 0.05 * DEGREE_RAD
 UNLIKELY_FACTOR: Final = 12.0
 # Largest rate that MEMS gyroscopes measure, rad/s.
 LARGEST_RATE_RADPS: Final = 4100 * DEGREE_RAD
 # Plausible range of sampling rates, Hz.
 RATES_HZ: Final = (5.0, 40_000.0)
-# Number of samples in a block from which the noise is estimated.
+# Number of samples per block; the noise is estimated from the quietest blocks.
 BLOCK: Final = 20
 # Range of time stamps that are accepted as a date, s since 1970: years 2001 to 2100.
 EPOCH_S: Final = (1.0e9, 4.2e9)
@@ -163,8 +164,8 @@ def _counts_per_dps(values_dps: FloatArray) -> float | None:
     distinct = np.unique(np.abs(finite[finite != 0]))
     if len(distinct) < 4:
         return None
-    # Values with at most two decimals, such as 0.25, are not tested, because their rounding fits some scales
-    # by coincidence.
+    # Values with at most two decimals, such as 0.25, are not tested, because rounded values are multiples of
+    # some scales by coincidence.
     if np.allclose(distinct * 100, np.round(distinct * 100), atol=1e-9):
         return None
     smallest = float(distinct[0])

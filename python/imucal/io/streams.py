@@ -33,8 +33,8 @@ SAME_RATE = 1.02
 # Largest accepted ratio of the sampling rates. At a larger ratio, too few samples of the slower sensor cover
 # a rotation.
 LARGEST_RATIO = 10.0
-# Time step that counts as a gap, in median time steps. One lost sample (2 time steps) is interpolated; longer
-# gaps are not.
+# A time step counts as a gap if it exceeds this number of median time steps. One lost sample (2 median time
+# steps) is interpolated; longer gaps are not.
 GAP_STEPS = 2.5
 
 
@@ -151,8 +151,8 @@ def _recording(
 def _resampleable(file: str, stream: Stream) -> Stream:
     """The stream without repeated samples. Raises FormatError if it cannot be resampled."""
     is_new = np.diff(stream.time_ns, prepend=stream.time_ns[0] - 1) != 0
-    # A repeated time stamp with the same values is redundant. A repeated time stamp with different values is
-    # an error, which is detected below.
+    # A repeated time stamp with the same values is a copy and is removed. A repeated time stamp with
+    # different values is an error, which is detected below.
     is_new[1:] |= (stream.values[1:] != stream.values[:-1]).any(axis=1)
     once = _part(stream, is_new)
     bad = np.flatnonzero(np.diff(once.time_ns) <= 0)
@@ -186,7 +186,7 @@ def _part(stream: Stream, which: Any) -> Stream:
 
 
 def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stream]:
-    """The clock samples within the time of the other sensor, and its samples at these times."""
+    """The samples of `clock` within the time range of `other`, and `other` resampled to their times."""
     start_ns = min(clock.time_ns[0], other.time_ns[0])
     at_s, other_s = (clock.time_ns - start_ns) / 1e9, (other.time_ns - start_ns) / 1e9
     half_s = 0.5 / median_rate_hz(clock.time_ns) if is_averaged else 0.0
@@ -213,7 +213,7 @@ def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream,
 
 def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArray) -> FloatArray:
     """The mean of the linear interpolation of `values` over the interval at_s +- half_s."""
-    # The mean is subtracted, so that the integral stays small and its differences lose no digits.
+    # The mean is subtracted, so that the integral stays small and its differences keep their precision.
     level = float(values.mean())
     steps_s, values = np.diff(time_s), values - level
     integral = np.concatenate([[0.0], np.cumsum(steps_s * (values[1:] + values[:-1]) / 2)])

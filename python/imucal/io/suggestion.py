@@ -82,8 +82,8 @@ def _of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:
             [f"{value} x" for value in values], "accel"
         ):
             return (
-                f"Each row is of one sensor, which the column {name!r} names ({', '.join(values)}): write "
-                "the rows of each sensor to a file, and give both files. "
+                f"Each row contains one sensor, named in the column {name!r} ({', '.join(values)}): write "
+                "the rows of each sensor to a separate file, and give both files. "
             )
     return ""
 

@@ -18,7 +18,7 @@ ROWS_AT_ONCE: Final = 1 << 16
 
 @dataclass(frozen=True)
 class Stored:
-    """A column whose values are read on demand. `batches` reads the named columns of the file."""
+    """A column whose values are read when needed. `batches` reads columns of the file by their names."""
 
     name: str
     type: Any

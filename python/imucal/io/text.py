@@ -27,7 +27,7 @@ __all__ = ["NotInPartsError", "Text", "head_of", "headed_parts", "open_path", "o
 
 # Size of the parts in which a file is read, bytes.
 PART: Final = 1 << 22
-# Size of a text above which multithreaded parsing saves more time than starting the threads takes, bytes.
+# Size of a text, bytes, above which parsing with several threads is faster than with one thread.
 WORTH_THREADS: Final = 1 << 24
 
 
@@ -182,7 +182,7 @@ def headed_parts(path: str | os.PathLike[str], names_of: Any) -> Iterator[Table]
     if start[:1] in (b"\x1f", b"\xff", b"\xfe") or b"\0" in start or (b"\r" in start and b"\n" not in start):
         raise NotInPartsError(name)
     layout = layout_of(name, start)
-    # Repeated spaces can only be merged in a whole text, and a text shorter than HEAD need not be read in
+    # A text with repeated spaces is only read as a whole. A text shorter than HEAD is not worth reading in
     # parts.
     if layout.separator == " " or layout.decimal != "." or layout.names is None or len(start) < HEAD:
         raise NotInPartsError(name)
@@ -238,7 +238,7 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
     parse = csv.ParseOptions(delimiter=layout.separator)
     convert = csv.ConvertOptions(include_columns=[str(index) for index in used], decimal_point=layout.decimal)
     try:
-        # The fast attempt, in which Arrow infers column types from the first block.
+        # First attempt: Arrow infers the column types from the first block. It fails if later blocks differ.
         columns = csv.read_csv(pa.BufferReader(buffer), options, parse, convert).columns
     except pa.ArrowException:
         columns = None
@@ -266,7 +266,7 @@ def _is_read(name: str, column: Any) -> bool:
 
 
 def _is_doubtful(table: Table) -> bool:
-    """Whether rows of a part may have to be skipped, for which the whole text is needed."""
+    """Whether a part may contain rows that must be skipped, which is only possible in the whole text."""
     if any(not _is_read(name, column) for name, column in zip(table.names, table.columns, strict=True)):
         return True
     return bool(table.columns) and all(column.null_count for column in table.columns)

@@ -7,7 +7,7 @@ from typing import Final
 
 __all__ = ["split_unit", "unit_of"]
 
-# Spellings of each unit in the form of `_plain`, by quantity and suffix of canonical names. "lsb" is valid
+# Spellings of each unit, normalised by `_plain`, by quantity and suffix of canonical names. "lsb" is valid
 # for both sensors.
 _SPELLINGS: Final[dict[tuple[str, str], str]] = {
     ("time", "s"): "s sec secs second seconds",

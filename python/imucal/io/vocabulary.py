@@ -185,7 +185,8 @@ class _Wanted:
             is_whole = _is_whole(part)
             present = np.ones(len(part), dtype=bool)
             if is_whole:
-                # Integers are subtracted, because 1.4e18 ns has more digits than a float64 can represent.
+                # The first time stamp is subtracted as an integer, because 1.4e18 ns has more digits than a
+                # float64 can represent.
                 present = present_of(part)
                 values: NDArray[Any] = ticks_of(part).astype(np.int64)
             else:
@@ -231,7 +232,7 @@ class _Wanted:
 
 
 def float64(part: Any) -> NDArray[np.float64]:
-    """A numeric column, or a part of one, as float64, with empty cells as NaN."""
+    """A numeric column, or a part of a column, as float64, with empty cells as NaN."""
     # NumPy converts the column, because loading Arrow's function library takes longer than reading a short
     # file.
     return np.asarray(numpy_of(part), dtype=np.float64)

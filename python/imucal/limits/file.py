@@ -25,9 +25,9 @@ SCHEMA: Final = "imucal.limits/1"
 FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects", "verdict")
 # Verdicts that limits can require.
 REQUIRED: Final[tuple[Verdict, ...]] = ("good", "incomplete")
-NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one"
-# Largest accepted limits of figures: residuals of 1000 times the noise, gravity, half a revolution, and the
-# number of rests in a day if each lasts a second.
+NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one limit"
+# Largest accepted limit of each figure: chi2 of residuals of 1000 times the noise, gravity, half a
+# revolution, and the number of rests of one second in a day.
 LARGEST_LIMITS: Final = {
     "chi2_per_dof": 1e6,
     "gravity_norm_rms_mps2": 9.9,
@@ -144,14 +144,15 @@ def _require_passable(
                 if other.covers(parameter) and other.unit == limit.unit and _are_apart(limit, other):
                     raise FormatError(
                         f"{node.file}: {path} is {limit.low} to {limit.high}, but $.parameters.{other.name} "
-                        f"is {other.low} to {other.high}: no {parameter} is in both: correct one of them"
+                        f"is {other.low} to {other.high}: no value of {parameter} is in both ranges: correct "
+                        "one of the ranges"
                     )
     for limit in limits if effects is not None else ():
         of = [name for name in known if limit.covers(name)]
         if not any(_is_permitted(name, effects or ()) for name in of):
             raise FormatError(
                 f"{node.file}: $.parameters.{limit.name} has a limit, but $.effects does not permit its "
-                "effect: every unit would fail: add the effect, or leave the limit out"
+                "effect, so every unit would fail: add the effect, or leave the limit out"
             )
 
 

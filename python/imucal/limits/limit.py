@@ -15,7 +15,7 @@ from imucal.limits.judgement import Check
 
 __all__ = ["COUNTS", "FIGURES", "FigureLimit", "ParameterLimit"]
 
-# Units of the figures that have a maximum. The figures in `COUNTS` have a minimum.
+# Figures of merit that can have a maximum, with their units. The figures in `COUNTS` can have a minimum.
 FIGURE_UNITS: Final = {
     "chi2_per_dof": "",
     "gravity_norm_rms_mps2": "m/s^2",
@@ -30,9 +30,9 @@ FIGURES: Final[dict[str, tuple[str, ...]]] = {
 }
 # Reasons for a failed check if a set of recordings is missing.
 MISSING: Final = {
-    "calibration_set": "the calibration has no figures of the recordings it was made of",
+    "calibration_set": "the calibration has no figures of its calibration recordings",
     "control_set": "there is no control recording: give one with --control",
-    "held_out": "there is no held-out figure: give --folds to calibrate; calibration files do not keep it",
+    "held_out": "there is no held-out figure: give --folds to calibrate; calibration files do not contain it",
 }
 
 
@@ -53,12 +53,14 @@ class ParameterLimit:
 
     def __post_init__(self) -> None:
         if (self.low is None) != (self.high is None):
-            raise InputError(f"the limit of {self.name} has one end of its range: give min and max")
+            raise InputError(f"the limit of {self.name} has only one end of its range: give min and max")
         if self.low is None and self.max_std is None:
-            raise InputError(f"the limit of {self.name} asks for nothing: give min and max, or max_std")
+            raise InputError(
+                f"the limit of {self.name} has neither a range nor max_std: give min and max, or max_std"
+            )
         if self.low is not None and self.high is not None and not self.low < self.high:
             raise InputError(
-                f"the limit of {self.name} has min {self.low} and max {self.high}: min must be the smaller"
+                f"the limit of {self.name} has min {self.low} and max {self.high}: min must be less than max"
             )
         if self.max_std is not None and not self.max_std > 0:
             raise InputError(f"the limit of {self.name} has max_std {self.max_std}: it must be positive")

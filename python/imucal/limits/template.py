@@ -20,8 +20,9 @@ from imucal.limits.limits import Limits
 
 __all__ = ["DEVIATIONS", "limits_from"]
 
-# Default half width of the ranges in standard deviations. With 3, one of 18 good units would fail, because
-# each of 21 parameters is outside its range with a probability of 0.27 %. With 4, one of 750 would fail.
+# Default half width of the ranges in standard deviations. With 3 standard deviations, one of 18 good units
+# would fail, because each of 21 parameters is outside its range with a probability of 0.27 %. With 4 standard
+# deviations, one of 750 good units fails.
 DEVIATIONS: Final = 4.0
 # The limit for the standard deviation of a parameter is the largest standard deviation of this parameter
 # among the units, multiplied by this factor. A small factor suffices, because standard deviations depend on
@@ -50,26 +51,28 @@ def limits_from(calibrations: Sequence[Calibration], *, deviations: float = DEVI
     for number, calibration in enumerate(calibrations[1:], start=2):
         if [(parameter.name, parameter.unit) for parameter in calibration.parameters] != names:
             raise InputError(
-                f"unit {number} has other parameters than unit 1: give units of one kind, calibrated alike"
+                f"unit {number} has other parameters than unit 1: give units of the same type, calibrated "
+                "with the same options"
             )
     values = np.array([[parameter.value for parameter in c.parameters] for c in calibrations])
     for number, own in enumerate(values):
         for other in range(number):
             if np.array_equal(own, values[other]):
                 raise InputError(
-                    f"unit {other + 1} and unit {number + 1} have the same numbers: give every unit once"
+                    f"unit {other + 1} and unit {number + 1} have the same parameter values: give every unit "
+                    "once"
                 )
     serials = Counter(c.serial_number for c in calibrations if c.serial_number is not None)
     twice = sorted(serial for serial, count in serials.items() if count > 1)
     if twice:
         raise InputError(
-            f"the serial number {twice[0]} comes {serials[twice[0]]} times: give every unit once"
+            f"the serial number {twice[0]} occurs {serials[twice[0]]} times: give every unit once"
         )
     for number, calibration in enumerate(calibrations, start=1):
         verdict, reasons = calibration.judged
         if verdict == "poor":
             raise InputError(
-                f"unit {number} is no good unit, {reasons[0]}: limits are made of units that are"
+                f"unit {number} is not good ({reasons[0]}): limits are computed only from good units"
             )
     return Limits(
         tuple(_parameters(calibrations, values, deviations)),

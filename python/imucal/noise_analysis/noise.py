@@ -18,7 +18,7 @@ from imucal.recording.recording import Recording, as_recording
 __all__ = ["AxisNoise", "Departure", "Drift", "NoiseFigure", "NoiseResult", "Step", "noise"]
 
 SCHEMA: Final = "imucal.noise/1"
-# Units of the noise figures; {} stands for the unit of the sensor's samples.
+# Units of the noise figures, in which {} is replaced by the unit of the sensor's samples.
 FIGURES: Final = {
     "noise_density": "{}/sqrt(Hz)",
     "bias_instability": "{}",
@@ -181,7 +181,7 @@ class NoiseResult:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The reasons of a poor verdict; empty for a good one."""
+        """The reasons for the verdict poor; empty for the verdict good."""
         return tuple(f"{', '.join(f.columns)}: {f.code}" for f in self.findings if f.code in POOR)
 
     @property

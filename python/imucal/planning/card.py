@@ -15,8 +15,8 @@ from imucal.rig.motion import Program
 
 __all__ = ["write_card"]
 
-# Half edges of the drawn box along x, y and z, and length of the axis arrows, in units of the half edge along
-# x.
+# Size of the drawing, relative to the half edge of the box along x: half edges along x, y and z, and length
+# of the axis arrows.
 BOX: Final = np.array([1.0, 0.7, 0.35])
 ARROW: Final = 1.75
 COLOURS: Final = ("#d55e00", "#008560", "#0072b2")

@@ -41,14 +41,14 @@ __all__ = ["plan"]
 
 DEFAULT_MINUTES: Final = 3.0
 PROPOSALS: Final = 12000
-# Number of search steps of the short search that determines which parameters a stand can determine.
+# Number of steps of a short trial search, which finds out which parameters a stand can determine.
 FEW_PROPOSALS: Final = 300
 # Hand tremor in the simulated run for detection limits: standard deviation about each axis, deg.
 TREMOR_DEG: Final = 0.05
 # Largest number of rounds over the faces of a box, about twenty minutes of work.
 MOST_ROUNDS: Final = 20
-# A target counts as reached if the standard deviation exceeds it by less than this factor, which allows for
-# rounding.
+# A target counts as reached if the standard deviation is at most the target times this factor, which allows
+# for rounding.
 ROUNDING: Final = 1.001
 
 
@@ -110,8 +110,8 @@ def plan(
     for name, sensor in (("accelerometer", unit.accelerometer), ("gyroscope", unit.gyroscope)):
         if not sensor.noise_density > 0 and sensor.lsb is None:
             raise InputError(
-                f"the {name} of {unit.name or 'the unit'} has no noise: any program would determine "
-                "everything; give a unit with the noise of its datasheet"
+                f"the {name} of {unit.name or 'the unit'} has no noise, so every predicted standard "
+                "deviation would be zero: give a unit with the noise of its datasheet"
             )
     held = Held(model, holds_of(hold), profile_of(unit))
     planner = _Planner(unit, limits, tuple(effects), held, seed, proposals, rate_hz, gravity_mps2)
@@ -119,7 +119,8 @@ def plan(
     if kind != "optimal":
         if targets_si and kind != "faces":
             raise InputError(
-                "targets are for the optimal program and for faces: plan one of them, or leave them out"
+                "targets need the program optimal or faces: plan one of these programs, or leave the "
+                "targets out"
             )
         motion, reached = motion_of(kind, seed, dict(options or {})), True
         if targets_si:
@@ -195,7 +196,9 @@ class _Planner:
     ) -> tuple[Motion, bool]:
         """The motion with the smallest number of rounds for the targets, and whether it reaches them."""
         if "rounds" in options:
-            raise InputError("rounds follow from the targets: leave rounds out, or the targets")
+            raise InputError(
+                "the number of rounds is computed from the targets: leave out rounds or the targets"
+            )
         for rounds in range(1, MOST_ROUNDS + 1):
             motion = motion_of("faces", self.seed, {**options, "rounds": rounds})
             minutes = motion.duration_s / 60.0
@@ -221,7 +224,8 @@ class _Planner:
                 notes += note
             else:
                 notes.append(
-                    "no detection limits: the gap is searched beside a calibration, and there is none"
+                    "no detection limits, because they need a calibration, and the program does not "
+                    "determine one"
                 )
         parameters = tuple(
             PlannedParameter(name, std if k >= 21 or known[k] else None, unit)
@@ -337,15 +341,16 @@ class _Planner:
     def _notes(self) -> list[str]:
         sensors = (("accelerometer", self.unit.accelerometer), ("gyroscope", self.unit.gyroscope))
         return [
-            f"the bias of the {name} wanders: standard deviations here are those of white noise alone"
+            f"the bias of the {name} varies (bias instability): these standard deviations include only white "
+            "noise"
             for name, sensor in sensors
             if sensor.bias_instability > 0 or np.any(sensor.random_walk > 0)
         ]
 
 
-# Threshold of the predicted standard deviation, relative to the size of the parameter, below which a
-# parameter counts as determined. It is a fifth of 0.1, the standard deviation that the prior gives to an
-# unobservable parameter.
+# A parameter counts as determined if its predicted standard deviation, relative to the size of the parameter,
+# is below this threshold. An unobservable parameter has the standard deviation of its prior, 0.1; the
+# threshold is a fifth of it.
 OPEN: Final = 0.02
 
 

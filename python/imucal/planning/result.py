@@ -22,7 +22,7 @@ SHOWN_IN: Final = {"1": "ppm", "m/s^2": "ug"}
 
 @dataclass(frozen=True, slots=True)
 class NotObservable:
-    """An effect that is not observable in a run, and the data in which it would be."""
+    """An effect that is not observable in a run, and the data in which it would be observable."""
 
     name: str
     needs: str
@@ -82,7 +82,9 @@ class Plan:
     def program(self) -> Program:
         """The program of the stand; InputError for a motion without one."""
         if not isinstance(self.motion, Program):
-            raise InputError(f"a {self.kind} is no program of a stand: plan grid, random, faces or optimal")
+            raise InputError(
+                f"the motion {self.kind} has no program for a stand: plan grid, random, faces or optimal"
+            )
         return self.motion
 
     def to_dict(self) -> dict[str, Any]:

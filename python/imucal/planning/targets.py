@@ -47,7 +47,7 @@ def _value(group: str, target: float | str, unit: str) -> float:
 
 
 def sigma_of(targets: Mapping[str, float], parameters: Sequence[tuple[str, str]]) -> list[float]:
-    """The target of each parameter; infinite if it has none."""
+    """The target of each parameter; infinite for a parameter without a target."""
     return [
         next((target for group, target in targets.items() if is_of(name, group)), math.inf)
         for name, _ in parameters

@@ -30,12 +30,13 @@ if TYPE_CHECKING:
 
 __all__ = ["limits", "parameters", "sigmas"]
 
-# Heights, pixels: row of a parameter, row of a check, title and labels of a panel, and margin of the figure.
+# Heights in pixels of: the row of a parameter, the row of a check, the title and labels of a panel, and the
+# margin of the figure.
 ROW_PX: Final = 24
 CHECK_PX: Final = 29
 PANEL_PX: Final = 62
 MARGIN_PX: Final = 40
-# Values of checks are clipped to this multiple of the limit.
+# A check whose value is beyond this multiple of the limit is drawn at this multiple.
 EDGE: Final = 1.5
 
 

@@ -45,7 +45,7 @@ FIGURES: Final = {
     "gravity_norm_rms_mps2": "|f| − g at rest, rms, mg",
     "gravity_direction_rms_deg": "direction error per move, rms, deg",
 }
-# Names of the channels of residuals; the axis is appended.
+# Names of the kinds of residuals in figures; the axis is appended.
 CHANNELS: Final = {
     "rest_norm": "|f| − g at rest",
     "rest_rate": "rate at rest about",
@@ -88,7 +88,7 @@ def disagreement(gap: Gap) -> Figure:
 
 
 def channel_name(row: Mapping[str, Any]) -> str:
-    """The name of a channel of `gap.where` with its axis."""
+    """The name of a kind of residual of `gap.where`, with its axis."""
     name = CHANNELS.get(row["channel"], row["channel"].replace("_", " "))
     return name if row["axis"] is None else f"{name} {row['axis']}"
 

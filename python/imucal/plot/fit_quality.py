@@ -27,8 +27,8 @@ __all__ = [
     "sphere_before_and_after",
 ]
 
-# Largest drawn distance of a point from the sphere, in radii. It determines the factor by which all errors
-# are magnified.
+# Errors are magnified by a common factor, so that the largest distance of a point from the sphere has this
+# value, in radii.
 DRAWN_ERROR: Final = 0.4
 # Edges of the bins of a histogram, in standard deviations. The outermost bins also contain all values beyond
 # them.
@@ -62,7 +62,7 @@ def sphere_before_and_after(result: CalibrationResult) -> tuple[Figure, float]:
     """
     go, _ = plotly()
     used = np.array([rest.excluded is None for rest in result.rests], dtype=bool)
-    # Rounded to the resolution of a screen, because the points of long recordings would make a page large.
+    # Coordinates are rounded to the resolution of a screen, to reduce the size of the page.
     up = up_at_rests(result)[used].round(4)
     before, after = norms_before_and_after(result)
     largest = float(np.max(np.abs(before - 1.0), initial=0.0))

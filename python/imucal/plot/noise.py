@@ -21,10 +21,10 @@ __all__ = ["allan", "marks", "slopes"]
 LOOKS = (("x", VERMILION, "circle"), ("y", GREEN, "square"), ("z", BLUE, "diamond"))
 # Ratio of the Allan deviation of flicker noise to its coefficient B: sqrt(2 ln 2 / pi).
 FLAT: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
-# Averaging times at which the asymptotes of N and K have the values N and K, s.
+# Averaging times, s, at which the asymptotes of white noise and random walk have the values N and K.
 TAU_N_S: Final = 1.0
 TAU_K_S: Final = 3.0
-# Noise figure, its letter, the slope of its asymptote, and the text of the legend.
+# For each noise figure: its name, its letter, the exponent of its asymptote, and the text of the legend.
 KINDS: Final = (
     ("noise_density", "N", -0.5, "slope −1/2: white noise N"),
     ("bias_instability", "B", 0.0, "slope 0: bias instability B"),
@@ -115,8 +115,8 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
                 marker={"color": colour, "symbol": "star", "size": 13, "line": {"color": INK, "width": 1}},
                 showlegend=False, hovertemplate=f"{letter} of {axis}<extra></extra>",
             )  # fmt: skip
-    # The range of the axis is that of the points without intervals, because the intervals at the longest
-    # times are very wide.
+    # The range of the axis is determined by the points without their intervals, because the intervals at the
+    # longest averaging times are very wide.
     everything = factor * np.concatenate([axis.deviations for axis in axes])
     positive = everything[everything > 0]
     axis_style: dict[str, Any] = {"type": "log", "dtick": 1}

@@ -27,10 +27,10 @@ SAMPLES: Final = 800
 # A residual is drawn against a variable if a cubic in the variable explains at least this share of its
 # variance.
 LEAST_SHARE: Final = 0.3
-# Minimum number of rests or moves for a dependence, because a cubic fits fewer points by chance.
+# Minimum number of rests or moves for a dependence to be drawn, because a cubic fits fewer points by chance.
 LEAST_POINTS: Final = 8
-# Limit that decides whether the residual |f| - g of a rest is attributed to an axis: the angle between the
-# axis and the vertical must have a cosine of more than this value. The cosine of 26 deg is 0.9.
+# The residual |f| - g of a rest is attributed to an axis if the cosine of the angle between the axis and the
+# vertical exceeds this value. The cosine of 26 deg is 0.9.
 VERTICAL: Final = 0.9
 MG: Final = 1e3 / STANDARD_GRAVITY_MPS2
 DPS: Final = 1.0 / DEGREE_RAD

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["envelope", "recording_signals", "saturated_samples"]
 
-# Number of time intervals in which a signal is drawn, each by its smallest and largest sample. It is about
-# the number of pixels of a figure.
+# A signal is drawn in this number of time intervals, each by its smallest and its largest sample. The number
+# is about the width of a figure in pixels.
 INTERVALS: Final = 700
 # Maximum number of rests that are shaded.
 RESTS: Final = 400
@@ -105,7 +105,7 @@ def envelope(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
 def saturated_samples(
     recording: Recording, inspection: Inspection, prefix: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Times and values of the samples at the end of a sensor's range; at most two per interval.
+    """Times and values of saturated samples; at most two per interval.
 
     These are consecutive samples with the extreme value of a column that a finding reports as saturated.
     """

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["move_residuals", "rest_residuals"]
 
 MG: Final = SHOWN["m/s^2"][0]
-# Bounds that contain 95 % of the residuals from noise alone, in sigma: for a normal variable, and for the
-# norm of a vector of two normal variables (Rayleigh).
+# Bounds, in standard deviations, that contain 95 % of the residuals if there is only noise: for a normal
+# variable, and for the norm of a vector of two normal variables (Rayleigh distribution).
 NORMAL_95: Final = 1.960
 LENGTH_95: Final = math.sqrt(-2.0 * math.log(0.05))
 

@@ -31,7 +31,7 @@ KINDS: Final = {
     "move_direction": "gravity direction after moves",
     "rest_rate": "rate at rest",
 }
-# Heights, pixels: row of a share, row of a parameter, and title and labels of a panel.
+# Heights in pixels of: the row of a share, the row of a parameter, and the title and labels of a panel.
 ROW_PX: Final = 34
 SIZE_ROW_PX: Final = 24
 PANEL_PX: Final = 66
@@ -70,8 +70,8 @@ def waterfall(gap: Gap) -> Figure:
     figure, height = stacked_panels(rows, row_px=ROW_PX, panel_px=PANEL_PX)
     for row, own in enumerate(steps.values(), start=1):
         names = ["gap", *(name for name, _ in own)]
-        # The remaining share is clipped, because it may be slightly negative due to the scatter of unseen
-        # data.
+        # The remaining share is clipped at zero, because the scatter of unseen data may make it slightly
+        # negative.
         left = max(own[-1][1], 0.0)
         text = ["100 %", *(f"−{100 * share:.0f} %" for _, share in own[:-1]), f"{100 * left:.0f} %"]
         figure.add_trace(

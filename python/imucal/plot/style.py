@@ -23,9 +23,9 @@ GREY: Final = "#6f7780"
 BLUE: Final = "#0072b2"
 VERMILION: Final = "#d55e00"
 GREEN: Final = "#008560"
-# Background of the range that noise explains, and of allowed ranges.
+# Background colour of ranges of residuals that noise explains, and of allowed ranges.
 BAND: Final = "rgba(111,119,128,0.18)"
-# Background of rests that the fit excludes.
+# Background colour of rests that the fit excludes.
 EXCLUDED: Final = "rgba(213,94,0,0.22)"
 
 DARK: Final = {
@@ -55,7 +55,7 @@ def styled(figure: Figure, height: int) -> Figure:
         plot_bgcolor=PAPER,
         font={"family": FONT, "size": 13, "color": INK},
         hoverlabel={"bgcolor": PAPER, "bordercolor": GREY, "font": {"color": INK}, "align": "left"},
-        # Keeps the rotation and zoom chosen by the reader when a change of theme redraws the figure.
+        # When a change of the colour theme redraws the figure, rotation and zoom are kept.
         uirevision="kept",
     )
     axis = {
@@ -66,7 +66,7 @@ def styled(figure: Figure, height: int) -> Figure:
         "exponentformat": "power",
         "minexponent": 5,
     }
-    # Invisible ticks keep the labels of both axes apart in the corner.
+    # Invisible ticks separate the labels of both axes in the corner of the figure.
     figure.update_xaxes(**axis, title_standoff=8, ticks="outside", ticklen=4, tickcolor=PAPER)
     figure.update_yaxes(**axis, title_standoff=8)
     return figure

@@ -49,8 +49,8 @@ class Axes:
             given.update(dict.fromkeys(sensors, matrix))
         if not given:
             raise InputError(
-                f"axes is {text!r}: give frd, ned, flu, the columns that give x, y and z, such as x,-y,-z, "
-                "or those of one sensor, accel=-x,-y,-z or gyro=y,-x,z"
+                f"axes is {text!r}: give frd, ned, flu, the axes of the file that become x, y and z, such as "
+                "x,-y,-z, or these axes for one sensor, such as accel=-x,-y,-z or gyro=y,-x,z"
             )
         return Axes(given.get("accel", np.eye(3)), given.get("gyro", np.eye(3)))
 

@@ -15,8 +15,8 @@ from imucal.recording.recording import Recording, as_recordings
 
 __all__ = ["of_one_unit", "require_different", "require_other_data", "with_own_names"]
 
-# Number of samples from the start that are compared first. Different runs nearly always differ in these
-# samples.
+# Number of samples at the start that are compared first. Samples of different runs nearly always differ
+# there.
 BEGINNING: Final = 100
 
 
@@ -31,8 +31,8 @@ def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
             lacking, having = (other, first) if len(other.sensors) < len(first.sensors) else (first, other)
             missing = next(sensor for sensor in having.sensors if sensor not in lacking.sensors)
             raise InputError(
-                f"{lacking.name} has no {missing} and {having.name} has one [sensor_missing]: recordings of "
-                f"one unit need the same sensors; `of_sensor` leaves the {missing} of the other out"
+                f"{having.name} has a {missing}, but {lacking.name} has none [sensor_missing]: recordings of "
+                f"one unit need the same sensors; `of_sensor` removes the {missing} of {having.name}"
             )
         if (other.accel_unit, other.gyro_unit) != (first.accel_unit, first.gyro_unit):
             raise InputError(
@@ -69,7 +69,7 @@ def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recordin
             if _is_same_run(judge, recording):
                 message = (
                     f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, "
-                    "which the calibration is made of"
+                    "which is a calibration recording"
                 )
                 way_out = "give another recording of the unit, or use folds"
                 finding = Finding(
@@ -100,7 +100,7 @@ def require_different(judges: Sequence[Recording]) -> None:
 
 def _is_same_run(one: Recording, other: Recording) -> bool:
     """Whether both recordings have the same samples, where consecutive equal samples count once."""
-    # Fast path: the first samples nearly always differ.
+    # Fast path: the first samples of different runs nearly always differ.
     starts = [_changes(recording, BEGINNING) for recording in (one, other)]
     shared = min(map(len, starts))
     if not np.array_equal(starts[0][:shared], starts[1][:shared]):

@@ -38,8 +38,8 @@ __all__ = [
 Sensor: TypeAlias = Literal["accelerometer", "gyroscope"]
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
-# Time step above which there is a pause between two runs, s. No sensor that can be calibrated samples more
-# slowly.
+# A longer time step, s, counts as a pause between two runs, because no sensor that can be calibrated has such
+# a long sampling interval.
 PAUSE_S: Final = 1.0
 
 
@@ -246,7 +246,7 @@ class Recording:
         coincidences.
         """
         is_copy = np.zeros(len(self), dtype=bool)
-        # Only time is compared first, because it nearly always increases.
+        # The time is compared first, and the samples only where two times are equal, which is rare.
         is_copy[1:] = self.time_s[1:] == self.time_s[:-1]
         if not is_copy.any():
             return self
@@ -339,8 +339,8 @@ def samples_of_both(recording: Recording) -> tuple[SampleArray, SampleArray]:
 
 
 def _sensor_missing(recording: Recording, sensor: Sensor) -> InputError:
-    message = f"there is no {sensor} in this recording, and this needs it"
-    way_out = f"add the columns of the {sensor}; docs/one-sensor.md lists what one sensor alone allows"
+    message = f"there is no {sensor} in this recording, but this operation needs it"
+    way_out = f"add the columns of the {sensor}; docs/one-sensor.md lists the operations for a single sensor"
     prefix = {"accelerometer": "accel", "gyroscope": "gyro"}[sensor]
     finding = Finding(
         code="sensor_missing",
@@ -363,7 +363,8 @@ def _along(samples: NDArray[Any], matrix: FloatArray) -> NDArray[Any]:
     turned = samples[:, columns]
     is_negative = matrix.sum(axis=1) < 0
     if turned.dtype.kind == "i" and is_negative.any():
-        # Converted to float64, because the lowest integer has no positive counterpart.
+        # Negated columns of integers are converted to float64, because the lowest integer has no positive
+        # counterpart.
         turned = turned.astype(np.float64)
     turned[:, is_negative] *= -1
     return np.ascontiguousarray(turned)
@@ -391,7 +392,7 @@ def as_recording(given: Any) -> Recording:
     kind = type(given).__name__
     if isinstance(getattr(given, "recording", None), Recording):
         raise InputError(f"a {kind} is given where a Recording is needed: give its `recording`")
-    hint = "imucal.read makes one of a file, imucal.Recording of arrays"
+    hint = "imucal.read returns a Recording from a file, imucal.Recording one from arrays"
     if isinstance(given, (list, tuple)):
         hint = "give them one by one"
     raise InputError(f"a {kind} is given where a Recording is needed: {hint}")

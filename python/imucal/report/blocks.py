@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
-# Maximum number of control recordings with figures on a page (three each). `imucal.plot.propagated_gravity`
-# draws figures of any recording.
+# Maximum number of control recordings with plots on a page (three plots each). For further recordings,
+# `imucal.plot.propagated_gravity` draws these plots.
 MOST_RECORDINGS = 3
 
 
@@ -77,8 +77,9 @@ def coverage_tab(result: CalibrationResult | Evaluation) -> Tab:
             Shown(
                 "coverage",
                 plot.coverage(result),
-                "Up direction at each rest, in the body frame: drag to rotate. Poses far from all points "
-                f"are not covered.{f' {plot.MOST} rests are drawn.' if len(up) > plot.MOST else ''}",
+                "Up direction at each rest, in the body frame (drag to rotate). Regions without points are "
+                "poses that were not "
+                f"recorded.{f' {plot.MOST} rests are drawn.' if len(up) > plot.MOST else ''}",
                 printed=False,
             ),
             heading("Rests by the body axis closest to the vertical"),

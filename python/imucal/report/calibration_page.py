@@ -134,11 +134,11 @@ def _histogram(result: CalibrationResult) -> list[Shown]:
     try:
         figure = plot.histogram(result)
     except InputError:
-        # Without the noise of its means, a table of means has no histogram.
+        # A table of means for which the noise of the means is not known has no histogram.
         return []
     caption = (
-        "Residuals in standard deviations of their noise. If noise alone explains them, the bars follow the "
-        "curve; the outermost bars also contain everything beyond them."
+        "Residuals in standard deviations of their noise. If noise alone explains the residuals, the bars "
+        "follow the normal distribution (curve). The outermost bars also contain all residuals beyond them."
     )
     return [Shown("histogram", figure, caption)]
 

@@ -165,8 +165,8 @@ def _parameters(
     content.append(table(["", "mean", "spread", "noise", "Cpk", "Ppk", "% out", "unit"], rows))
     content.append(
         paragraph(
-            "The spread is that of the true values: the noise of measuring each unit is taken off. % out is "
-            "the share of true values outside the limits."
+            "The spread is that of the true values: the measurement noise of each unit is subtracted. % out "
+            "is the share of true values outside the limits."
         )
     )
     edges, bins = _bins(measured)
@@ -204,9 +204,9 @@ def _odd(odd: OutlierResult | str, shown: Sequence[str]) -> list[Shown | str]:
     ]
     return [
         paragraph(
-            f"{len(odd.odd)} of {len(odd.units)} units are odd, with a false discovery rate of 0.2 %. The "
-            "distance is over all parameters and figures, in standard deviations; the parameter that decides "
-            "is named with its own deviation."
+            f"{len(odd.odd)} of {len(odd.units)} units are outliers, with a false discovery rate of 0.2 %. "
+            "The distance is over all parameters and figures, in standard deviations. The parameter that "
+            "contributes most is listed with its own deviation."
         ),
         _linked(table(["unit", "station", "distance", "q", "decides", "z"], rows), shown),
     ]
@@ -241,7 +241,8 @@ def _units(measured: Measurements, shown: Sequence[str], odd: OutlierResult | st
     distances = {} if isinstance(odd, str) else {unit.serial: unit for unit in odd.units}
     return [
         paragraph(
-            "Odd, drifting and poor units. `imucal fleet certificate STORE SERIAL` writes any other one."
+            "Outlying, drifting and poor units. `imucal fleet certificate STORE SERIAL` writes the page of "
+            "any unit."
         ),
         *(unit_section(measured, serial, distances.get(serial)) for serial in shown),
     ]

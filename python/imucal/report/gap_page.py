@@ -102,7 +102,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
 
 
 def _left(gap: Gap) -> Iterator[str]:
-    """Section on the residuals that effects and laws leave: the remainder, its channels, and bias changes."""
+    """Section on unexplained residuals: the remainder, its kinds of residuals, and bias changes."""
     if gap.remainder is None:
         return
     yield heading("Remaining residuals")

@@ -49,8 +49,9 @@ def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
         yield Shown(
             "against",
             plot.residual_against(shown, has_effects=bool(gap.effects or gap.laws)),
-            "Residuals at the rests and of the moves about one axis, each against the variable that explains "
-            "most of it. A pattern is a missing effect; open markers are control recordings.",
+            "Residuals of rests, and of moves about one axis. Each panel has the variable that explains "
+            "most of its residuals. A pattern indicates a missing effect. Open markers are control "
+            "recordings.",
         )
     yield _channels(found["channels"])
     if found["depends"]:
@@ -76,8 +77,8 @@ def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
 def laws(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
     """For each law: formula, parameters, and curve with the residuals."""
     yield paragraph(
-        "Formulas that describe what no effect of the catalogue does. They are part of the improved "
-        "calibration like any other effect."
+        "Laws are formulas for residuals that no effect of the catalogue describes. They are part of the "
+        "improved calibration, as effects are."
     )
     for law in gap.laws:
         yield heading(law.formula)
@@ -101,8 +102,8 @@ def _curve(law: Law, motion: OwnMotion | None) -> Shown:
     return Shown(
         f"law-{law.name}",
         plot.law(law, points),
-        f"Error of the {law.sensor} over {law.curve.variable}, relative to its mean, with the 95 % band of "
-        f"its parameters.{measured}",
+        f"Error of the {law.sensor} against {law.curve.variable}, relative to its mean, with the 95 % band "
+        f"of its parameters.{measured}",
     )
 
 
@@ -124,8 +125,9 @@ def evidence(gap: Gap) -> Iterator[Shown | str]:
     yield Shown(
         "ranking",
         plot.ranking(gap),
-        "Evidence for each single candidate relative to the model without it. Effects with similar "
-        "signatures score similarly; the search therefore adds the best one and scores the others again.",
+        "Evidence for each candidate, added alone, relative to the model without it. Effects with similar "
+        "residuals have similar evidence. Therefore the search adds the best effect and evaluates the others "
+        "again.",
         printed=False,
     )
     rows = [
@@ -152,8 +154,8 @@ def change(gap: Gap) -> Iterator[Shown | str]:
             "that each effect closes.",
         )
     *unseen, seen = figure_sets(gap)
-    but = f" but not the sets named {' or '.join(unseen)}" if unseen else ""
-    words = f"Figures without and with the found effects. The fits have used the set named {seen}{but}."
+    but = f", but not the sets {' or '.join(unseen)}" if unseen else ""
+    words = f"Figures without and with the found effects. The fits used the set {seen}{but}."
     yield Shown("change", plot.before_and_after(gap), words)
     yield gap_figures_table(gap)
     error = gap.corrected_error

@@ -38,7 +38,8 @@ def write_inspection_page(
     inspected = [recordings] if not isinstance(recordings, Sequence) else list(recordings)
     if len(seen) != len(inspected) or not seen:
         raise InputError(
-            f"there are {len(seen)} inspections of {len(inspected)} recordings: give one of each"
+            f"there are {len(seen)} inspections of {len(inspected)} recordings: give one inspection per "
+            "recording"
         )
     tabs = [
         Tab(inspection.name if len(seen) > 1 else "Signals", tuple(_content(inspection, recording, number)))
@@ -113,8 +114,8 @@ def _content(inspection: Inspection, recording: Recording, number: int) -> Itera
     if inspection.predicted_sigma:
         yield heading("Accuracy that this recording can give")
         yield paragraph(
-            "Predicted from the rests, the moves and the noise at rest. It is that of a calibration if the "
-            "data contain no errors other than noise and the linear model."
+            "Predicted from the rests, the moves and the noise at rest. A calibration reaches these standard "
+            "deviations if the data contain no errors other than noise and those of the linear model."
         )
         yield predicted_table(inspection)
 

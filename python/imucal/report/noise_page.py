@@ -28,8 +28,8 @@ def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
         "Figures",
         (
             paragraph(
-                "A kind of noise that is not detectable in the recording has no value; its interval ends at "
-                "the upper bound. The Allan deviation of bias instability is flat at 0.664 times its value."
+                "Noise that is not detectable in the recording has no value; its interval ends at the upper "
+                "bound. Bias instability gives a flat Allan deviation of 0.664 times its value."
             ),
             noise_table(noise),
             heading("Notes") if remarks else "",
@@ -38,8 +38,8 @@ def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
     )
     caption = (
         "Overlapping Allan deviation with 95 % confidence intervals; curves: the identified noise model. "
-        "Straight lines: its white noise N, bias instability B and random walk K, as far as they are "
-        "detected. Stars: N is read at 1 s, K at 3 s, and B is the flat part divided by 0.664."
+        "Straight lines: the detected components of the model, white noise N, bias instability B and random "
+        "walk K. Stars: N is the value of its line at 1 s, K at 3 s, and B is the flat part divided by 0.664."
     )
     sensors: tuple[tuple[Literal["accel", "gyro"], str], ...] = (
         ("accel", "Accelerometer"),

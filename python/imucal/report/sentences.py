@@ -35,10 +35,10 @@ def of_calibration(result: CalibrationResult) -> Verdict:
     beside = f"{result.used.removesuffix(' used')} are used."
     if result.control is None:
         beside += " There is no control recording to verify it: give one with --control."
-        sentence = "Good on its own recordings; not verified on others."
+        sentence = "Good on the recordings of the fit; not verified on other recordings."
     else:
         beside = f"{_better(result.control)} {beside}".strip()
-        sentence = "Good: the calibration holds on recordings that the fit has not used."
+        sentence = "Good: the calibration is valid on recordings that the fit has not used."
     if result.judgement is not None:
         beside += f" {result.judgement.count}."
     return _judged(result, sentence, beside)
@@ -87,14 +87,17 @@ def of_gap(gap: Gap) -> Verdict:
         named = f" beside {names}" if names else ""
         return Verdict(
             "incomplete" if is_left else "found",
-            f"No effect of the catalogue, but a law describes it{named}.",
+            "An error is missing from the model: no effect of the catalogue describes it, but a law "
+            f"does{named}.",
             f"{found}. {beside}".strip(),
         )
     if remainder is not None and gap.effects and is_left:
         beside = f"Remainder: {remainder.description}. {beside}"
     if gap.verdict == "named" and remainder is not None and remainder.matters:
         rest = "varies randomly" if remainder.kind == "stochastic" else "is unknown"
-        return Verdict("incomplete", f"Missing from the model: {names}. What remains {rest}.", beside.strip())
+        return Verdict(
+            "incomplete", f"Missing from the model: {names}. The remainder {rest}.", beside.strip()
+        )
     if gap.verdict == "named":
         return Verdict(
             "incomplete" if is_left else "found", f"Missing from the model: {names}.", beside.strip()
@@ -108,7 +111,7 @@ def of_gap(gap: Gap) -> Verdict:
         )
     mood, sentence = NO_NAME[gap.verdict]
     if gap.remainder is not None and gap.remainder.pattern == "between_sessions":
-        sentence = "The biases moved between the calibration recordings and the control recordings."
+        sentence = "The biases changed between the calibration recordings and the control recordings."
     if gap.generic is not None:
         beside = f"{gap.generic['description']}. {beside}"
     elif gap.verdict == "data_fault":

@@ -24,7 +24,8 @@ FIGURES = {
 }
 # Maximum number of items of a list on a page. The JSON document contains all items.
 MOST_ITEMS = 40
-# Maximum number of columns for a table with text of normal size in one column of a printed page.
+# A table with more columns than this number does not fit into one column of a printed page at normal text
+# size.
 WIDE = 5
 
 
@@ -63,7 +64,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[
         + "</tr>"
         for first, *rest in rows
     )
-    # A wide table has smaller text on paper, to fit into one of the two columns of a page.
+    # On paper, a wide table has smaller text, so that it fits into one of the two columns of a page.
     wide = " wide" if len(header) > WIDE else ""
     return f'<div class="table{wide}"><table>{head}<tbody>\n{body}\n</tbody></table></div>'
 

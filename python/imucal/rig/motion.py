@@ -174,9 +174,9 @@ class Static:
         return self
 
 
-# Turns of the motors in one round over the faces, deg. The first turn returns from the end of the previous
-# round to the start. The x axis of the unit is level first, then its y axis. The turn before the last four
-# makes the z axis level.
+# Rotations of the motors in one round over the faces, deg. The first rotation returns from the end of the
+# previous round to the start. In the first part of the round the x axis of the unit is level, in the second
+# part the y axis. The rotation before the last four makes the z axis level.
 ROUND_OF_FACES: Final = (
     (0.0, -90.0, 0.0),
     *((90.0, 0.0, 0.0),) * 4,

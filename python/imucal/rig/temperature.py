@@ -23,8 +23,9 @@ __all__ = ["Temperature"]
 # Reference temperature of sensitivities and biases; temperature effects are relative to it.
 REFERENCE_DEGC: Final = 25.0
 ABSOLUTE_ZERO_DEGC: Final = -273.15
-# A warm-up is approximated by 50 straight lines per time constant, over 12 time constants. The error of the
-# approximation is 5e-5 of the temperature rise, and 6e-6 of the rise remain at the end.
+# A warm-up is approximated by 50 line segments per time constant, over 12 time constants. The error of the
+# approximation is 5e-5 of the temperature rise. At the end, the temperature is below its final value by 6e-6
+# of the rise.
 KNOTS_PER_CONSTANT: Final = 50
 CONSTANTS: Final = 12
 FORMS: Final = (
@@ -50,10 +51,10 @@ class Temperature:
             raise InputError("the temperature has no knots: give one or more")
         if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):
             raise InputError(
-                "time_s of the temperature does not rise from knot to knot: sort it, without repeats"
+                "time_s of the temperature must increase: sort the rows, and remove rows with equal times"
             )
         if not (np.isfinite(temp_degc).all() and (temp_degc > ABSOLUTE_ZERO_DEGC).all()):
-            raise InputError("temp_degc holds a number that is no temperature: give degC")
+            raise InputError("temp_degc contains a number that is not a possible temperature: give degC")
         object.__setattr__(self, "time_s", time_s)
         object.__setattr__(self, "temp_degc", temp_degc)
 

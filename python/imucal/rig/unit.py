@@ -41,9 +41,10 @@ FOLDER: Final = Path(__file__).parent / "shipped"
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # Ratio of the two-sided noise density N to the one-sided noise density of a datasheet (docs/model.md (22)).
 TWO_SIDED_PER_ONE_SIDED: Final = math.sqrt(0.5)
-# Number of standard deviations of the drawn units in a tolerance of a datasheet, by kind of tolerance.
+# A tolerance of a datasheet is taken as this number of standard deviations of the units that are drawn, by
+# kind of tolerance.
 DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
-# Number of values and unit of the drawn figures other than effects, in the order in which they are drawn.
+# Parameters that are drawn at random, except effects: number of values and unit, in the order of drawing.
 DRAWN: Final[dict[str, tuple[int, str]]] = {
     "accel_bias": (3, "m/s^2"),
     "accel_scale": (3, "1"),
@@ -98,7 +99,7 @@ class Sensor:
         for name, shape in (("sensitivity", (3, 3)), ("bias", (3,)), ("random_walk", (3,))):
             object.__setattr__(self, name, as_matrix(getattr(self, name), name, shape))
         if (self.lsb is None) != (self.bits is None):
-            raise InputError("lsb and bits of a sensor belong together: give both or neither")
+            raise InputError("lsb and bits of a sensor are only valid together: give both or neither")
 
     def with_range(self, limit: float) -> Sensor:
         """The sensor with the range +-limit and the same number of counts."""

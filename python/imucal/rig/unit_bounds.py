@@ -25,8 +25,8 @@ FIGURE_FIELDS: Final = ("value", "unit", "source", "note", "limit")
 OTHERS: Final = ("part", "averaging")
 # Figures that cannot be zero.
 POSITIVE: Final = ("range", "resolution", "bits", "bandwidth", "filter", "output_rate")
-# Largest accepted figures by SI unit of the sensor. Noise: 50 mg/sqrt(Hz) and 6 deg/s/sqrt(Hz), fifty times
-# that of the noisiest MEMS sensors. Bias: 10 g and 2000 deg/s. Range: 10,000 g and 100,000 deg/s.
+# Largest accepted figures by SI unit of the sensor. Noise density: 50 mg/sqrt(Hz) and 6 deg/s/sqrt(Hz), fifty
+# times that of the noisiest MEMS sensors. Bias: 10 g and 2000 deg/s. Range: 10,000 g and 100,000 deg/s.
 LARGEST: Final[dict[str, dict[str, float]]] = {
     "m/s^2": {"noise_density": 0.5, "bias": 98.0665, "random_walk": 1.0, "range": 98_066.5},
     "rad/s": {"noise_density": 0.1, "bias": 34.9066, "random_walk": 1.0, "range": 1_745.33},
@@ -37,7 +37,8 @@ LARGEST_BITS: Final = 32.0
 LARGEST_FACTOR: Final = 1e3
 # Largest difference of two entries of a sensitivity that counts as rounding, relative to its largest entry.
 ENTRY_ROUNDING: Final = 1e-7
-# Accepted range of the sensitivity in SI units; 1 is perfect. A factor beyond this range means a wrong unit.
+# Accepted range of the sensitivity in SI units, in which 1 is perfect. A sensitivity outside this range means
+# that its unit is wrong.
 SENSITIVITY: Final = (0.2, 5.0)
 # Accepted ratio of the range in the datasheet to the range of the counts. In some sensors the range of the
 # counts is twice the specified range.
@@ -147,7 +148,7 @@ def _require_sensitivity(node: Node, matrix: Any, *, is_frame: bool) -> None:
                 raise FormatError(
                     f"{node.file}: {node.path}[{row}][{column}] is {matrix[row, column]}, but "
                     f"{node.path}[{column}][{row}] is {matrix[column, row]}: in the body frame of a unit "
-                    "file, the symmetric one, both are the same number: correct one of them"
+                    "file, which is symmetric, both must be the same number: correct one of the numbers"
                 )
     sizes = np.linalg.svd(matrix / np.abs(matrix).max(), compute_uv=False) * np.abs(matrix).max()
     if not (SENSITIVITY[0] <= sizes[-1] and sizes[0] <= SENSITIVITY[1]) or np.linalg.det(matrix) <= 0:

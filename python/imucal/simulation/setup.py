@@ -28,8 +28,9 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Setup"]
 
-# Parameters of the clock and the data link in the compiled library, each with its accepted range in a file:
-# shares of samples from 0 to 1, and generous bounds of the clock's rate error and jitter (s).
+# Parameters of the clock and of the data link in the compiled library, each with its accepted range in a
+# file. Shares of samples are from 0 to 1. The bounds of the clock's rate error and jitter, s, exceed those of
+# any clock.
 LINK: Final = {
     "missing_share": (0.0, 1.0),
     "duplicated_share": (0.0, 1.0),

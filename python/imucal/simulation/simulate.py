@@ -141,7 +141,8 @@ def repeat(
     try:
         repeated = run(setup, auxiliary, keep_temperature=keep_temperature)
     except InputError as error:
-        # If columns or effects were passed as arguments, the error may be in them and not in the file.
+        # If columns or effects were passed as arguments, the error may be in the arguments and not in the
+        # file.
         if auxiliary or user_effects:
             raise
         raise FormatError(f"{node.file}: $.setup: {error}") from None
@@ -188,8 +189,8 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: b
         core.angular_rate,
         temperature_degc=core.temperature_degc if keep_temperature or setup.needs_temperature else None,
         stand_rad=core.stand_rad,
-        # Interpolation selects the samples that were not lost, because both runs have the same sampling
-        # instants.
+        # Both runs have the same sampling instants, so the interpolation selects the values of the samples
+        # that were not lost.
         auxiliary={name: np.interp(core.time_s, sampled_s, given) for name, given in samples.items()},
         name=f"simulated-{setup.seed}",
     )
@@ -266,7 +267,9 @@ def _place(
     """Local gravity and the effect of the Earth's rate at a place."""
     if latitude_deg is None:
         if height_m is not None:
-            raise InputError("height_m without latitude_deg says nothing of gravity: give the latitude, too")
+            raise InputError(
+                "height_m without latitude_deg does not determine gravity: give the latitude, too"
+            )
         return STANDARD_GRAVITY_MPS2 if gravity_mps2 is None else gravity_mps2, ()
     if not -90.0 <= latitude_deg <= 90.0:
         raise InputError(f"latitude_deg is {latitude_deg}: from -90 (south) to 90 (north) is needed")

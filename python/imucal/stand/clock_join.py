@@ -22,12 +22,14 @@ __all__ = ["host_instants", "joined_angles"]
 # Relative difference between the rates of two clocks that is accepted without a check. Quartz oscillators
 # differ by less than 200 ppm.
 MAX_SLOPE: Final = 500e-6
-# A rate difference beyond `MAX_SLOPE` is accepted if the rates of both halves of the run agree within this
-# number. Such a unit has an RC oscillator, or sends no time and differs from its nominal rate.
+# A clock rate difference beyond `MAX_SLOPE` is accepted if the differences in the two halves of the run agree
+# within this relative number. A unit has such a difference if its clock is an RC oscillator, or if it sends
+# no time and samples at another rate than its nominal one.
 AGREEING_SLOPE: Final = 2e-3
 # Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be determined.
 SLOPE_OVER_S: Final = 20.0
-# Number of points above which each block of samples is represented by its least delayed sample.
+# If there are more samples than this number, they are divided into blocks, and only the least delayed sample
+# of each block is used.
 MOST_POINTS: Final = 20_000
 # Longest interval between two reported positions, s, over which the angles of a moving stand are
 # interpolated. At an acceleration of 500 deg/s^2 the error is 0.6 deg.
@@ -68,7 +70,7 @@ def joined_angles(logged: Logged) -> FloatArray:
 
 
 def host_instants(logged: Logged) -> FloatArray:
-    """The host time at which each sample was taken plus the shortest delay of a sample, (N,), s."""
+    """For each sample, the host time at which it was taken, plus the shortest transmission delay, (N,), s."""
     name = next((column for column in logged.columns if column in TICKS_PER_S), None)
     if name is None or len(logged.samples) < 2:
         return logged.host_s
@@ -99,7 +101,7 @@ def _slope(unit_s: FloatArray, late_s: FloatArray) -> float:
 
 
 def _hull_slope(unit_s: FloatArray, late_s: FloatArray) -> float:
-    """Slope of the edge of the lower convex hull at the mean of the unit's times."""
+    """Slope of the lower convex hull of the points (unit time, delay) at the mean of the unit's times."""
     hull: list[tuple[float, float]] = []
     if len(unit_s) > MOST_POINTS:
         # Only the least delayed sample of each block is kept, because only such samples determine the lower

@@ -19,7 +19,7 @@ from imucal.io.extra import library
 
 __all__ = ["Motors", "ids_of", "serve"]
 
-# Addresses of the control table of the X series.
+# Addresses of registers in the control table of Dynamixel motors of the X series.
 OPERATING_MODE, TORQUE_ENABLE, HARDWARE_ERROR = 11, 64, 70
 PROFILE_ACCELERATION, PROFILE_VELOCITY, GOAL_POSITION, PRESENT_POSITION = 108, 112, 116, 132
 EXTENDED_POSITION: Final = 4
@@ -28,7 +28,7 @@ EXTENDED_POSITION: Final = 4
 COUNTS: Final = 4096
 RATE_UNIT_DPS: Final = 0.229 * 6.0
 ACCELERATION_UNIT_DPS2: Final = 214.577 * 360.0 / 3600.0
-# Rate and acceleration of the fastest motor in a move, deg/s and deg/s^2.
+# Rate, deg/s, and acceleration, deg/s^2, of the motor that turns farthest in a move.
 RATE_DPS, ACCELERATION_DPS2 = 60.0, 240.0
 # Number of attempts of a read or a write. An attempt fails if a packet is damaged, or if the computer is
 # busy, because the library waits only 35 ms for an answer.

@@ -141,7 +141,7 @@ class ExternalDriver:
         return Status("holding" if self._phase == "holding" else "moving", step, message=self._phase)
 
     def observe(self, samples: FloatArray) -> None:
-        """Does nothing, because the command reports the angles."""
+        """Does nothing, because the stand's program reports the motor angles."""
 
     def positions(self) -> Sequence[Position]:
         """Motor angles reported since the last call, at the instants halfway between query and answer."""

@@ -26,7 +26,7 @@ from imucal.simulation.simulate import simulate
 __all__ = ["FAULTS", "SimulatedUnit"]
 
 FAULTS: Final = ("slip", "loose-mount", "clipping", "dead-axis")
-# Angle of a slip, deg, and its time as a share of the run's duration.
+# Range of the angle of a slip, deg, and range of its time as a share of the run's duration.
 SLIP_DEG: Final = (1.0, 3.0)
 SLIP_SHARE: Final = (0.15, 0.85)
 # Standard deviation of the attitude change by play in the mount, deg about each motor's axis.
@@ -96,7 +96,7 @@ def _slipping(stand: Stand, program: Program, random: np.random.Generator) -> St
 
 
 def _with_play(program: Program, random: np.random.Generator) -> Program:
-    """The program as the unit experiences it, with the attitude change by play added to every move."""
+    """The actual motion of a unit whose mount has play: a random rotation is added to every move."""
     steps, before = [], np.zeros(3)
     for step in program.steps:
         moves = any(step.turn_deg)

@@ -32,10 +32,11 @@ ANGLE_DECIMALS: Final = 4
 FEED_DECIMALS: Final = 2
 # Lowest feed of GRBL, deg/min. GRBL raises lower feeds to this value.
 LEAST_FEED_DPM: Final = 1.0
-# Largest angle of a motor from its start, deg: the largest number with eight digits, four of them decimals.
+# Largest angle of a motor relative to its start, deg. It is the largest number with eight digits of which
+# four are decimals.
 MAX_ANGLE_DEG: Final = 9999.9999
-# Largest accepted rate, deg/s, and acceleration, deg/s^2, of a motor. In deg/min, a feed of this rate has
-# eight digits.
+# Largest accepted rate, deg/s, and acceleration, deg/s^2, of a motor. A feed of this rate, in deg/min with
+# two decimals, has eight digits.
 MAX_RATE_DPS: Final = 10_000.0
 MAX_ACCELERATION_DPS2: Final = 1e6
 # A move is reported as late if it takes longer than in the program by more than this time, s.
@@ -144,8 +145,8 @@ def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
         before = (x, y, z)
     if duration_s(blocks) > MAX_DURATION_S:
         raise InputError(
-            f"the program takes the motors {duration_s(blocks):.3g} s, more than {MAX_DURATION_S:g} s, a "
-            "week: give higher rates and accelerations, or a shorter program"
+            f"the program takes {duration_s(blocks):.3g} s with these motors, more than {MAX_DURATION_S:g} s "
+            "(a week): give higher rates and accelerations, or a shorter program"
         )
     return blocks
 
@@ -217,7 +218,7 @@ def _move_s(length: float, rate: float, acceleration: float) -> float:
 
 
 def _number(value: float, decimals: int) -> str:
-    """The shortest text of a number, because the controller's buffer holds only 128 characters."""
+    """A number without trailing zeros, because the controller's buffer holds only 128 characters."""
     text = f"{value:.{decimals}f}".rstrip("0").rstrip(".")
     return "0" if text in ("", "-0") else text
 

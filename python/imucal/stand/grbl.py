@@ -45,34 +45,35 @@ RETURN_DPS: Final = 60.0
 END_S: Final = 0.3
 # Number of consecutive recoveries without progress after which the run fails.
 MOST_RECOVERIES: Final = 4
-# Number of attempts of a move that ends at rest at a wrong position. After the last attempt the controller is
-# reset.
+# Number of attempts of a move, if the motors come to rest at a wrong position. After the last attempt the
+# controller is reset.
 MOST_MOVES: Final = 4
 # Largest deviation, deg, at which a motor counts as at its target: twice the last digit of a report.
 AT_TARGET_DEG: Final = 0.02
 # Largest deviation, deg, at which a reported offset counts as the requested one. It allows for half of the
 # last digit of a report, and rounding.
 SAME_DEG: Final = 0.0015
-# Angle, deg, by which a target is displaced if its offset equals the offset of a restarted controller.
+# Angle, deg, by which a target is displaced if its offset equals the offset that a controller has after a
+# restart, so that a restart can be detected.
 MARK_DEG: Final = 0.004
 # Timeout of a move as a multiple of its duration, in addition to `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5
-# Uncertainty of the angles during moves, deg, above which an event reports it.
+# Uncertainty of the motor angles during moves, deg, above which the run reports an event.
 UNCERTAIN_DEG: Final = 1.0
 # Time after the planned end of a move, s, after which a message reports that the move takes longer.
 SLOW_S: Final = 2.0
-# Modes of all lines: millimetres (degrees here), absolute positions. With inverse time feed (G93), GRBL
-# refuses an axis word without a feed in the same line. So if the word G92 of a line is lost, the line does
-# not move the motors.
+# Modal G-codes for all lines: millimetres (degrees for rotary axes), absolute positions. With inverse time
+# feed (G93), GRBL refuses an axis word without a feed in the same line. Therefore a line that has lost its
+# word G92 does not move the motors.
 SETUP: Final = "G21G90G93G1F1"
-# Feed per minute (G94) for the move, and no motion mode (G80), so that a move whose command word is lost is
-# refused. GRBL refuses G92 after G80, so this line follows the confirmed target.
+# Feed per minute (G94) for the move, and cancelled motion mode (G80), so that GRBL refuses a move that has
+# lost its word G1. This line is sent after the target is confirmed, because GRBL refuses G92 after G80.
 MOVING: Final = "G94G80"
 # Modes for grblHAL, which refuses G43.1 after G80 and G93.
 SETUP_HAL: Final = "G21G90G94"
-# The zeros have a decimal point, so that a single damaged bit changes them by less than a degree. The command
-# is the last word, because if the letter X were lost, `G1X.0` would be read as `G1.0`, which moves only the
-# other motors.
+# Line that moves all axes to the work position zero. The zeros have a decimal point, so that a single damaged
+# bit changes them by less than a degree. The command is the last word, because if the letter X of `G1X.0`
+# were lost, the line would be read as `G1.0`, which moves only the other motors.
 MOVE: Final = "{}.0{}.0{}.0G1"
 FINAL: Final = "free the stand, bring its motors to zero, and run the program again"
 
@@ -176,7 +177,7 @@ class GrblDriver:
         return self._status()
 
     def observe(self, samples: FloatArray) -> None:
-        """Does nothing, because the controller reports the position of the motors."""
+        """Does nothing, because the controller reports the motor positions, so samples are not needed."""
 
     def positions(self) -> Sequence[Position]:
         """Motor angles reported since the last call, relative to the stand's zero."""
@@ -230,7 +231,7 @@ class GrblDriver:
             require_zero(position_deg, self._consent)
             return ((0.0, 0.0, 0.0) if self._consent.unwind else position_deg), 0
         if self._consent.start_here or self._consent.home:
-            # The motors are at zero, so the steps are repeated along the path of the program, without holds.
+            # The motors are at zero, so they follow the path of the completed steps again, without holds.
             return position_deg, 0
         zero, step = self._resume.zero_deg, self._resume.steps_done
         poses = [(0.0, 0.0, 0.0), *(block.angles_deg for block in self._blocks)]
@@ -252,8 +253,8 @@ class GrblDriver:
             self._events.append(
                 Event(
                     "angles_uncertain",
-                    f"a report comes {2e3 * half_s:.0f} ms after its query: if one way is faster than the "
-                    f"other, angles in moves are off by up to {half_s * rate_dps:.1f} deg at "
+                    f"a report arrives {2e3 * half_s:.0f} ms after its query: if the delays of query and "
+                    f"report differ, angles during moves are wrong by up to {half_s * rate_dps:.1f} deg at "
                     f"{rate_dps:.0f} deg/s",
                 )
             )
@@ -389,7 +390,7 @@ class GrblDriver:
                 )
 
     def _hold(self, block: Block) -> Waiting:
-        """Wait until the pose was reported at rest for the hold time."""
+        """Wait until the reports have shown the motors at rest in the pose for the hold time."""
         assert self._track is not None
         target = self._track.target_deg
         since_s: float | None = None
@@ -419,16 +420,16 @@ class GrblDriver:
         yield from self._session.until(lambda: self._contradicting is None, self._timeouts.boot_s)
         self._offset_deg = self._contradicting = None
         for _ in range(MOST_MOVES):
-            # G92 takes the present position in the new coordinates. G43.1 takes an addition to the offset at
-            # the start.
+            # The argument of G92 is the present position in the new coordinates. The argument of G43.1 is
+            # added to the offset at the start.
             code, words = (
                 ("G43.10", _difference(target, self._ready.offset_deg))
                 if self._ready.is_hal
                 else ("G92", _difference(self._track.last_deg, target))
             )
             yield from self._session.command(f"{code}{self._axes.words(words)}")
-            # Reports before the answer are not used, because they may confirm an earlier attempt while the
-            # last attempt was damaged.
+            # Reports that arrived before the answer are not used, because they may confirm an earlier attempt
+            # although the last attempt was damaged.
             self._session.offset_deg = None
             yield from self._session.until(
                 lambda: (

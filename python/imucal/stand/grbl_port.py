@@ -26,17 +26,18 @@ QUERY_S: Final = 0.04
 # cycle (20 ms in a simulator, 16 ms in a converter) would always answer with the same delay.
 SPREAD: Final = 0.25
 GOLDEN: Final = 0.618
-# Length of the longest report, characters. It limits the rate of queries, whose reports use at most a third
-# of the capacity of the line.
+# Length of the longest report, characters. It limits the rate of queries, so that the reports use at most a
+# third of the capacity of the serial line.
 REPORT_LENGTH: Final = 90
 # Longest wait for a byte, s. After the wait the thread checks whether a query is due.
 WAIT_S: Final = 0.01
-# Length above which a line without a line end is treated as damaged, characters. No line of GRBL is longer.
+# A line without a line end that is longer than this number of characters counts as damaged, because no line
+# of GRBL is longer.
 LONGEST: Final = 512
 # Number of consecutive late reports after which a query counts as lost.
 LOST_AFTER: Final = 4
-# Additional delay of a report, s, above which its query counts as lost if the report can answer a later
-# query.
+# If a report arrives later than the shortest delay plus this time, s, and may answer a later query, the
+# earlier query counts as lost.
 LOST_S: Final = 0.25
 # Timeout for the end of a thread, s.
 JOIN_S: Final = 1.0

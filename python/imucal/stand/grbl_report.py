@@ -25,7 +25,8 @@ OFFSET: Final = re.compile(rf"\|WCO:({NUMBER}(?:,{NUMBER})*)(?:\||$)")
 # Order of the axes in reports and settings.
 AXES: Final = "XYZABCUVW"
 MM_PER_INCH: Final = 25.4
-# Minimum similarity at which a damaged line is recognised as a text. Half of its characters may be lost.
+# Minimum similarity (0 to 1) at which a damaged line is recognised as a known text. At this value half of the
+# characters may be lost.
 ALIKE: Final = 0.6
 WELCOMES: Final = ("Grbl 1.1h ['$' for help]", "GrblHAL 1.1f ['$' or '$HELP' for help]")
 LOCKS: Final = (
@@ -40,7 +41,7 @@ LOCKS: Final = (
 ALARMS: Final = {
     1: "a limit switch was hit: the position is lost",
     2: "the target is beyond the travel of an axis ($130 to $132, soft limits)",
-    3: "a reset while motors turned: the position is uncertain",
+    3: "the controller was reset while motors turned: the position is uncertain",
     6: "homing was reset",
     7: "a safety door opened while homing",
     8: "homing could not move off the limit switch",
@@ -138,18 +139,18 @@ class Parser:
 
 
 def is_welcome(line: str) -> bool:
-    """Whether a line is the message of a controller that has restarted, possibly damaged."""
+    """Whether a possibly damaged line is the welcome message that a controller sends after a restart."""
     return "for help" in line or any(_alike(line, text) for text in WELCOMES)
 
 
 def is_alarm(line: str) -> bool:
-    """Whether a line reports an alarm, possibly damaged, such as `ALRM:1` or `ALARM`."""
+    """Whether a possibly damaged line, such as `ALRM:1` or `ALARM`, reports an alarm."""
     word, colon, _ = line.upper().partition(":")
     return _alike(word[:6] if colon else word[:5], "ALARM", 0.7)
 
 
 def is_lock(line: str) -> bool:
-    """Whether a message says that the controller is locked, possibly damaged."""
+    """Whether a possibly damaged line is the message that the controller is locked."""
     return any(_alike(line, text, 0.8) for text in LOCKS)
 
 

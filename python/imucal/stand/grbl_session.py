@@ -47,8 +47,8 @@ ROUND_TRIPS: Final = 16
 # Longest pause between two of these queries, s. The pauses vary, because a controller or a port with a fixed
 # cycle would otherwise answer with the same delay each time.
 CYCLE_S: Final = 0.02
-# Additional delay of a report, s, above which the report is not used. It is shorter than the interval of
-# queries, because after a loss a report may be assigned to the previous query.
+# A report that is delayed by more than the shortest delay plus this time, s, is not used. The time is shorter
+# than the interval of queries, because after the loss of a query a report may be assigned to a wrong query.
 LATE_S: Final = 0.03
 # Number of equal readings after which a setting counts as known. One reading is not sufficient, because the
 # text has no checksum.
@@ -298,5 +298,5 @@ class GrblSession:
 
 def _alarm_text(code: int) -> str:
     if code == 0:
-        return "the controller reports an alarm whose number did not arrive"
+        return "the controller reports an alarm, but the number of the alarm was lost"
     return f"alarm {code}: {ALARMS.get(code, 'see the manual of the controller')}"

@@ -22,8 +22,8 @@ __all__ = ["NEAR_DEG", "Consent", "Ready", "prepared", "require_zero"]
 
 # Largest deviation of each motor from its target, deg, at which a pose counts as reached.
 NEAR_DEG: Final = 0.5
-# Numbers of GRBL's settings: reports in inches, soft limits; and of the first axis: highest rate, deg/min,
-# acceleration, deg/s^2, and travel, deg. The settings of the other axes have the following numbers.
+# Numbers of GRBL's settings: reports in inches ($13), soft limits ($20); and for the first axis: highest
+# rate, deg/min, acceleration, deg/s^2, and travel, deg. Each further axis has the next number.
 IN_INCHES, SOFT_LIMITS = 13, 20
 FIRST_RATE, FIRST_ACCELERATION, FIRST_TRAVEL = 110, 120, 130
 # Only grblHAL has settings from this number on.
@@ -118,7 +118,7 @@ def prepared(session: GrblSession, consent: Consent, blocks: Sequence[Block]) ->
 
 
 def require_zero(position_deg: Triple, consent: Consent) -> None:
-    """Raise ImucalError for motors that are not at zero, unless an option says what to do."""
+    """Raise ImucalError if the motors are not at zero and no option states how to proceed."""
     if max(map(abs, position_deg)) <= NEAR_DEG or consent.home or consent.start_here or consent.unwind:
         return
     at = ", ".join(f"{angle:.1f}" for angle in position_deg)

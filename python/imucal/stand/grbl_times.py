@@ -22,8 +22,8 @@ __all__ = ["Instants", "one_way_s"]
 WITHIN_S: Final = 0.5
 # Number of transmitted bits per character of a report.
 BITS: Final = 10
-# Largest correction, s. A larger correction would not be due to a delay, but to motors that exceed their
-# commanded rate because the feed is overridden.
+# Largest correction of an instant, s. A larger discrepancy is not caused by a transmission delay, but by
+# motors that exceed their commanded rate because of a feed override.
 LARGEST_S: Final = 0.05
 
 
@@ -58,7 +58,7 @@ class Instants:
         self._waiting.append(_Reading(latest_s, position_deg, rate_dps))
 
     def settled(self, now_s: float) -> list[Position]:
-        """Positions whose instants later reports cannot change any more; all of them for an infinite time."""
+        """Positions whose instants later reports cannot change any more; all positions if `now_s` is inf."""
         instants: deque[float] = deque()
         following: _Reading | None = None
         for reading in reversed(self._waiting):

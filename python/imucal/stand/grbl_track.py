@@ -19,8 +19,8 @@ from imucal.stand.grbl_start import NEAR_DEG
 
 __all__ = ["Track"]
 
-# Factor on the rate, and additional angle, deg, by which motors may have moved farther than commanded. They
-# allow for errors of a few milliseconds in the instants of reports.
+# A reported position is possible if the motors have moved at most this factor times the commanded rate, plus
+# the additional angle, deg. Both allow for errors of a few milliseconds in the instants of reports.
 RATE_FACTOR: Final = 1.5
 EXTRA_DEG: Final = 1.0
 # Number of consecutive implausible reports that must agree to be accepted as true.
@@ -51,7 +51,7 @@ class Track:
         return self._rate_dps or self._max_rate_dps
 
     def command(self, target_deg: Sequence[float], rate_dps: float) -> None:
-        """Set a move from the last position, which does not exceed the combined rate `rate_dps`, deg/s."""
+        """Set the commanded move: from the last position to the target, at most at the rate `rate_dps`."""
         self._start, self._target = np.array(self.last_deg), np.array(target_deg)
         self._rate_dps = rate_dps
         self._suspects = []

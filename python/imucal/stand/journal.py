@@ -117,7 +117,7 @@ class Journal:
             self._append(POSITIONS, np.asarray(rows, dtype="<f8").tobytes())
 
     def progress(self, steps_done: int, zero_deg: Sequence[float]) -> None:
-        """Append the progress of the program, with which an interrupted run can be resumed."""
+        """Append the number of completed steps and the zero, from which an interrupted run can be resumed."""
         progress = {"steps_done": steps_done, "zero_deg": list(zero_deg)}
         self._append(PROGRESS, json.dumps(progress).encode())
 

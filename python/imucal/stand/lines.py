@@ -20,7 +20,7 @@ __all__ = ["LineDecoder"]
 SEPARATOR: Final = re.compile(r"[,;\s]+")
 # Length above which text without a line end is discarded as damaged, characters.
 LONGEST: Final = 4096
-# Length at which a line is cut in messages, characters.
+# Messages show at most this number of characters of a line.
 LONGEST_SHOWN: Final = 60
 
 

@@ -30,8 +30,7 @@ class Link(Protocol):
     name: str
     # Whether a lost connection can be opened again.
     comes_back: bool
-    # Instruction that tells the user how to make the unit send data; empty if the link has no such
-    # instruction.
+    # Message that tells the user how to make the unit send data; empty if there is nothing to tell.
     hint: str
 
     def open(self) -> None:
@@ -114,7 +113,7 @@ class _Serial:
 
 
 class _Socket:
-    """What a TCP connection and a UDP port have in common."""
+    """Base of a TCP connection and of a UDP port."""
 
     comes_back = True
 

@@ -60,7 +60,7 @@ def recoverable(output: Path) -> Iterator[None]:
     from imucal.stand.recorder import journal_of
 
     journal = journal_of(output)
-    # A journal that existed before belongs to another run, whose error message already explains it.
+    # A journal that existed before belongs to another run. The error for this case already explains it.
     was_there = journal.exists()
     try:
         yield
@@ -70,7 +70,7 @@ def recoverable(output: Path) -> Iterator[None]:
     except BaseException:
         if journal.exists() and not was_there:
             print(
-                f"imucal: what was recorded is in {journal}: imucal stand recover {journal} -o {output}",
+                f"imucal: the recorded samples are in {journal}: imucal stand recover {journal} -o {output}",
                 file=sys.stderr,
             )
         raise

@@ -30,7 +30,8 @@ BIN_S: Final = 0.2
 STILL_DEG: Final = 2.0
 # Largest deviation of averaged rates from their mean at rest, as a share of the largest change during a move.
 STILL_SHARE: Final = 0.15
-# A pose is described by a single axis if this axis is within this angle of the vertical, deg.
+# A pose is described by a single body axis, such as `+x up`, if that axis is within this angle of the
+# vertical, deg.
 ALONE_DEG: Final = 12.0
 
 
@@ -133,7 +134,7 @@ class ManualDriver:
         return not strays and (self._rates_span == 0.0 or rates <= STILL_SHARE * self._rates_span)
 
     def _is_moving(self) -> bool:
-        """Whether the up direction changes, or rates change by half of the largest change in a move."""
+        """Whether the up direction changes, or the rates vary by more than half of their largest range."""
         bins = self._bins()
         span = float(np.ptp(bins[:, 3:], axis=0).max())
         turned = max(_angle_deg(row[:3], bins[0, :3]) for row in bins) > 2 * STILL_DEG

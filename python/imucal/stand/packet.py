@@ -38,7 +38,7 @@ SKIP: Final = "-"
 
 @dataclass(frozen=True)
 class Field:
-    """One number of a packet: name (`-` to ignore it), type, and conversion value = scale raw + offset."""
+    """One number of a packet: name (`-` to ignore it), type, and conversion: value = scale * raw + offset."""
 
     name: str
     type: str
@@ -218,8 +218,8 @@ def _xor(data: bytes) -> int:
     return result
 
 
-# Size in bytes and function of each checksum. The check values of the CRCs for "123456789" are 29b1, 31c3,
-# 4b37, f4.
+# Size in bytes and function of each checksum. For the text "123456789" the CRCs give 29b1, 31c3, 4b37, f4,
+# the published check values.
 CHECKSUMS: Final[dict[str, tuple[int, Callable[[bytes], int]]]] = {
     "crc32": (4, zlib.crc32),
     "crc16-ccitt": (2, lambda data: binascii.crc_hqx(data, 0xFFFF)),

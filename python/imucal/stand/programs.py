@@ -42,8 +42,8 @@ def in_another_order(program: Program, seed: int) -> Program:
     """
     check_seed(seed)
     steps = program.steps
-    # One of each two neighbouring poses is held, to keep moves short, because gyroscope drift grows with
-    # their duration.
+    # Of each two neighbouring poses, one is held on the way out and the other on the way back. This keeps
+    # moves short, because the attitude error due to gyroscope noise grows with the duration of a move.
     first = np.random.default_rng(seed).random(len(steps)) < 0.5
     on_way_out = np.ones(len(steps), dtype=bool)
     on_way_out[1::2] = first[1::2]

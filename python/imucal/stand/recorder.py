@@ -33,7 +33,7 @@ SYNC_S: Final = 0.5
 WAIT_S: Final = 0.02
 # Time without samples after which the unit counts as lost, s.
 SILENT_S: Final = 10.0
-# Time for which samples are still read after the end of the program, s.
+# Time after the end of the program, s, during which delayed samples are still read.
 TAIL_S: Final = 0.2
 # States of a run that ended as intended.
 GOOD: Final = ("completed", "target_reached")

@@ -35,7 +35,7 @@ def write_recording(logged: Logged, output: str | os.PathLike[str]) -> None:
     The angles are missing (NaN) where the stand moved while no position was reported.
     """
     columns = [(name, logged.samples[:, i]) for i, name in enumerate(logged.columns)]
-    # The positions are not added if the unit's samples include encoder columns.
+    # The reported motor positions are not added if the unit's samples already include encoder columns.
     if len(logged.positions) and not any(name.startswith("stand_") for name in logged.columns):
         columns += list(zip(STAND, joined_angles(logged).T, strict=True))
     write_columns(columns, output)

@@ -20,8 +20,8 @@ from imucal.stand.journal import Logged, read_journal
 __all__ = ["Interrupted", "interrupted_in", "program_from"]
 
 ENDING: Final = ".journal"
-# Difference between elapsed monotonic time and elapsed time of day, s, above which the computer has
-# restarted.
+# If the elapsed monotonic time and the elapsed time of day differ by more than this time, s, the computer has
+# been restarted since the interruption.
 RESTARTED_S: Final = 5.0
 
 
@@ -65,8 +65,8 @@ def interrupted_in(path: str | os.PathLike[str]) -> Interrupted:
         )
     if logged.zero_deg is None:
         raise InputError(
-            f"{found[0]} does not say where the motors stood: the run was interrupted before it began, or is "
-            "not one of a GRBL stand. Save its samples, if it has any, with `imucal stand recover "
+            f"{found[0]} does not contain the motor positions: the run was interrupted before it began, or "
+            "is not one of a GRBL stand. Save its samples, if it has any, with `imucal stand recover "
             f"{found[0]} -o FILE`, and run the program again"
         )
     return Interrupted(logged, Path(str(found[0]).removesuffix(ENDING)), about, _clock_after(logged))

@@ -26,7 +26,7 @@ REOPEN_S: Final = 0.3
 TICKS_PER_S: Final = {f"time_{unit}": ticks for unit, ticks in units.TICKS_PER_S.items()}
 # Column name of a packet counter.
 SEQUENCE: Final = "sequence"
-# A counter has wrapped if it falls from above this share of its range to below 1 minus this share.
+# A counter counts as wrapped if it jumps from above this share of its range to below 1 minus this share.
 WRAP_SHARE: Final = 0.9
 
 
@@ -139,7 +139,8 @@ class StreamSource:
             while True:
                 if isinstance(arrived, Event):
                     self._events.append(arrived)
-                    # If the time is the number of the sample, it is advanced by the duration of the gap.
+                    # If the time is computed from the sample number, it is advanced by the duration of the
+                    # gap.
                     if arrived.code == "unit_link_back" and self._numbered and self._sequence is None:
                         self._resumed = ((self._numbered - 1) / (self._rate_hz or 1.0), self._last_sample_s)
                 else:
@@ -236,7 +237,7 @@ class StreamSource:
                 self._arrivals.append(arrived_s)
 
     def _checked(self, raw: tuple[float, ...], at_s: float) -> Sequence[Timed]:
-        """Rows now known to be intact, with host times of arrival: this row, waiting rows, or none."""
+        """Rows now known to be undamaged, with host times of arrival. The row `raw` may have to wait."""
         if self._check is None:
             return [(raw, at_s)]
         was_void = self._check.is_void
@@ -245,14 +246,14 @@ class StreamSource:
             self._events.append(
                 Event(
                     "unit_time_unchecked",
-                    "the unit's time does not run like the clock of this computer, so damaged times cannot "
-                    "be told: check the unit of the time column, or send lines with a checksum",
+                    "the unit's clock and the clock of this computer differ in rate, so damaged times "
+                    "cannot be detected: check the unit of the time column, or send lines with a checksum",
                 )
             )
         return passed
 
     def _sample(self, raw: tuple[float, ...], now_s: float) -> list[float] | None:
-        """A sample with continued counters; None for a repeated packet or a counter that is NaN."""
+        """A sample with unwrapped counters; None for a repeated packet, or if a counter is NaN."""
         if not all(math.isfinite(raw[i]) for i in (self._time, self._sequence) if i is not None):
             self._count["counters_not_finite"] += 1
             return None

@@ -18,21 +18,21 @@ __all__ = ["TimeCheck", "Timed"]
 # A row, and the host time of its arrival, s.
 Timed: TypeAlias = tuple[tuple[float, ...], float]
 
-# A time is ahead if it exceeds the host clock by more than this time, s, which allows for the jitter of a
-# busy host.
+# A sample time counts as damaged if it is ahead of the host clock by more than this time, s. The margin
+# allows for the jitter of a busy host.
 SLACK_S: Final = 0.1
 # Largest accepted relative error of the unit's clock.
 RATE_ERROR: Final = 0.02
 # Time for which a row waits for the next row, s. It is longer than the sampling interval of most units, and
 # shorter than the time for which a recording waits for its last samples.
 WAITS_S: Final = 0.1
-# Number of waiting rows, none of which continues another one, after which the check is switched off.
+# If this number of rows wait and no row continues another row, the check is switched off.
 MOST_WAITING: Final = 4
 
 
 @dataclass
 class _Waiting:
-    """A row that no later row has continued yet. `fits` is whether it continues the rows that have passed."""
+    """A row that no later row has confirmed yet. `fits` is whether the row continues the accepted rows."""
 
     timed: Timed
     time_s: float

@@ -38,7 +38,7 @@ from imucal.simulation.simulate import simulate
 
 __all__ = ["Assessment", "Reason", "assess"]
 
-# Checks whose errors are faults of the unit, and the codes of the reasons.
+# Codes of findings that are faults of the unit, and the reason code for each.
 OF_THE_UNIT: Final = {
     "stuck_axis": "dead_axis",
     "accel_saturation": "clipping",
@@ -47,13 +47,13 @@ OF_THE_UNIT: Final = {
 # An axis is dead if its standard deviation over the run is below this multiple of its noise. A working axis
 # changes by hundreds of times its noise in moves.
 DEAD_FACTOR: Final = 4.0
-# The noise is estimated from the lower quartile of absolute differences, which is 0.3186 sigma for normal
-# noise.
+# The noise is estimated from the lower quartile of the absolute differences of consecutive samples. For a
+# normal distribution it is 0.3186 standard deviations of the differences.
 QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
-# Difference between the attitude and the stand's angles above which a motor is wrong or the unit came off,
-# deg, for calibrated and for uncalibrated (raw) samples. It is larger than any play of a mount; for raw
-# samples it is also larger than their errors.
+# If the attitude of the unit and the attitude from the stand's angles differ by more than this angle, deg, a
+# motor is faulty or the unit came off its mount. The first number is for calibrated samples, and is larger
+# than any play of a mount. The second is for raw samples, and is also larger than their errors.
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["apply"]
 
-# Share of the calibrated temperature range by which temperatures may exceed it without a warning, because
-# such a small extrapolation is safe.
+# Temperatures may exceed the calibrated temperature range by this share of its width without a warning,
+# because such a small extrapolation is safe.
 BEYOND: Final = 0.05
 
 
@@ -101,14 +101,14 @@ def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
 
 
 class _Empty:
-    """The number of samples that are empty for a given reason, and the index of the first such sample."""
+    """The number of samples without a correction for one reason, and the index of the first such sample."""
 
     def __init__(self) -> None:
         self.count = 0
         self.first = 0
 
     def add(self, empty: npt.NDArray[np.bool_], before: int) -> None:
-        """Add a piece whose first sample has the index `before`; `empty` marks its empty samples."""
+        """Add a piece whose first sample has the index `before`; `empty` marks its uncorrected samples."""
         if not self.count and empty.any():
             self.first = before + int(empty.argmax())
         self.count += int(empty.sum())
@@ -158,7 +158,7 @@ class _Corrected:
         for raw in pieces:
             if start_s is None and len(raw):
                 start_s = float(raw.time_s[0])
-            # If effects need the whole recording, there is a single piece and the start time must not be
+            # If an effect needs the whole recording, there is a single piece, and the start time must not be
             # given.
             corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
             missing, lost = empty_samples(raw, corrected)

@@ -98,7 +98,7 @@ def calibrate(
         int,
         option(
             "--max-iterations",
-            help="Maximum number of iterations of the fit; one that ends there before its optimum is poor.",
+            help="Maximum number of iterations; a fit that reaches it without converging is poor.",
             panel=MODEL,
         ),
     ] = MAX_ITERATIONS,
@@ -110,8 +110,8 @@ def calibrate(
         option(
             "--calibration",
             metavar="PATH",
-            help="Calibration of the accelerometer: with its covariance the prior of its parameters, so that "
-            "the gyroscope's moves suffice.",
+            help="Calibration of the accelerometer. Its parameters and their covariance are the prior, so "
+            "that moves for the gyroscope suffice.",
             panel=MODEL,
         ),
     ] = None,

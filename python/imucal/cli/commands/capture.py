@@ -83,7 +83,7 @@ def capture(
         option(
             "--target",
             metavar="GROUP=SIGMA",
-            help="End when the largest predicted standard deviation in a group is below this, such as "
+            help="End when the largest predicted standard deviation in a group is below SIGMA, such as "
             "accel_bias='100 ug' or gyro_sensitivity=5e-4. May be repeated; all must be reached.",
             panel=POSES,
         ),
@@ -93,8 +93,8 @@ def capture(
         option(
             "--program",
             metavar="FILE",
-            help="Poses in the order of a program, from `imucal plan optimal --stand hand -o FILE`; "
-            "without it the faces, edges and corners of a box.",
+            help="Program file with the poses in their order, from `imucal plan optimal --stand hand -o "
+            "FILE`; by default the faces, edges and corners of a box.",
             panel=POSES,
         ),
     ] = None,
@@ -165,7 +165,9 @@ def capture(
         count = len(file)
         out.line(f"{recording}: {count} samples, {len(session.poses)} poses")
         if ending == "stopped":
-            out.line("interrupted: the recording is complete until now, and the same command continues it")
+            out.line(
+                "interrupted: all samples so far are saved, and the same command continues the recording"
+            )
             raise KeyboardInterrupt
         if not count:
             raise InputError(
@@ -186,7 +188,7 @@ def capture(
         file.finish()
     result.calibration.save(saved)
     if excluded:
-        out.line(f"saturated rotations are excluded, as by `imucal calibrate {recording} {excluded}`")
+        out.line(f"saturated rotations are excluded, as with `imucal calibrate {recording} {excluded}`")
     out.document(
         {
             "schema": SCHEMA,

@@ -16,7 +16,9 @@ def compose(
     first: Annotated[Path, argument(metavar="FIRST", help="Calibration file of the raw samples.")],
     second: Annotated[
         Path,
-        argument(metavar="SECOND", help="Calibration file of recordings that the first has corrected."),
+        argument(
+            metavar="SECOND", help="Calibration file from recordings corrected by the first calibration."
+        ),
     ],
     output: Annotated[Path, option("--output", "-o", metavar="PATH", help="Calibration file to write.")],
     json: JsonPath = None,

@@ -36,8 +36,8 @@ def _without_rotation(pieces: Iterator[Recording], output: Path) -> Iterator[Rec
         rotated = [finding for finding in piece.findings if finding.code == "board_rotated"]
         if rotated:
             raise InputError(
-                f"{rotated[0].message}, which {output.name} would not say: calibrate from the log itself, or "
-                "give the axes that the output is to have (--axes; x,y,z for those of the vehicle)"
+                f"{rotated[0].message}, and {output.name} cannot store this rotation: calibrate from the log "
+                "itself, or give the axes of the output (--axes; x,y,z for the axes of the vehicle)"
             )
         yield piece
 

@@ -75,7 +75,7 @@ def demo(
 
 app = Commands(
     "demo",
-    help="Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.",
+    help="Calibrate a simulated unit and show a report, or find a hidden effect in simulated data.",
     function=demo,
 )
 app.subcommand(demo_gap.gap)

@@ -112,4 +112,4 @@ def _show_disturbance(out: Output, row: Disturbance) -> None:
     out.line(f"{row.name}: {what}, {row.sensor}")
     out.table(["parameter", "typical"], [(parameter.name, size(parameter)) for parameter in row.parameters])
     out.line(f"appears as: {row.looks_for}")
-    out.line("it has no field: it is neither estimated nor compensated")
+    out.line("it is not a parameter of the model: it is neither estimated nor compensated")

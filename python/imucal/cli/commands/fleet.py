@@ -10,24 +10,26 @@ __all__ = ["app"]
 
 # Commands by module, each with the first sentence of its help.
 MODULES: Final = {
-    "fleet_run": {"run": "Calibrate the recordings of many units into a store; only new ones are computed."},
+    "fleet_run": {
+        "run": "Calibrate the recordings of many units into a store; only new recordings are processed."
+    },
     "fleet_store": {
         "list": "List the units of a store, also those without a result.",
         "show": "Show all calibrations of a unit, or write the last one to a calibration file.",
-        "query": "Query a store by SQL, which only reads.",
+        "query": "Query a store by SQL (read-only).",
         "export": "Write all units of a store to a Parquet file.",
         "merge": "Merge the stores of several stations, or of the parts of a run, into one.",
     },
     "fleet_judging": {
-        "drift": "Test whether parameters change over the dates of a unit, or of all units.",
-        "spc": "Control charts by station, and shifts that its units have in common.",
-        "outliers": "Odd units, with the parameter that decides.",
+        "drift": "Test whether parameters change with the calibration date, for one unit or for all units.",
+        "spc": "Control charts by station, and shifts common to the units of a station.",
+        "outliers": "Outliers among the units, with the parameter that deviates most.",
     },
     "fleet_quality": {
-        "capability": "Capability indices against limits, without the noise of measuring.",
+        "capability": "Capability indices against limits, with the measurement noise removed.",
         "grr": "Gauge study: repeatability and reproducibility of operators or stations.",
     },
-    "fleet_gap": {"gap": "Search one effect over all units together."},
+    "fleet_gap": {"gap": "Search for a missing effect over all units together."},
     "fleet_pages": {
         "report": "Write one page about all units.",
         "certificate": "Write the certificate of a unit.",
@@ -43,6 +45,6 @@ app = Commands(
         for module, summaries in MODULES.items()
         for name, summary in summaries.items()
     },
-    help="Many units: calibrate all recordings into one store, and ask it.",
+    help="Calibrate the recordings of many units into one store, and query the store.",
     epilog="Example: imucal fleet list units.sqlite",
 )

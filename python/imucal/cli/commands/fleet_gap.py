@@ -38,7 +38,7 @@ def gap(
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
 ) -> None:
-    """Search one effect over all units together: mean and spread over units, and which it finds first.
+    """Search for a missing effect over all units together.
 
     Fits each effect in the recordings of each unit and tests mean and spread over the units, which finds
     effects that are too small for a single unit. The verdict is named or nothing_missing.
@@ -76,7 +76,7 @@ def gap(
     for cluster in result.clusters:
         out.line(f"{cluster.effect}: a group of {len(cluster.serials)} units, such as {cluster.serials[0]}")
     if result.unread:
-        out.line(f"the recordings of {result.unread} units determine no effect, or cannot be read")
+        out.line(f"{result.unread} units have recordings that determine no effect, or that cannot be read")
     out.line(f"verdict: {verdict}; {result.units} units were searched")
 
 

@@ -28,7 +28,7 @@ def drift(
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
 ) -> None:
-    """Test whether parameters change over the dates of a unit, or of all units.
+    """Test whether parameters change with the calibration date, for one unit or for all units.
 
     A unit is reported if its p value is significant among those of all units, with a false discovery rate of
     0.2 %. Shifts that all units of a station have in common on a day are taken off first.
@@ -88,7 +88,7 @@ def spc(
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
 ) -> None:
-    """Draw control charts of each station, and find shifts that its units have in common.
+    """Draw control charts of each station, and find shifts common to the units of a station.
 
     The measuring noise of each unit is taken off the moving ranges. A chart has the rules of the Western
     Electric handbook and a moving average (EWMA). The verdict depends only on shifts of a station, or of a

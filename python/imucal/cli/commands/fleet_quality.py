@@ -21,8 +21,9 @@ __all__ = ["By", "capability", "grr"]
 LimitsOption = Annotated[
     Path | None, option("--limits", metavar="LIMITS", help="Limits file, as of `imucal limits template`.")
 ]
-# Minimum Ppk, and minimum number of distinct categories. Smaller values make the verdict poor. The numbers
-# are from the AIAG manuals Statistical Process Control and Measurement Systems Analysis.
+# Minimum performance index Ppk, and minimum number of distinct categories (ndc) of a gauge study. Smaller
+# values make the verdict poor. Source: AIAG manuals Statistical Process Control, and Measurement Systems
+# Analysis.
 LEAST_PPK = 1.0
 LEAST_CATEGORIES = 5
 

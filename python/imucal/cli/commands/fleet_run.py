@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 SCHEMA: Final = "imucal.fleet-run/1"
-# Interval, s, at which a watched folder is checked. A file whose size has not changed in this time is
-# complete.
+# Interval, s, at which a watched folder is checked. A file whose size has not changed during one interval
+# counts as complete.
 WATCH_S: Final = 2.0
 
 
@@ -98,7 +98,7 @@ def run(
             "--names",
             metavar="PATTERN",
             help="Where paths have the serial number: '{date}/{serial}-{role}.csv'. Fields: serial, date, "
-            "station, operator, batch, role; the role control is that of a control recording.",
+            "station, operator, batch, role; a file with the role `control` is a control recording.",
         ),
     ] = None,
     limits: LimitsPath = None,
@@ -127,14 +127,14 @@ def run(
         option(
             "--report",
             metavar="PAGE",
-            help="Also write the page of `imucal fleet report`, every 10 s while the run goes on and at its "
-            "end; needs plotly.",
+            help="Also write the page of `imucal fleet report`, every 10 s during the run and at its end; "
+            "needs plotly.",
         ),
     ] = None,
     require: Require = Required.incomplete,
     json: JsonPath = None,
 ) -> None:
-    """Calibrate the recordings of many units into a store; only new ones are computed.
+    """Calibrate the recordings of many units into a store; only new recordings are processed.
 
     A unit is not computed again if the contents of its files, the options and the version of imucal are those
     of a row in the store. A killed run goes on when it is started again. The exit code is 1 if a unit has no
@@ -206,7 +206,7 @@ def _write_page(out: Output, page: Path, fleet: Fleet, limits: Limits | None) ->
 def _jobs(
     out: Output, recordings: list[str], names: str | None, part: tuple[int, int] | None
 ) -> tuple[Iterable[Job], int]:
-    """The jobs and their number. The rule for serial numbers is printed before anything runs."""
+    """The jobs and their number. Also prints how serial numbers are derived from file names."""
     from imucal.fleet.manifest import count_of_manifest, is_manifest, jobs_of_manifest, shard
     from imucal.fleet.naming import files_of, naming_of
 
@@ -271,8 +271,8 @@ def _watched(
             before = found
             if ready:
                 folders = {str(Path(name).parent) for name in ready}
-                # All files in the same folder are included, because the run of a new control recording may
-                # have appeared earlier.
+                # All files of these folders are included, because a new control recording may belong to a
+                # calibration recording that appeared earlier.
                 together = [name for name in found if str(Path(name).parent) in folders]
                 new = {path_text(name) for name in ready}
                 jobs = [

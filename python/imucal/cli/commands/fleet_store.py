@@ -85,7 +85,7 @@ def query(
     csv: CsvPath = None,
     json: JsonPath = None,
 ) -> None:
-    """Query a store by SQL, which only reads.
+    """Query a store by SQL (read-only).
 
     Example: imucal fleet query units.sqlite "SELECT verdict, count(*) FROM measurements GROUP BY verdict"
     """

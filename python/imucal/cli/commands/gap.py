@@ -71,7 +71,8 @@ def gap(
         option(
             "--next",
             metavar="PATH",
-            help="If the verdict is ambiguous: program file to write of the motion that resolves it.",
+            help="If the verdict is ambiguous: file to which the program of a motion that resolves it is "
+            "written.",
         ),
     ] = None,
     verbose: Verbose = False,

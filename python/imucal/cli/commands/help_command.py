@@ -34,6 +34,6 @@ def help_command(
         group = context.command
         command = group.get_command(context, word) if isinstance(group, click.Group) else None
         if command is None:
-            raise click.UsageError(f"there is no command {word!r} of {context.command_path}", context)
+            raise click.UsageError(f"{context.command_path} has no command {word!r}", context)
         context = click.Context(command, context, word, **command.context_settings)
     click.echo(context.get_help())

@@ -75,8 +75,8 @@ def inspect(
         out.line(seen.explanation)
         if are_long:
             out.line(
-                "a rest of more than 2 minutes is cut into epochs, which share its pose: they show how the "
-                "biases change with time and temperature, and count as one rest for the poses"
+                "rests longer than 2 minutes are divided into epochs with a common pose: epochs show how the "
+                "biases change with time and temperature, and together count as one pose"
             )
         out.findings(seen.findings)
         if not seen.usable:

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["noise"]
 
-# Columns of the table of white noise, and (factor, unit) of each column by SI unit of the density. The
-# density is two-sided and equals the random walk of the integral. A one-sided density is larger by a factor
-# of sqrt(2).
+# Columns of the table of white noise, and the factor and the unit of each column by the SI unit of the noise
+# density. The two-sided noise density equals the random walk coefficient of the integrated signal. The
+# one-sided density is larger by a factor of sqrt(2).
 WHITE_NOISE = ("two-sided (filters)", "one-sided (datasheets)", "random walk")
 WHITE_NOISE_UNITS = {
     "rad/s/sqrt(Hz)": (

@@ -103,7 +103,9 @@ def plan(
     hold: HoldOption = None,
     proposals: Annotated[
         int,
-        option("--proposals", help="Number of changes to try; more give better programs."),
+        option(
+            "--proposals", help="Number of random changes that the search tries; more give better programs."
+        ),
     ] = 12000,
     seed: Annotated[int, option("--seed", help="Seed of the search and of the random program.")] = 1,
     rate_hz: Annotated[float, option("--rate-hz", help="Sampling rate of the unit, Hz.")] = 200.0,
@@ -129,7 +131,7 @@ def plan(
     units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
-    """Plan a motion, and predict what it determines before anything moves.
+    """Plan a motion, and predict the standard deviations of the parameters that it gives.
 
     Prints the predicted standard deviation of every parameter, the duration, and the smallest size of each
     effect that `imucal gap` would detect, compared with the paper's programs. Ends with 2 if a target is not

@@ -165,8 +165,8 @@ def gcode(
     if too_late:
         longest_s = max(block.late_s for block in blocks)
         print(
-            f"imucal: {len(too_late)} of {len(blocks)} moves take longer than in the program, by up to "
-            f"{longest_s:.2f} s, because the motors are not fast enough; the poses are unchanged",
+            f"imucal: {len(too_late)} of {len(blocks)} moves take up to {longest_s:.2f} s longer than in the "
+            "program, because the motors are not fast enough; the poses are unchanged",
             file=sys.stderr,
         )
     turned = ", ".join(

@@ -18,7 +18,7 @@ __all__ = ["Ageing", "ageing_of"]
 
 # False discovery rate: expected share of false alarms among the reported groups.
 FALSE_DISCOVERIES: Final = 0.01
-# Figure by which the units are divided into thirds.
+# Quantity by which the units are divided into thirds, in addition to the groups by batch and station.
 TEMPERATURE: Final = "temperature_degc"
 
 
@@ -114,7 +114,8 @@ def _mean_of(slopes: FloatArray, stds: FloatArray) -> tuple[float, float, float]
     variance = max(excess / float(total - (weight**2).sum() / total), 0.0)
     weight = 1.0 / (stds**2 + variance)
     mean = float((weight * slopes).sum() / weight.sum())
-    # Computed from the scatter, so that it is valid even if noise or spread differ from the assumptions.
+    # The standard deviation of the mean is computed from the observed scatter of the slopes, so that it is
+    # valid even if noise or spread differ from their estimates.
     std = np.sqrt(float((weight**2 * (slopes - mean) ** 2).sum())) / float(weight.sum())
     return mean, float(std), float(np.sqrt(variance))
 

@@ -22,7 +22,7 @@ __all__ = ["Capability", "CapabilityResult", "capability", "proposed_limits"]
 
 SCHEMA: Final = "imucal.fleet-capability/1"
 # Half width of proposed limits in standard deviations of a measured value, as in `imucal limits template`.
-# With it, a good unit is outside at least one of 21 ranges with a probability of 0.13 %.
+# With this width, a good unit violates at least one of 21 limits with a probability of 0.13 %.
 DEVIATIONS: Final = 4.0
 # A proposed `max_std` is this quantile of the standard deviations of a parameter, multiplied by this factor.
 STD_QUANTILE: Final = 0.99
@@ -200,7 +200,7 @@ def _outside(values: FloatArray, low: float | None, high: float | None) -> float
 
 
 def _tails(spread: Spread, std: float, low: float | None, high: float | None) -> float:
-    """Share of true values outside the limits, for normal units with this spread and for outlying units."""
+    """Share of true values outside the limits, from the distribution of normal units and that of outliers."""
     norm = scipy_part("stats").norm
 
     def outside(width: float) -> float:

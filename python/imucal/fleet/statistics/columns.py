@@ -14,7 +14,7 @@ from imucal.fleet.statistics.trends import months_of, without_trends
 
 __all__ = ["Columns", "columns_of", "repeatability", "unit_numbers"]
 
-# Figures whose logarithms are columns, because these figures are positive and differ by factors.
+# Figures of merit whose logarithms are used as columns, because they are positive and vary by factors.
 LOG_FIGURES: Final = tuple(
     f"{of}{name}"
     for of in ("", "control_")

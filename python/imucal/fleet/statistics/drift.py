@@ -29,10 +29,10 @@ __all__ = ["DriftResult", "ParameterDrift", "UnitDrift", "drift"]
 SCHEMA: Final = "imucal.fleet-drift/1"
 # False discovery rate: expected share of false alarms among the units that are reported as drifting.
 FALSE_DISCOVERIES: Final = 0.002
-# Threshold of the p-value, corrected for the number of parameters, below which a parameter of a drifting unit
-# is reported.
+# A parameter of a drifting unit is reported if its p-value, corrected for the number of parameters, is below
+# this threshold.
 NAMED_BELOW: Final = 0.01
-# Minimum decrease of chi2, relative to a slope, for a step to be reported instead of the slope.
+# A step is reported instead of a slope if its chi2 is smaller than that of the slope by at least this number.
 STEP_IS_BETTER: Final = 6.0
 
 
@@ -129,13 +129,14 @@ def drift(measurements: Measurements, serial: str | None = None) -> DriftResult:
     columns = columns_of(dated, figures=False) if len(dated) else None
     if columns is None or not columns.names:
         raise InputError(
-            "no unit has a date and a parameter with a standard deviation: there is no drift to judge"
+            "no unit has a date and a parameter with a standard deviation, so drift cannot be tested"
         )
     shifts = common_shifts(dated, columns)
     slopes = slopes_of(dated, columns, columns.values - shifts.added)
     if not len(slopes.first):
         raise InputError(
-            f"none of {len(np.unique(dated.serials))} units was calibrated on two dates: a drift needs them"
+            f"none of {len(np.unique(dated.serials))} units was calibrated on two dates, which a test of "
+            "drift needs"
         )
     if serial is not None and serial not in dated.serials[slopes.first]:
         count = int((dated.serials == serial).sum())

@@ -29,8 +29,8 @@ __all__ = ["EffectEvidence", "FleetGap", "MeanParameter", "effect_search", "sear
 SCHEMA: Final = "imucal.fleet-gap/1"
 # Probability that any effect is reported as significant if there is no effect.
 FALSE_ALARM: Final = 0.001
-# Maximum difference between the statistics of an effect and of the best effect at which the effect is a
-# rival: 5 nats, which is 10 in chi2.
+# An effect is a rival of the best effect if their test statistics (chi2) differ by at most this number. The
+# difference corresponds to 5 nats of log likelihood.
 RIVAL_WITHIN: Final = 10.0
 # Maximum number of effects that are accepted one after the other.
 MOST_ROUNDS: Final = 3
@@ -167,7 +167,7 @@ def _ranked(
     inflation: float | None = None,
     beside: tuple[str, ...] = (),
 ) -> tuple[float, tuple[EffectEvidence, ...]]:
-    """The inflation, and the evidence for each effect that enough units determine, strongest first."""
+    """The noise inflation factor, and the evidence for each effect that enough units determine."""
     of_effect = {}
     for name in effects:
         own = [of_unit[name] for of_unit in fits.values() if name in of_unit]
@@ -226,8 +226,8 @@ def _evidence(
         - _squares(values - mean, total).sum()
         - np.linalg.slogdet(total)[1].sum()
     )
-    # A spread cannot be negative, so the degrees of freedom are slightly too large, which makes the test
-    # conservative.
+    # The degrees of freedom count each spread as unrestricted, although it cannot be negative. Therefore the
+    # test is slightly conservative.
     p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
     single = stats.chi2.sf(squares / inflation, dof) * units * tests
     return EffectEvidence(

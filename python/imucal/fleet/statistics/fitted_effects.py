@@ -55,7 +55,7 @@ def fitted_effects(
         try:
             result = calibrate(recordings, **{**unit.calibrate, "effects": [*beside, name]})
         except ImucalError as error:
-            # The recordings do not determine this effect, or lack a column on which it depends.
+            # The recordings do not determine this effect, or lack a column on which the effect depends.
             error_of_all = str(error)
             continue
         fitted = _fitted(result.calibration, name)
@@ -65,7 +65,7 @@ def fitted_effects(
 
 
 def _fitted(calibration: Any, effect: str) -> Fitted | None:
-    """The linear parameters of an effect; None if the fit has no covariance of them."""
+    """The linear parameters of an effect; None if the fit gives no covariance for them."""
     wanted = [f"{effect}_{parameter.name}" for parameter in find(effect).parameters]
     place = {name: index for index, name in enumerate(calibration.covariance_names)}
     own = [parameter for parameter in calibration.parameters if parameter.name in wanted]

@@ -159,7 +159,7 @@ def gauge_study(
             f"values have the shape {y.shape}: two or more units, operators and repeats are needed"
         )
     if not np.isfinite(y).all():
-        raise InputError("a value is not finite: a gauge study needs all of them")
+        raise InputError("a value is not finite: a gauge study needs all values")
     stats = scipy_part("stats")
     units, operators, repeats = y.shape
     mean, of_unit, of_operator, of_cell = y.mean(), y.mean((1, 2)), y.mean((0, 2)), y.mean(2)
@@ -186,7 +186,7 @@ def gauge_study(
     if pooled:
         error_dof += dof["interaction"]
         error = (squares["interaction"] + within) / error_dof
-    # The denominator of the F tests is the error of the pooled or unpooled model.
+    # Denominator of the F tests: the pooled error if the interaction is pooled, otherwise the interaction.
     against = {"error": error, **squared} if pooled else {"error": squared["interaction"], **squared}
     against_dof = {"error": error_dof if pooled else dof["interaction"], **dof}
     tests = {
@@ -320,7 +320,8 @@ def _sigma_test(stats: Any, residuals: FloatArray, sigmas: FloatArray) -> SigmaT
     """Test of the stated standard deviations by chi2 of the repeats about the mean of their cell."""
     units, operators, repeats = residuals.shape
     dof = units * operators * (repeats - 1)
-    # The stated variances differ little within a cell, so their mean is used for all repeats of the cell.
+    # The stated variances differ little between the repeats of one unit by one operator (a cell), so the mean
+    # variance of each cell is used.
     chi2 = float((residuals**2 / (sigmas**2).mean(2, keepdims=True)).sum())
     tail = float(stats.chi2.cdf(chi2, dof))
     return SigmaTest(

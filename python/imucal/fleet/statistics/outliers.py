@@ -119,7 +119,8 @@ def outliers(measurements: Measurements) -> OutlierResult:
     shifts = common_shifts(kept, all_columns)
     own, rows = _first_rows(kept)
     values = all_columns.values[rows] - shifts.added[rows]
-    # Columns without values for many units are omitted, because units without a value cannot be tested.
+    # Columns in which more than 10 % of the units have no value are omitted, because a unit without a value
+    # cannot be tested.
     common = np.isfinite(values).mean(axis=0) > 0.9
     names = tuple(name for name, is_common in zip(all_columns.names, common, strict=True) if is_common)
     complete = np.isfinite(values[:, common]).all(axis=1)
@@ -201,7 +202,7 @@ def _noise(
 def _distances(
     residuals: FloatArray, noise: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """d^2, its decrease without each column, and the deviation of each column in standard deviations."""
+    """Squared Mahalanobis distance d^2, its decrease without each column, and standardised deviations."""
     total = spread + noise
     inverse = np.linalg.inv(total)
     weighted = np.einsum("nij,nj->ni", inverse, residuals)
@@ -238,7 +239,7 @@ def _p_values(squared: FloatArray, largest: FloatArray, columns: int) -> tuple[F
 
 
 def _together(joint: FloatArray, single: FloatArray, columns: int) -> FloatArray:
-    """The smaller of both p-values, corrected for two tests, and for two deviations in each column."""
+    """The smaller of the joint and the single-column p-value, corrected for the number of tests."""
     return np.minimum(2.0 * np.minimum(joint, 2.0 * columns * single), 1.0)
 
 
@@ -247,5 +248,5 @@ def _ratio(distribution: Any) -> float:
     return float(distribution.ppf(0.95) / distribution.ppf(0.5))
 
 
-# Degrees of freedom of the tail that are tried, from nearly normal to wide.
+# Degrees of freedom of Student's t distribution that are tried for the tail, from nearly normal to wide.
 TAILS: Final = (500.0, 200.0, 100.0, 50.0, 30.0, 20.0, 15.0, 10.0, 7.0, 5.0, 4.0, 3.0, 2.0)

@@ -15,8 +15,8 @@ __all__ = ["decisive", "robust_location"]
 # Maximum number of units from which mean and covariance are computed. In a larger fleet, a random part is
 # used.
 MOST_UNITS: Final = 4000
-# Share of the nearest units that are used in the first steps, and quantile of d^2 within which units are used
-# in the last steps.
+# In the first iterations, this share of the units, with the smallest d^2 (squared Mahalanobis distance), is
+# used. In the last iterations, all units are used whose d^2 is below this quantile of its distribution.
 HALF: Final = 0.5
 KEPT: Final = 0.975
 STEPS: Final = 8

@@ -24,17 +24,17 @@ __all__ = ["Shift", "Shifts", "common_shifts", "days_of"]
 
 # Probability that any shift is reported, over all stations, days and columns, if there is no shift.
 FALSE_ALARM: Final = 0.001
-# Number of standard deviations from the location of the group beyond which residuals have no weight. With
-# this number, the biweight of normal values has 95 % of the efficiency of a mean (Maronna et al., Robust
-# Statistics, 2006).
+# Tukey's biweight gives no weight to residuals beyond this number of standard deviations from the location of
+# the group. With this number, the biweight of normal values has 95 % of the efficiency of the mean (Maronna
+# et al., Robust Statistics, 2006).
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
 # Change of a location, in standard deviations of the location, below which the iteration ends.
 BIWEIGHT_SETTLED: Final = 1e-6
 TINY: Final = np.finfo(float).tiny
-# Minimum share of the units of a group within the bounds of the biweight. A shift must be common to most
-# units.
+# At least this share of the units of a group must have a nonzero biweight, because a shift must be common to
+# most units.
 COMMON: Final = 0.6
 # Minimum number of units of a station on a day for a test.
 FEWEST_OF_DAY: Final = 5
@@ -109,7 +109,7 @@ def days_of(measurements: Measurements) -> TextArray:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """The group of a partition that has the most significant location."""
+    """The group of a partition whose common shift is the most significant."""
 
     name: tuple[str, str]
     rows: np.ndarray
@@ -202,7 +202,7 @@ class _Column:
         first = first[known[first]]
         spread = spread_of((y - mean)[first], np.sqrt(variances[first]), interval=False).spread
         spread = max(spread, 1e-6 * float(np.nanstd(y)), np.finfo(float).tiny)
-        # If the variance is not known, the other measurements of a unit have no weight in the prediction.
+        # Measurements without a known variance have no weight in the prediction.
         weight = np.where(known & (variances > 0), 1.0 / np.where(variances > 0, variances, 1.0), 0.0)
         count = int(numbers.max()) + 1
         sum_weight = np.bincount(numbers, weight, count)[numbers] - weight

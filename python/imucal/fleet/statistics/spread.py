@@ -21,8 +21,9 @@ from imucal.fleet.statistics.scipy_part import scipy_part
 
 __all__ = ["MEDIAN_DEVIATION", "Spread", "spread_of"]
 
-# Standard deviation of the distribution of outliers, as a multiple of that of all other units. With this
-# multiple, units beyond about 4 standard deviations are more probably outliers.
+# Standard deviation of the distribution of outliers, as a multiple of the standard deviation of normal units.
+# With this multiple, a unit beyond about 4 standard deviations is more probably an outlier than a normal
+# unit.
 ODD_WIDTH: Final = 10.0
 # Maximum number of iterations, and relative change of the variance at which the iteration ends.
 MOST_STEPS: Final = 200
@@ -72,7 +73,9 @@ def spread_of(values: ArrayLike, sigmas: ArrayLike, *, interval: bool = True) ->
     if len(y) < FEWEST_UNITS:
         raise InputError(f"{len(y)} units have a value: their spread needs {FEWEST_UNITS}")
     if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
-        raise InputError("a standard deviation is negative or not known: the spread needs all of them")
+        raise InputError(
+            "a standard deviation is negative or not known: the spread needs all standard deviations"
+        )
     # Values are scaled by the robust width, so that tolerances are valid for all magnitudes.
     centre = float(np.median(y))
     width = float(np.median(np.abs(y - centre))) / MEDIAN_DEVIATION or float(y.std()) or 1.0
@@ -123,8 +126,8 @@ def _fit(y: FloatArray, noise: FloatArray) -> tuple[float, float, float, FloatAr
     return mean, variance, share, core
 
 
-# Lower bound of the variance of a measured value, relative to the robust variance of all values. It is needed
-# for exact values of equal units.
+# Lower bound of the variance of a measured value, relative to the robust variance of all values. It prevents
+# a division by zero if exact values of all units are equal.
 TINY: Final = 1e-24
 
 

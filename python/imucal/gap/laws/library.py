@@ -20,8 +20,8 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["Form", "further_forms", "library", "refined"]
 
-# Quantiles at which trial constants are placed: quantiles of the samples in motion for rates, of all samples
-# for other drivers.
+# Quantiles of the driver (the input variable of a law) that serve as trial constants. For a rate, they are
+# quantiles over the samples in motion; for another driver, over all samples.
 SHARES: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
 # Positions of trial steps, as shares of the range of a column.
 STEPS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
@@ -29,7 +29,7 @@ STEPS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 PERIODS: Final = (1.0, 0.8, 0.65, 0.5, 0.4, 0.33, 0.26)
 # Trial time constants of settling after a motion, s.
 SETTLING_S: Final = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0)
-# Trial time constants of a decay since power-on, as shares of the duration.
+# Trial time constants of an exponential decay since power-on, as shares of the duration of the recording.
 WARM_UPS: Final = (0.03, 0.06, 0.12, 0.25, 0.5)
 # Angular rate above which samples count as motion, rad/s.
 MOVING_RADPS: Final = 0.1

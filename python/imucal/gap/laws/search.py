@@ -33,22 +33,22 @@ __all__ = ["columns_of", "with_laws"]
 # Threshold of the p-value of the residuals on unseen data, below which the named effects do not explain the
 # gap.
 CONTRADICTED: Final = 1e-3
-# Threshold for a law to replace the named effects: the excess over noise on unseen data with the law,
-# relative to that with the named effects. The named effects remain unless the law is far better.
+# A law replaces the named effects only if its residuals on unseen data exceed the noise by at most this share
+# of the excess that the named effects leave. So the named effects remain unless the law is far better.
 LEAST_BETTER: Final = 0.5
 # Minimum share of the gap that a law must close in one kind of control or held-out residuals.
 LEAST_CLOSED: Final = 0.3
-# Patterns of remainders for which no law is searched. Changes between sessions, a stand that contradicts the
-# sensors, and recordings that do not fit at all have other causes than variations of one part of the model.
+# Patterns of the remainder for which no law is searched. Changes between sessions, a stand that contradicts
+# the sensors, and recordings that do not fit the model at all are not caused by a single missing law.
 NO_LAW: Final = ("between_sessions", "contradiction")
-# Maximum number of field values in one linearisation, which limits memory; 5e7 values are 400 MB.
+# Maximum number of field values in one linearisation. It limits memory to 400 MB.
 MOST_VALUES: Final = 5e7
 # Number of points at which the curve of a law is computed.
 POINTS: Final = 41
 
 
 def with_laws(question: Question, first: Gap) -> Gap:
-    """The result with the laws that describe its remainder, or the result unchanged if there are none."""
+    """The result with laws that describe its remainder. Without such laws, the result is unchanged."""
     remainder = first.remainder
     if (
         remainder is None

@@ -20,8 +20,8 @@ from imucal.gap.laws.library import Form
 
 __all__ = ["Columns", "Selected", "select", "settled"]
 
-# Minimum log evidence of a law, nats, after subtraction of the logarithm of the number of candidates. 8 nats
-# are odds of 3000 to 1, the same as for effects of the catalogue.
+# Minimum log evidence of a law, nats, after the logarithm of the number of candidates is subtracted. 8 nats
+# are odds of 3000 to 1, as for effects of the catalogue.
 LEAST_NATS: Final = 8.0
 # Difference of log evidence, nats, up to which another driver is a rival and a simpler form is preferred. 3
 # nats are odds of 20 to 1.
@@ -33,8 +33,8 @@ LEAST_STABLE: Final = 0.8
 FINALISTS: Final = 16
 # Maximum number of laws that are selected.
 MOST_LAWS: Final = 3
-# Minimum norm of a column after projection, relative to its norm before. Smaller remainders are rounding
-# errors.
+# A column is a linear combination of the model's columns if its norm after projection is below this share of
+# its norm before. Such a remainder consists of rounding errors.
 LEAST_LEFT: Final = 1e-3
 SEED: Final = 20240
 
@@ -58,7 +58,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class Selected:
-    """A selected law: its form, log evidence beyond the penalty, and the share of halves that agree."""
+    """A selected law: form, log evidence minus penalty, and share of random halves that select its driver."""
 
     form: Form
     nats: float
@@ -106,7 +106,7 @@ def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
 
 
 def _weights(given: Columns, model: FloatArray) -> FloatArray:
-    """Weight of each row. A kind of residual that scatters more than its noise gets a smaller weight."""
+    """Weight of each row. Kinds of residuals that scatter more than their noise get smaller weights."""
     weights = np.ones(len(given.residual))
     for _ in range(3):
         left = (
