@@ -177,7 +177,7 @@ class Calibration(SensorModel):
         return correct_recording(self, as_recording(recording), start_s=start_s)
 
     def __repr__(self) -> str:
-        """One line: the unit, its raw units, the number of effects, and its figures."""
+        """A line with serial number, raw units, number of effects, and figures of the calibration."""
         count = len(self.effects)
         parts = [
             f"accelerometer in {self.accel_unit}" + (" alone" if self.gyroscope is None else ""),

@@ -100,7 +100,7 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
 
 
 def _require_composable(first: Calibration, second: Calibration) -> None:
-    # If only one of the calibrations has a gyroscope, the unit of the other one is not compared.
+    # If only one of the calibrations has a gyroscope, the raw units of the gyroscopes are not compared.
     gyro_is_raw = second.gyro_unit == "lsb" and None not in (first.gyroscope, second.gyroscope)
     if second.accel_unit == "lsb" or gyro_is_raw:
         both = "lsb" in (first.accel_unit, first.gyro_unit)
@@ -128,7 +128,7 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
 
 
 def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
-    """The model that corrects as `first` followed by `second`."""
+    """The sensor model whose correction equals the correction by `first` followed by that by `second`."""
     axes = Axes.parse(second.axes)
     accel1, accel2 = first.accelerometer, _along(second.accelerometer, axes.accel)
     gyro1, gyro2 = first.gyroscope, None
@@ -171,7 +171,7 @@ def _along(triad: Triad, axes: FloatArray) -> Triad:
 
 
 def _definitions(first: SensorModel, second: SensorModel) -> tuple[UserEffect, ...]:
-    """The user-defined effects of both models. Raises InputError for different effects with the same name."""
+    """The user-defined effects of both models. Raises InputError if two different effects have one name."""
     found = {effect.name: effect for effect in first.user_effects}
     for effect in second.user_effects:
         other = found.setdefault(effect.name, effect)
@@ -211,7 +211,7 @@ def _moved(
 
 
 def _is_neutral(accel2: Triad, gyro2: Triad, sensors: set[str]) -> bool:
-    """Whether the second calibration does not change any sample."""
+    """Whether the second calibration leaves all samples unchanged."""
     return not sensors and all(
         np.array_equal(triad.sensitivity, np.eye(3)) and not triad.bias.any() for triad in (accel2, gyro2)
     )

@@ -126,7 +126,7 @@ def empty_samples(
 
 
 def left_in_data(model: SensorModel) -> tuple[str, ...]:
-    """Names of the effects that no correction removes. They act on the stand or depend on the attitude."""
+    """Names of effects that no correction can remove: errors of the stand, and effects of the attitude."""
     return tuple(
         effect.name
         for effect in model.catalogue_effects()

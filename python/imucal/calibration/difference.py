@@ -282,7 +282,7 @@ def _without_std(before: Calibration, after: Calibration, names: list[str]) -> l
 
 
 def _names(before: Calibration, after: Calibration) -> tuple[list[str], list[str]]:
-    """All parameters with their units, without the shapes of effects that only one calibration has."""
+    """All parameters and their units. A time constant (shape) is left out if only one file has its effect."""
     both = {values.name for values in before.effects} & {values.name for values in after.effects}
     units: dict[str, str] = {}
     for calibration in (before, after):
@@ -303,7 +303,7 @@ def _values(calibration: Calibration, names: list[str]) -> list[float]:
 
 
 def _covariance(calibration: Calibration, names: list[str]) -> FloatArray:
-    """The covariance of these parameters; zero for parameters that the calibration does not have."""
+    """The covariance of the parameters `names`; zero for parameters that the calibration does not have."""
     full = np.zeros((len(names), len(names)))
     if calibration.covariance is None:
         return full

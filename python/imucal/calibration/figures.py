@@ -82,7 +82,7 @@ def saved_reasons(
     *,
     has_gyroscope: bool = True,
 ) -> list[str]:
-    """Reasons why the figures of a calibration file make its verdict poor; empty if they do not."""
+    """Reasons for a poor verdict that follow from the figures in a calibration file; may be empty."""
     return [
         reason
         for name, fields in (("calibration set", calibration_set), ("control set", control_set))
@@ -92,7 +92,7 @@ def saved_reasons(
 
 
 def _complete(fields: Mapping[str, Any]) -> Figures | None:
-    """The figures of a file; None if one is missing or not a number, as in files of other programs."""
+    """The figures of merit in a file; None if a figure is missing or not a number."""
     needed = ("rests", "moves", "chi2_per_dof")
     if not all(name in fields and isinstance(fields[name], (int, float, type(None))) for name in needed):
         return None

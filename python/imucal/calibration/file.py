@@ -238,7 +238,7 @@ def require_consistent(node: Node, model: SensorModel, written: Mapping[str, Any
 
 
 def _verdict(node: Node) -> dict[str, Any]:
-    """The verdict and its reasons, which files of other programs may omit."""
+    """The verdict and its reasons. Both may be missing in a file that another program wrote."""
     if not {"verdict", "reasons"} & node.mapping().keys():
         return {"verdict": None, "reasons": ()}
     reasons = tuple(item.text() for item in node.get("reasons").items())

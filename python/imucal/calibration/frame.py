@@ -26,7 +26,8 @@ from imucal.recording.axes import UNCHANGED, Axes
 
 __all__ = ["for_columns", "in_frame", "is_added"]
 
-# Effects whose values are one or more vectors k in the body frame. In another frame each vector is Q k.
+# Effects whose values are one or more vectors k in the body frame. A change of frame by the rotation Q
+# changes each vector to Q k.
 VECTORS: Final = frozenset(
     {
         "accel_bias_temperature",
@@ -38,7 +39,8 @@ VECTORS: Final = frozenset(
         "accel_lever_arm",
     }
 )
-# Effects whose nine values are a matrix K in the body frame, by rows. In another frame the matrix is Q K Q^T.
+# Effects whose nine values are a matrix K in the body frame, by rows. A change of frame by the rotation Q
+# changes the matrix to Q K Q^T.
 MATRICES: Final = frozenset({"gyro_g_sensitivity", "gyro_angular_acceleration"})
 # Effects whose values do not depend on the body frame: a delay, and a rate in the world frame.
 INVARIANT: Final = frozenset({"gyro_time_offset", "earth_rate"})

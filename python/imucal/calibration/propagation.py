@@ -25,12 +25,12 @@ STEP: Final = 1e-4
 
 
 def values_of(model: SensorModel) -> FloatArray:
-    """The values of all parameters of a model, in their order."""
+    """The values of all parameters of a model, in the order of `model.parameters`."""
     return np.array([parameter.value for parameter in model.parameters])
 
 
 def with_values(model: SensorModel, values: FloatArray) -> SensorModel:
-    """The model with other values of its parameters, in their order."""
+    """The model with new values of its parameters, in the order of `model.parameters`."""
     remaining = iter(values.tolist())
 
     def triad(entries: tuple[str, ...], symmetric: bool) -> Triad:
@@ -67,7 +67,7 @@ def with_values(model: SensorModel, values: FloatArray) -> SensorModel:
 
 
 def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel) -> FloatArray:
-    """Derivative of the parameters of `function(model)` with respect to those of `model`."""
+    """Derivative of the parameters of `function(model)` with respect to the parameters of `model`."""
     values = values_of(model)
     columns = []
     sizes = {

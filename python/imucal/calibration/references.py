@@ -175,7 +175,7 @@ def references_of(
 
 
 def _number(name: str, value: Any) -> float | None:
-    """A number or None; the compiled library checks its range."""
+    """A number or None. The range of the number is checked by the compiled library."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):

@@ -54,7 +54,7 @@ STATISTIC_ROUNDING: Final = 1e-4
 
 
 def require_figures(node: Node) -> dict[str, Any] | None:
-    """The figures of a set of recordings; FormatError for a missing, unknown or impossible one."""
+    """The figures of a set of recordings. Raises FormatError for a missing, unknown or impossible figure."""
     if node.value is None:
         return None
     known = [field.name for field in fields(Figures)]
@@ -192,7 +192,7 @@ def _require_statistic(
     names: Sequence[str],
     covariance: FloatArray | None,
 ) -> None:
-    """Raise FormatError if the statistic of an effect does not follow from its values and covariance."""
+    """Raise FormatError if the test statistic of an effect contradicts the effect's values and covariance."""
     name, statistic = node.get("name").text(), node.get("statistic")
     dof, own = node.get("dof").whole(), effects.get(name, {})
     if len(own) != dof:
@@ -270,7 +270,7 @@ def require_sha256(node: Node) -> str:
 
 
 def require_date(node: Node) -> str:
-    """A date, or an empty text if it is not known; FormatError unless the date is ISO 8601."""
+    """A date in ISO 8601 form, or an empty text for an unknown date. Raises FormatError for other texts."""
     text = node.text()
     try:
         # Python 3.10 does not parse Z for UTC.
@@ -284,7 +284,7 @@ def require_date(node: Node) -> str:
 
 
 def require_version(node: Node) -> str:
-    """A version, or an empty text if it is not known; FormatError for any other text."""
+    """A version number, or an empty text for an unknown version. Raises FormatError for other texts."""
     text = node.text()
     if text and not re.fullmatch(VERSION, text):
         raise FormatError(

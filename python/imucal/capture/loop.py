@@ -19,8 +19,8 @@ from imucal.stand.stream import StreamSource
 __all__ = ["Capture", "Command", "Ending"]
 
 Command: TypeAlias = Literal["undo", "finish", "stop"]
-# How a capture ended: all poses are recorded, the person ended it, the person interrupted it, or the stream
-# ended.
+# How a capture ended: all poses are recorded, the person ended or interrupted the recording, or the unit's
+# data stream ended.
 Ending: TypeAlias = Literal["finished", "ended_by_person", "stopped", "stream_ended"]
 
 # Longest wait for samples in one iteration, s.
@@ -37,7 +37,7 @@ SILENT_AGAIN_S: Final = 10.0
 # Shortest time between two messages about damaged data, s of the computer's clock.
 DAMAGED_AGAIN_S: Final = 2.0
 UNIT_SILENT: Final = "check the cable, the supply and the connection of the unit"
-# Counts of a source that mean damaged or lost data, each with its description.
+# Counters of a data source that count damaged or lost data, each with a description.
 DAMAGED: Final = {
     "lines_damaged": "lines do not have the expected columns",
     "packets_damaged": "packets are damaged",

@@ -46,7 +46,7 @@ class Outlook:
         return not self._above(targets)
 
     def short_of(self, targets: Mapping[str, float]) -> str:
-        """A text that lists the groups that are above their targets."""
+        """A text that lists the groups whose predicted standard deviation exceeds their target."""
         return "; ".join(
             f"{NAMES[group]} {_shown(size)}, wanted {_target(target, size)}"
             for group, (size, target) in self._above(targets).items()
@@ -88,7 +88,7 @@ class Outlook:
 
 
 def outlook_of(recording: Recording, gravity_mps2: float, before: Outlook | None = None) -> Outlook:
-    """The prediction for a recording; `before` is the prediction without its last pose."""
+    """The predicted standard deviations of a recording; `before` is the prediction without the last pose."""
     earlier = {} if before is None else before.worst
     absent = () if recording.angular_rate is not None else ("gyro_sensitivity", "gyro_bias")
     try:

@@ -13,7 +13,7 @@ from imucal.capture.loop import Command
 
 __all__ = ["RINGING", "PlainView", "line_of"]
 
-# First word of a line, by the kind of its event.
+# First word of a printed line, by the kind of the event that the line reports.
 WORDS: Final = {
     "next": "NEXT",
     "hold": "HOLD",

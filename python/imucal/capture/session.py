@@ -152,7 +152,7 @@ class Session:
         return events
 
     def resume(self, rows: FloatArray) -> list[Event]:
-        """Continue a recording from its samples, which were recorded with the same order."""
+        """Continue a recording from its earlier samples, which were recorded with the same `order`."""
         self.samples.append(rows)
         if not len(rows):
             return []
@@ -309,7 +309,7 @@ class Session:
         return next((p for p in self.poses if p.start_s < rest.end_s and rest.start_s < p.end_s), None)
 
     def _same(self, up: FloatArray) -> Pose | None:
-        """The pose of the current round, or the last pose, in the same direction."""
+        """A recorded pose of the current round, or the last pose, with this up direction; otherwise None."""
         known = [*self._round, *self.poses[-1:]]
         return next((pose for pose in known if angle_deg(pose.up, up) < SAME_DEG), None)
 

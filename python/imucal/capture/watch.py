@@ -78,7 +78,7 @@ class Watch:
         self._clipped: str | None = None
 
     def forget_gaps(self) -> None:
-        """Do not report the next gap, because it was caused by undo or by an interruption."""
+        """Do not report the next gap in the samples, because undo or an interruption has caused it."""
         self._forgets_gap = True
         self._clipped = None
 

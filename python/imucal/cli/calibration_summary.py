@@ -1,4 +1,4 @@
-"""The text of a calibration result, as `imucal calibrate` and `imucal capture` print it."""
+"""Text output of a calibration result for `imucal calibrate` and `imucal capture`."""
 
 from __future__ import annotations
 

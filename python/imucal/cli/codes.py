@@ -12,7 +12,7 @@ __all__ = ["CODES", "Code", "code_text", "codes_markdown", "kind_of"]
 
 
 class Code(NamedTuple):
-    """The meaning of a code with its usual cause, and the action that usually helps."""
+    """Usual cause of a reason code, and the remedy that usually helps."""
 
     cause: str
     cure: str

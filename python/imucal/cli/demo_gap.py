@@ -1,4 +1,4 @@
-"""`imucal demo gap`: hides an effect in a simulated unit, finds it, and compares it with the truth."""
+"""`imucal demo gap`: simulates a unit with a random effect, searches for it, and prints the true effect."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def gap(
 
 
 def _hidden(seed: int) -> EffectValues:
-    """A random effect with a random size, both determined by the seed."""
+    """The effect to hide: name and size are random numbers determined by the seed."""
     import numpy as np
 
     from imucal.document.whole import check_seed

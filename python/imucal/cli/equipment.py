@@ -169,7 +169,7 @@ class Equipment:
 
     @property
     def files(self) -> tuple[str | Path | None, ...]:
-        """Input files of these options, including names of built-in units and stands."""
+        """Values of options that can be input files, including names of built-in units and stands."""
         return (self.unit, self.stand, self.packet)
 
     def open(

@@ -127,7 +127,7 @@ def _write(path: str, error: BaseException) -> None:
 
 
 def _is_read(path: str, given: Iterable[Any]) -> bool:
-    """Whether --json also appears elsewhere on the command line, so that it may be an input file."""
+    """Whether the path of --json is also another argument, so that it may be an input file."""
     if path == "-":
         return False
     values = [item for value in given for item in (value if isinstance(value, (list, tuple)) else [value])]

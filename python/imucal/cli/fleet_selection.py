@@ -48,7 +48,7 @@ class Selection:
 
 
 def selection_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace the parameter `selection` of a command by its options."""
+    """Decorator: replaces the parameter `selection` of a command by the options of `Selection`."""
     return options_of("selection", Selection)(command)
 
 
@@ -64,7 +64,7 @@ def store_of(path: Path, **outputs: str | Path | None) -> Fleet:
 
 
 def write_table(path: Path | None, headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Write a table as CSV, atomically, if it was requested."""
+    """Write a table as CSV, atomically; does nothing if `path` is None."""
     if path is None:
         return
     from imucal.document.atomic import write_text

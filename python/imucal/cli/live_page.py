@@ -33,7 +33,7 @@ class LivePage:
         self._started_s = self._next_s = time.monotonic()
 
     def step(self) -> None:
-        """Start to write the page if it is due. Called after each unit."""
+        """Start a process that writes the page if the last page is old enough. Called after each unit."""
         now_s = time.monotonic()
         if self._process is not None and self._process.poll() is not None:
             self._process = None

@@ -195,7 +195,7 @@ def effect_option(help: str, autocompletion: Callable[..., Any], panel: str | No
 
 
 def unit_option(help: str, panel: str | None = None) -> Any:
-    """The option --unit of a command: a profile by its name or its file."""
+    """The option --unit of a command: the name of a built-in unit profile, or a unit file."""
     return option("--unit", metavar="NAME|FILE", help=help, completion=completion.units, panel=panel)
 
 

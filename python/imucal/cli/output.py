@@ -174,7 +174,7 @@ class Output:
         return f"\x1b[{code}m{text}\x1b[0m" if is_terminal and not os.environ.get("NO_COLOR") else text
 
     def parameters(self, parameters: Sequence[Parameter], truth: Mapping[str, float] | None = None) -> None:
-        """The table of parameters, with true values if they are known."""
+        """Print the table of parameters, with a column of true values if `truth` is given."""
         from imucal.calibration.parameter_text import difference_text, parameter_row
 
         headings = ["parameter", "value", "1 sigma", *(["truth", "error / sigma"] if truth else []), "unit"]
@@ -202,7 +202,7 @@ class Output:
         self.table(["parameter", "predicted 1 sigma", "unit"], rows)
 
     def figures(self, rows: Mapping[str, object]) -> None:
-        """The figures of merit, one line per set of recordings."""
+        """Print the figures of merit, one line per set of recordings."""
         from imucal.calibration.figures import figures_text
 
         for name, figures in rows.items():
@@ -215,7 +215,7 @@ class Output:
             self.line(finding.line, finding.severity)
 
     def judgement(self, judgement: Judgement | None, verbose: bool) -> None:
-        """The failed checks against limits, the worst first, and with `verbose` all checks."""
+        """Print the failed checks against limits, the worst first; with `verbose` all checks."""
         if judgement is None:
             return
         checks = judgement.by_use if verbose else judgement.failed

@@ -37,7 +37,7 @@ _MISSING: Final = inspect.Parameter.empty
 
 
 class Declared:
-    """The declaration of a parameter by `option` or `argument`, in addition to its name, type and default."""
+    """What `option` or `argument` declares about a parameter, besides its name, type and default."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class Option(click.Option):
 
 
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
-    """The parser's parameters for the annotated parameters of a function, in the same order."""
+    """The click parameters for the annotated parameters of a function, in the order of the function."""
     return [_parameter(name, *rest) for name, *rest in _signature(function)]
 
 

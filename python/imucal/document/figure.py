@@ -1,4 +1,4 @@
-"""A figure with its unit, as datasheets print it, and its value in SI units."""
+"""A number with a unit, such as a datasheet gives, and its conversion to SI units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion of results to plain values for JSON and tables."""
+"""Conversion of results to dictionaries, lists, numbers and texts for JSON and tables."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ HASHED_AT_ONCE: Final = 1 << 17
 
 @dataclass(frozen=True)
 class Source:
-    """A file that a recording was read from: its path as it was given, and the SHA-256 of its bytes."""
+    """A file from which a recording was read: its path as given, and the SHA-256 of its bytes."""
 
     path: str
     sha256: str

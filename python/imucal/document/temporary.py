@@ -56,7 +56,7 @@ class TemporaryFile:
                 self._name.unlink()
 
     def replace(self, target: Path, file: BinaryIO) -> None:
-        """Make this file, which is complete and flushed, the file `target`; `file` has its descriptor."""
+        """Put the temporary file, which is complete and flushed, in place of `target`."""
         if self._name is not None:
             # Windows renames closed files only.
             file.close()

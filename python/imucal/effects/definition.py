@@ -1,4 +1,4 @@
-"""Definitions of effects: those of the catalogue, and those that a user writes in Python."""
+"""Definitions of effects: effects of the catalogue, and effects that a user writes in Python."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class UserEffect:
 
     @property
     def plain(self) -> int:
-        """The number of parameters; a user-defined effect has only one form."""
+        """The number of parameters, because a user-defined effect has only one form."""
         return len(self.parameters)
 
     @property
@@ -140,7 +140,7 @@ def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
 
 
 def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | UserEffect]:
-    """All effects by name: those of the catalogue and the user-defined ones."""
+    """All effects by name: effects of the catalogue and user-defined effects."""
     return {**catalogue_by_name(), **by_name(user_effects)}
 
 

@@ -36,7 +36,7 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class Alias:
-    """Another effect with similar residuals, and the data that distinguish the two."""
+    """Another effect with similar residuals, and the data that distinguish the two effects."""
 
     name: str
     told_apart_by: str

@@ -117,7 +117,7 @@ def names_in(text: str) -> frozenset[str]:
 
 
 def is_formula(text: str) -> bool:
-    """Whether a text is a formula and not an effect of the catalogue, such as NAME or NAME:full."""
+    """Whether a text is a formula and not the name of an effect, such as NAME or NAME:full."""
     head, colon, body = text.partition(":")
     return bool(colon) and (HEAD.fullmatch(head) is not None or not re.fullmatch(r"\w*", body.strip()))
 

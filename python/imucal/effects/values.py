@@ -125,7 +125,7 @@ def _give(name: str, given: EffectInput, known: Mapping[str, Definition]) -> Eff
     if name not in known:
         raise not_known(name, known)
     definition = known[name]
-    # A disturbance has only one form and no shape.
+    # A disturbance, unlike an effect, has no full form and no shape parameter.
     plain = len(definition.parameters) if isinstance(definition, Disturbance) else definition.plain
     needed = None if isinstance(definition, Disturbance) else definition.shape
     shape: Any = None

@@ -31,8 +31,8 @@ from imucal.recording.recording import Recording, as_recordings, require_sensors
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
 
-# Parts of the model that, if a calibration of another program lacks them, cause errors of the corrected
-# samples.
+# Parts of the model that a calibration of another program may lack. Without these parts, the corrected
+# samples have errors.
 ERRORS: Final = frozenset(
     {"gyroscope", *(f"{s}_{part}" for s in ("accel", "gyro") for part in ("bias", "scale", "misalignment"))}
 )
@@ -190,7 +190,7 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
 
 
 def _covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of the parameters of the triads; None if the calibration does not have it completely."""
+    """The covariance of the parameters of the triads; None if any entry is not known."""
     base = base_count(calibration.frame, has_gyroscope=calibration.gyroscope is not None)
     names = [parameter.name for parameter in calibration.parameters[:base]]
     if (
@@ -243,7 +243,7 @@ def evaluation_of(
 
 
 def _not_stated(calibration: Calibration) -> Iterator[str]:
-    """Parts that a calibration of another program lacks. They may be the cause of large residuals."""
+    """Notes on parts that a calibration of another program lacks, because they may cause large residuals."""
     imported = calibration.provenance.imported
     errors = [part for part in imported.missing if part in ERRORS] if imported is not None else []
     if imported is not None and errors:

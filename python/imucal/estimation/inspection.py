@@ -100,7 +100,7 @@ class Inspection:
         return ", ".join(words) if len(words) > 1 else f"{words[0]} alone"
 
     def to_dict(self) -> dict[str, Any]:
-        """One item of the document of `imucal inspect --json`."""
+        """The inspection as an item of the JSON document of `imucal inspect --json`."""
         document: dict[str, Any] = without_nan(self)
         return {**document, "usable": self.usable}
 
@@ -152,7 +152,7 @@ def only_moves_determine(names: Sequence[str]) -> str:
 
 
 def _found(rest: FoundRest, of_calibration: Sequence[FittedRest]) -> FoundRest:
-    """The rest with the reason why the calibration excludes it, if it does."""
+    """The rest; if the calibration excludes it, with the reason of the exclusion."""
     middle = 0.5 * (rest.start_s + rest.end_s)
     for own in of_calibration:
         if own.start_s is not None and own.end_s is not None and own.start_s <= middle <= own.end_s:

@@ -45,7 +45,7 @@ class Rest:
 
     @property
     def place(self) -> str:
-        """The times of the rest, or its row in a table of means, as text."""
+        """A text that locates the rest: its start and end time, or its row in a table of means."""
         if self.start_s is None or self.end_s is None:
             return f"row {self.first + 1}"
         return f"{self.start_s:.2f} s to {self.end_s:.2f} s"

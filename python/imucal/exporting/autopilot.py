@@ -58,7 +58,7 @@ class PerAxis:
     lost: tuple[str, ...]
 
     def range_degc(self, default: tuple[float, float]) -> tuple[float, float]:
-        """Temperature range in which the thermal terms vary, degC: that of the recordings, or `default`."""
+        """Temperature range of the recordings, degC, in which the thermal terms vary; otherwise `default`."""
         return self.temperature_range_degc or default
 
     @property

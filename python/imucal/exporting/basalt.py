@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BASALT", "ENTRIES"]
 
-# Entries (row, column) of S in the order in which they follow the three biases in the arrays: column by
-# column, for the accelerometer only the lower triangle.
+# In Basalt's arrays, entries of the matrix S follow the three biases. This is the order of the entries as
+# (row, column): column by column, for the accelerometer only the lower triangle.
 ENTRIES: Final = {
     "calib_accel_bias": ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2)),
     "calib_gyro_bias": tuple((i, j) for j in range(3) for i in range(3)),

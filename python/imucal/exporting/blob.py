@@ -86,7 +86,7 @@ def _warnings(calibration: Calibration, kept: Sequence[EffectValues], lost: Sequ
 
 
 def _of_counts(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> Calibration:
-    """A calibration in SI units converted to one for raw samples in counts."""
+    """A calibration of SI units, converted to a calibration of raw samples in counts."""
     if calibration.gyroscope is None or "lsb" in (calibration.accel_unit, calibration.gyro_unit):
         raise InputError(
             "this calibration is for raw counts already: remove --accel-lsb-per-g and --gyro-lsb-per-dps"
@@ -173,7 +173,7 @@ def _effect(values: EffectValues) -> bytes:
 
 
 def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The C header. Its code is the same for every calibration; only the comment describes this one."""
+    """The C header. Only its comment depends on the calibration; its code is the same for all units."""
     kept = _kept(calibration)
     return Written(
         body=files("imucal.exporting").joinpath("calibration_loader.h").read_text(),

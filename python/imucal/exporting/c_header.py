@@ -318,7 +318,7 @@ def _sums(values: EffectValues, field: Field, literal: Callable[[float], str]) -
 
 
 def named(prefix: str) -> Format:
-    """The format with another prefix. Raises InputError if the prefix cannot start a C name."""
+    """The export format with another prefix of C names. Raises InputError for an invalid prefix."""
     require_prefix(prefix)
     return replace(
         C_HEADER,

@@ -71,7 +71,7 @@ def _vector(values: FloatArray) -> str:
 
 
 def named(prefix: str) -> Format:
-    """The format with a prefix for its C names. Raises InputError if the prefix cannot start a C name."""
+    """The export format with a prefix of its C names. Raises InputError for an invalid prefix."""
     require_prefix(prefix)
     return replace(FUSION, write=partial(write, prefix=prefix))
 

@@ -95,8 +95,8 @@ def triangular_model(calibration: Calibration) -> TriangularModel:
     from_body = moved.both()[1].sensitivity
     gyro, to_gyro = _lower_times_rotation(from_body)
     effects = [values for values in calibration.effects if values.name == G_SENSITIVITY]
-    # In these programs the g-sensitivity adds to the raw rate. In imucal it adds to the true rate in the body
-    # frame.
+    # In Kalibr and OpenVINS the g-sensitivity term is added to the raw rate. In imucal it is added to the
+    # true rate in the body frame, before the sensitivity matrix.
     sensitivity = np.zeros((3, 3))
     for values in effects:
         sensitivity = rotation @ values.values.reshape(3, 3) @ rotation.T

@@ -83,7 +83,7 @@ def axes_note(calibration: Calibration) -> str:
 
 
 def linear(calibration: Calibration, effects: Iterable[EffectValues] = ()) -> Calibration:
-    """The calibration with these effects only, and without covariance."""
+    """The calibration with only the given effects, and without covariance."""
     return replace(calibration, effects=tuple(effects), covariance=None, covariance_names=())
 
 
@@ -150,7 +150,7 @@ def turned_axes(calibration: Calibration, rotation: FloatArray) -> Calibration:
 
 
 def turned(rotation: FloatArray) -> str:
-    """The rotation from the calibration's body frame as text for a header; empty if it is the identity."""
+    """Header text for the rotation from the calibration's body frame; empty for the identity."""
     if np.array_equal(rotation, np.eye(3)):
         return ""
     return f"; v = R v_body of the calibration, R = {rotation.tolist()}"

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["OPENVINS"]
 
-# cv::FileStorage, which reads the file, requires this as the first line. YAML libraries do not accept it.
+# First line of the file. OpenVINS reads the file with cv::FileStorage, which requires this line. Other YAML
+# libraries do not accept it.
 FIRST_LINE: Final = "%YAML:1.0"
 
 

@@ -107,7 +107,7 @@ def _table(version: bytes, kind: int, content: bytes) -> bytes:
 
 
 def header_alone(lines: Sequence[str], body: str) -> str:
-    """The header as text. The EEPROM table cannot contain it."""
+    """The header as text, to be printed, because the EEPROM table cannot contain a header."""
     return "\n".join(lines) + "\n"
 
 

@@ -54,8 +54,8 @@ class DaskPool:
 
     def submit(self, work: Work) -> None:
         """Submit work. The worker imports the class of the work, so imucal must be installed there."""
-        # No retries: if a task ends its worker, the scheduler would give the task to further workers and end
-        # them, too.
+        # Tasks are not retried. If a task kills its worker, the scheduler would give the task to further
+        # workers, and the task would kill them, too.
         future = self._client.submit(do, work, pure=False, retries=0)
         self._futures[future] = work
 

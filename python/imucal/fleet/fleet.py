@@ -147,7 +147,7 @@ class Fleet(Judging):
         return self.to_arrow(**selection).to_pandas()
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """All current rows, for programs that accept Arrow streams."""
+        """All current rows as an Arrow stream."""
         return self.to_arrow().__arrow_c_stream__(requested_schema)
 
     def write_parquet(self, path: str | os.PathLike[str], **selection: str | None) -> int:

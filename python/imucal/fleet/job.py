@@ -42,7 +42,7 @@ __all__ = [
 
 # Prefix of the key of a job whose files cannot be read. Such a key contains the paths instead of a hash.
 UNREAD: Final = "unread:"
-# Arguments of `calibrate` that each job sets, so they cannot be options of a run.
+# Arguments of `calibrate` that each job sets individually. They cannot be options of a run.
 OF_A_JOB: Final = ("control", "serial_number", "frame")
 
 
@@ -173,7 +173,7 @@ def keyed_by(job: Job, options: str, hashes: tuple[str, ...]) -> KeyedJob:
 
 
 def unread(job: Job, options: str) -> KeyedJob:
-    """A job without hashes, because a file cannot be read. Its key consists of the paths."""
+    """A job whose files cannot be read. It has no hashes, and its key consists of the paths."""
     place = UNREAD + "\0".join((job.serial, *job.files, "", *job.control, options))
     return KeyedJob(job, place, place, ())
 

@@ -34,7 +34,7 @@ MOST_UNITS: Final = 50
 
 
 class Judging(ABC):
-    """Statistics over the selected units; `selection` is that of `Fleet.measurements`."""
+    """Statistics over selected units; `selection` has the arguments of `Fleet.measurements`."""
 
     @abstractmethod
     def measurements(self, *, covariances: bool = False, **selection: str | None) -> Measurements:
@@ -121,7 +121,7 @@ class Judging(ABC):
         return effect_search(fit_all, names)
 
     def _files(self, units: int, selection: Mapping[str, str | None]) -> list[UnitFiles]:
-        """Recordings of the first usable calibration of at most `units` units."""
+        """For at most `units` units, the recording files of the first usable calibration."""
         if units < 1:
             raise InputError(f"units is {units}: give the number of units to search, such as {MOST_UNITS}")
         first, _ = first_of_each_unit(self.measurements(covariances=False, **selection))

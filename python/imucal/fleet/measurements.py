@@ -82,7 +82,7 @@ class Measurements:
         )
 
     def of_parameters(self, names: Sequence[str]) -> Measurements:
-        """Only these parameters, in this order; InputError for a name that no calibration has."""
+        """The measurements with only the parameters `names`. Raises InputError for an unknown name."""
         for name in names:
             if name not in self.names:
                 raise InputError(f"no unit has a parameter {name!r}: give one of {', '.join(self.names)}")
@@ -107,5 +107,5 @@ class Measurements:
         return dated.where(np.argsort(dated.dates, kind="stable"))
 
 
-# Fields with one item per row, other than parameters and figures.
+# Fields of `Measurements` with one item per row, except the arrays of parameters and figures.
 PER_ROW = ("serials", "dates", "stations", "operators", "batches", "roles", "verdicts")

@@ -86,7 +86,7 @@ class Outcome:
 
 
 def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
-    """The data of a result, and of a search for a missing effect, that the store contains."""
+    """The data to store of a calibration result and of a search for a missing effect."""
     calibration = result.calibration
     parameters = result.parameters
     names = tuple(parameter.name for parameter in parameters)
@@ -130,7 +130,7 @@ def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
 
 
 def document_of(document: bytes, covariance: bytes | None) -> dict[str, Any]:
-    """The document of a result: `calibration`, `judgement` and `gap`."""
+    """The decompressed JSON document of a stored result, with `calibration`, `judgement` and `gap`."""
     content: dict[str, Any] = json.loads(zlib.decompress(document))
     stored = content["calibration"]["covariance"]
     if stored is not None and stored["matrix"] is None and covariance is not None:

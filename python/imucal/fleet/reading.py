@@ -58,7 +58,7 @@ CONDITIONS: Final = {
 
 
 def conditions(given: Mapping[str, str | None]) -> tuple[str, list[str]]:
-    """The condition of SQL that selects rows, and its arguments."""
+    """The SQL condition that selects rows, and the arguments of the condition."""
     used = {name: value for name, value in given.items() if value is not None}
     return " AND ".join(CONDITIONS[name] for name in used) or "TRUE", list(used.values())
 

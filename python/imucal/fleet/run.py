@@ -32,7 +32,7 @@ PER_TASK_WITH_GAP: Final = 5
 # In a small fleet, the jobs are divided into at least this number of tasks per process. With fewer tasks,
 # some processes would be idle while the last tasks run.
 TASKS_PER_PROCESS: Final = 4
-# Number of attempts to compute a single job while no other job runs. After the last failure its recording
+# Number of attempts to compute a job while no other job runs. If all attempts fail, the recording of the job
 # counts as poisoned.
 TRIES_ALONE: Final = 3
 
@@ -67,7 +67,7 @@ class Tally:
 
     @property
     def poisoned(self) -> int:
-        """Number of units whose recording ends each process that reads it."""
+        """Number of units whose recording crashes every process that reads it."""
         return self.verdicts["poisoned"]
 
     @property
@@ -233,7 +233,7 @@ class _Run:
         return max(1, min(most, self._total // (TASKS_PER_PROCESS * self._pool.processes)))
 
     def _new_ones(self, jobs: Sequence[Job]) -> list[KeyedJob]:
-        """The jobs that are not in the store. The other jobs are reported to `tell`."""
+        """The jobs that are not in the store. Jobs that are in the store are reported by `tell`."""
         readable = [each for job in jobs if (each := self._keyed(job)) is not None]
         known = self._store.known([each.key for each in readable])
         again = [key for key, found in known.items() if self._is_tried_again(found)]

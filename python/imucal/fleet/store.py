@@ -137,7 +137,7 @@ class Store:
         return new
 
     def describe(self, jobs: Sequence[KeyedJob]) -> None:
-        """Update date, station, operator, batch and role of jobs in the store to those of the given jobs."""
+        """Copy date, station, operator, batch and role of these jobs to the stored jobs with equal keys."""
         changes = ", ".join(f"{name} = ifnull(?, {name})" for name in ABOUT)
         with self._transaction():
             self._connection.executemany(

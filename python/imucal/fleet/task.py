@@ -166,13 +166,13 @@ def _keyed_by_sources(job: Job, options: Options, recordings: Sequence[Recording
     found = {source.path: source.sha256 for recording in recordings for source in recording.sources}
     files = (*job.files, *job.control)
     if not all(path in found for path in files):
-        # A folder has several sources, so its hash is not among them and is computed separately.
+        # The sources of a folder are its files, so the hash of the folder is computed separately.
         return keyed(job, options.text)
     return keyed_by(job, options.text, tuple(found[path] for path in files))
 
 
 def _changed(given: KeyedJob, recordings: Sequence[Recording]) -> str | None:
-    """The message if a file has changed since it was hashed, else None."""
+    """A message if a file has changed between hashing and reading; otherwise None."""
     hashes = dict(zip((*given.job.files, *given.job.control), given.hashes, strict=True))
     for recording in recordings:
         for source in recording.sources:

@@ -18,7 +18,7 @@ __all__ = ["GapFields"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GapFields:
-    """Fields of a `Gap`; the docstring of `Gap` describes them."""
+    """Fields of a `Gap`. Their meaning is described in the docstring of `Gap`."""
 
     verdict: str
     effects: tuple[Mapping[str, Any], ...] = ()

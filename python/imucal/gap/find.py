@@ -141,7 +141,7 @@ def _require_list(candidates: Sequence[str] | None) -> None:
 def _without_formulas(
     candidates: Sequence[str] | None, recordings: Sequence[Recording]
 ) -> tuple[Sequence[str] | None, tuple[FormulaEffect, ...]]:
-    """The candidates with each formula replaced by the name of its effect, and the formulas' effects."""
+    """The candidates, in which formulas are replaced by names of effects, and the effects of the formulas."""
     if candidates is None:
         return None, ()
     effects = formula_effects([name for name in candidates if is_formula(name)], recordings)

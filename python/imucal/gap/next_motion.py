@@ -81,7 +81,7 @@ def next_motion(question: Question, analysis: _core.GapAnalysis, after: Calibrat
     hints = _distinctions(known, rivals)
     now = _separation(question, None, pairs, after)
     best: tuple[float, Suggestion] | None = None
-    # Motions that the catalogue recommends for these pairs come first.
+    # Motions that the catalogue recommends for distinguishing these pairs are tried first.
     library = sorted(
         suggestions(question.recordings, needs), key=lambda s: not any(s.answers in words for words in hints)
     )
@@ -128,12 +128,12 @@ def _distinctions(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str
 
 
 def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: CalibrationResult) -> Iterator[_Pair]:
-    """Each accepted effect with each of its rivals, and each rival with its accepted effect."""
+    """Ordered pairs of effects to distinguish: (accepted effect, rival) and (rival, accepted effect)."""
     for name, rival, estimate in analysis.rivals:
         beside = tuple(other for other in path if other != name)
         own = next(values for values in after.calibration.effects if values.name == name)
         yield _Pair(name, rival, own.values, own.shape, beside)
-        # A rival that cannot be fitted has no estimate. The pair in the other order is then sufficient.
+        # A rival that cannot be fitted has no estimate. Then only the pair (accepted effect, rival) is used.
         if estimate is not None:
             yield _Pair(rival, name, estimate.values, estimate.shape, beside)
 
@@ -141,7 +141,7 @@ def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: Calibratio
 def _separation(
     question: Question, suggestion: Suggestion | None, pairs: Sequence[_Pair], after: CalibrationResult
 ) -> float:
-    """Smallest chi2 of all pairs with this motion; zero if the parameters are not determined."""
+    """Smallest expected chi2 over all pairs with this motion; zero if parameters are not determined."""
     if not pairs:
         return 0.0
     recordings = list(question.recordings)

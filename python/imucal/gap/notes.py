@@ -138,10 +138,11 @@ def _refit_alone(chi2: Sequence[float], question: Question) -> Iterator[str]:
 
 
 def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
-    """The generic hypothesis with its description; None if there is none."""
+    """The generic hypothesis with a description for users; None if the search has found none."""
     if found is None:
         return None
-    # Gyroscope scales and rate-dependent accelerometer biases act in the moves that start at these rests.
+    # For gyroscope scales and rate-dependent accelerometer biases, the listed rests are the starts of the
+    # moves in which the variation acts.
     inside = found.block == "gyro_scale" or (found.block, found.kernel) == ("accel_bias", "rate")
     unit = {"gyro_bias": " rad/s", "accel_bias": " m/s^2"}.get(found.block, "")
     places = ("moves after the rests " if inside else "rests ") + ", ".join(map(str, found.rests))
@@ -197,7 +198,7 @@ def _three(values: Sequence[float], unit: str) -> str:
 
 
 def _per_kelvin(step: SessionStep, change_k: float) -> str:
-    """Text with the temperature coefficients that would explain the step, compared with typical ones."""
+    """Text on the temperature coefficients that would explain the step, as multiples of typical ones."""
     rows = (
         ("gyro_bias_temperature", step.gyroscope_radps, "rad/s"),
         ("accel_bias_temperature", step.accelerometer_mps2, "m/s^2"),

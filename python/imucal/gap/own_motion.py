@@ -348,7 +348,7 @@ def _move_row(
 
 
 def _into_end(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
-    """A vector in the body frame at the last sample, from that at the first sample; v_start = q v_end."""
+    """Transform a vector from the body frame at the first sample to that at the last; v_start = q v_end."""
     w, imaginary = float(quaternion[0]), -np.asarray(quaternion[1:], dtype=float)
     twice = 2.0 * np.cross(imaginary, vector)
     rotated: FloatArray = vector + w * twice + np.cross(imaginary, twice)

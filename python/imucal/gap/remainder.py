@@ -1,4 +1,4 @@
-"""The remainder (residuals that the accepted effects do not explain), and bias changes between sessions."""
+"""The remainder: residuals that the accepted effects do not explain. Also bias changes between sessions."""
 
 from __future__ import annotations
 

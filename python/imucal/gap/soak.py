@@ -134,7 +134,7 @@ class SoakedSensor:
 
     @property
     def left(self) -> FloatArray:
-        """Residual on held-out epochs relative to that of the cubic, (3,)."""
+        """Residual on held-out epochs, divided by the residual of a cubic in temperature, (3,)."""
         left: FloatArray = self.held_out / self.held_out_cubic
         return left
 
@@ -321,7 +321,7 @@ class _Search:
         return solved
 
     def _held_out(self, form: Form) -> FloatArray:
-        """Residuals of each epoch under the fit to the other folds, (N, 3)."""
+        """Residuals of each epoch, predicted by a fit to the other folds, (N, 3)."""
         residual, columns = np.empty_like(self.mean), self._columns(form)
         for fold in range(FOLDS):
             out = self.folds == fold
@@ -329,7 +329,7 @@ class _Search:
         return residual
 
     def _errors(self, form: Form) -> FloatArray:
-        """Mean square of the held-out residuals in each fold, relative to that of the cubic, (folds,)."""
+        """Mean square of the held-out residuals in each fold, relative to the cubic model, (folds,)."""
         squares = ((self._held_out(form) / self.scale) ** 2).mean(axis=1)
         return np.array([squares[self.folds == fold].mean() for fold in range(FOLDS)])
 
@@ -358,7 +358,7 @@ class _Search:
         return Form(effects, best)
 
     def best(self) -> Form:
-        """The simplest model whose prediction is not significantly worse than that of the best model."""
+        """The simplest model whose prediction is not significantly worse than the best prediction."""
         plain = list(self._forms())
         turn = f"{self.prefix}_hysteresis"
         linear = {((self.prefix, 3),), ((self.prefix, 6),), ((self.prefix, 9),)}

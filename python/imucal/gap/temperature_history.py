@@ -27,7 +27,7 @@ REVERSAL_K: Final = 1.0
 
 
 class TemperatureHistory:
-    """Means of the temperature `degc` (N,) at `time_s` (N,), and the variables of its history."""
+    """Averages of a recorded temperature, and variables of its history: rate, direction and lag."""
 
     def __init__(self, time_s: FloatArray, degc: FloatArray) -> None:
         since = time_s - time_s[0]

@@ -27,9 +27,9 @@ KINDS: Final = {
 }
 # Names of kinds of residuals without an axis, if they differ from those in `KINDS`.
 WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": "force during moves"}
-# Ratio to noise above which predicted residuals are printed.
+# Predicted residuals are printed if they exceed this multiple of their noise.
 LEAST_TIMES_NOISE: Final = 0.05
-# Names of regressors in texts, if they differ from those in JSON documents.
+# Names in texts of the variables that explain residuals, if they differ from the names in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 # Maximum number of kinds of residuals that are printed.
 MOST_CHANNELS: Final = 4
@@ -49,7 +49,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
     effects.
     """
     yield f"verdict: {gap.verdict}"
-    # Rounding may hide effects, so it is reported before them.
+    # The finding on coarse rounding is reported before the effects, because rounding may hide effects.
     yield from (finding.line for finding in gap.findings if finding.code == BEFORE_EFFECTS)
     if any(effect["parameters"] for effect in gap.effects):
         yield _finding(gap)

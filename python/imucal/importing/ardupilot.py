@@ -46,8 +46,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
             f"instance is {wanted.instance}: parameter files of ArduPilot have the sensors 0 to 2"
         )
     number = NUMBERS[wanted.instance]
-    # The offsets of the first gyroscope are INS_GYROFFS; those of the others are INS_GYR2OFFS and
-    # INS_GYR3OFFS.
+    # Offsets of the gyroscopes: INS_GYROFFS for the first, INS_GYR2OFFS and INS_GYR3OFFS for the others.
     offsets = {
         "accel": parameters.vector(f"INS_ACC{number}OFFS_{{}}"),
         "gyro": parameters.vector(f"INS_GYR{number}OFFS_{{}}" if number else "INS_GYROFFS_{}"),

@@ -58,8 +58,8 @@ def per_axis_found(
         temperatures = max(low for low, _ in ranges), min(high for _, high in ranges)
         if any(terms.definition is None for terms in found):
             remarks.append(
-                f"the autopilot holds the thermal terms constant outside {temperatures[0]:g} to "
-                f"{temperatures[1]:g} degC, imucal extrapolates them with a warning"
+                f"outside {temperatures[0]:g} to {temperatures[1]:g} degC the autopilot keeps the thermal "
+                "terms constant, but imucal extrapolates them with a warning"
             )
     return Found(
         Triad(np.diag(1 / scales["accel"]), offsets["accel"]),

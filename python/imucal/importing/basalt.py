@@ -30,7 +30,7 @@ NOISE: Final = {
 
 
 def recognises(content: Content) -> bool:
-    """Whether the file has one of the arrays. The library cereal writes them into the object value0."""
+    """Whether the file has one of Basalt's arrays, also inside the object value0 of the library cereal."""
     return bool(_fields(content.fields).keys() & ENTRIES.keys())
 
 
@@ -69,7 +69,7 @@ def _triad(node: Node) -> Triad:
 
 
 def _axes(node: Node) -> list[float]:
-    """One figure per axis. Older files have one number for all axes."""
+    """A noise figure per axis. Older files have a common number for all axes."""
     return node.array(3).tolist() if isinstance(node.value, list) else [node.number()] * 3
 
 

@@ -48,8 +48,8 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     document = None
     if text.lstrip().startswith("{"):
         document = read_json(path)
-    # Parameter files are excluded, because consoles of autopilots write lines that could be YAML above the
-    # parameters.
+    # Parameter files are not parsed as YAML, although consoles of autopilots write lines above the parameters
+    # that look like YAML.
     elif YAML_FIELD.search(text) and not has_parameters(text):
         document = Node(_yaml(text, name), "$", name)
     return Content(name, text, document, file.source)

@@ -117,7 +117,7 @@ class Cubic:
         return offset
 
     def about(self, reference_degc: float) -> FloatArray:
-        """Coefficients (4, 3) of the same polynomial in T - reference_degc, without the clamp."""
+        """Coefficients (4, 3) of the polynomial as a function of T - reference_degc, without clamping T."""
         shift = reference_degc - self.reference_degc
         a, b, c, d = self.coefficients
         return np.array(

@@ -20,12 +20,12 @@ UNITS: Final[dict[str, dict[str, float]]] = {
 
 
 def per_si_unit(sensor: str, unit: str) -> float:
-    """The number of these units per SI unit. Raises InputError for an unknown unit."""
+    """The size of the SI unit in the given unit. Raises InputError for an unknown unit."""
     if unit not in UNITS[sensor]:
         raise InputError(f"the unit of the {sensor} is {unit!r}: give {', '.join(UNITS[sensor])} or lsb")
     return UNITS[sensor][unit]
 
 
 def in_si(triad: Triad, per_si: float) -> Triad:
-    """The triad converted to raw samples in the SI unit from a unit of which `per_si` make one SI unit."""
+    """The triad for raw samples in SI units, from a triad for a unit of which `per_si` are one SI unit."""
     return Triad(triad.sensitivity / per_si, triad.bias / per_si)

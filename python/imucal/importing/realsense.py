@@ -76,7 +76,7 @@ def read_info(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _sensor(node: Node) -> str:
-    """The sensor of a message, from its frame, such as camera_accel_optical_frame."""
+    """The sensor of a message, identified by its frame name, such as camera_accel_optical_frame."""
     header = node.get("header") if "header" in node.mapping() else node
     frame = header.get("frame_id").text()
     found = [name for word, name in SENSORS.items() if word in frame.lower()]

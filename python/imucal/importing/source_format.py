@@ -35,7 +35,7 @@ class Content:
 
     @property
     def fields(self) -> dict[str, Any]:
-        """The fields of the document; empty for a list, a single value or other text."""
+        """The fields of the JSON or YAML document; empty if the file contains no object with fields."""
         value = None if self.document is None else self.document.value
         return value if isinstance(value, dict) else {}
 

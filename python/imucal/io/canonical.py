@@ -86,7 +86,7 @@ def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
 
 
 def write_parts(parts: Iterable[Columns], path: str | os.PathLike[str]) -> None:
-    """Write columns that are given in one or more parts, in the same form as `write_columns`."""
+    """Write columns that are given in one or more parts. The file is the same as that of `write_columns`."""
     require_ending(path)
     written = _parquet_writer if Path(path).suffix.lower() == PARQUET else _csv_writer
     with write_atomically(path) as file:

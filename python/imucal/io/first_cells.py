@@ -1,4 +1,4 @@
-"""The first cells of a table whose columns are Arrow arrays, NumPy arrays or stored columns."""
+"""The first cells of a table, from which units are inferred. Columns may be in memory or in a file."""
 
 from __future__ import annotations
 

@@ -203,7 +203,7 @@ def _by_header(text: Text, rate_hz: float | None) -> Table:
 
 
 def canonical_names(names: Sequence[str], header: Header, time: tuple[str, str] | None) -> list[str]:
-    """The canonical name of each column whose role is known, and `-` for the others."""
+    """The canonical name of each column; `-` for a column whose quantity is not known."""
     canonical = [SKIP[0]] * len(names)
     known = {name: index for index, name in reversed(list(enumerate(names)))}
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):

@@ -1,4 +1,4 @@
-"""Temperature sampled more slowly than the sensors: each reading is held until the next one."""
+"""Temperature sampled more slowly than the sensors: each reading is held until the next reading."""
 
 from __future__ import annotations
 

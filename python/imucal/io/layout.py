@@ -290,7 +290,7 @@ def _first_row(
 def _header(
     above: list[_Line], separator: str, first: list[str]
 ) -> tuple[list[str] | None, list[str] | None, list[str]]:
-    """Names, units, and the lines before the names, from the lines above the first row."""
+    """Column names, units, and the lines before the names, found in the lines above the first row."""
     above = [line for line in above[-HEADER_LINES:] if not _are_states(line.text, separator)]
     for index in range(len(above) - 1, -1, -1):
         names = _names(above[index].text, separator, first)

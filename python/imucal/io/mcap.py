@@ -12,7 +12,7 @@ __all__ = ["messages_of_mcap", "topics_of_mcap"]
 
 
 def topics_of_mcap(file: BinaryIO) -> tuple[dict[str, str], dict[str, int]]:
-    """The message type of each topic, in the notation of ROS 2, and the number of its messages."""
+    """For each topic, the message type in ROS 2 notation, and the number of messages."""
     summary = _reader(file).get_summary()
     if summary is None:
         raise ValueError("the summary at the end of the file is missing")

@@ -80,7 +80,7 @@ class NamedArrays:
 
 
 def spread(path: str, array: StoredArray, separator: str) -> dict[str, StoredArray]:
-    """The array by its path; a structured array is split into one array per field."""
+    """The array under its path. A structured array is split into one array per field."""
     fields = array.dtype.names
     if fields is None:
         return {path: array}
@@ -147,7 +147,7 @@ def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> list[tuple[str, Arr
 
 
 def _split(arrays: NamedArrays, names: list[str]) -> list[tuple[str, Array]]:
-    """The columns of the array whose number of columns is the number of names. There must be only one."""
+    """The named columns of the only array that has as many columns as there are names."""
     fitting = [
         path for path, array in arrays.by_path.items() if len(array.shape) == 2 and len(names) in array.shape
     ]
@@ -200,7 +200,7 @@ def _triad_of(name: str) -> str | None:
 
 
 def _columns(file: str, name: str, array: Array) -> list[tuple[str, Array]]:
-    """An array as named columns: three for a triad, otherwise one."""
+    """An array as named columns: three columns for a triad, otherwise one column."""
     if array.dtype.kind not in "fiub":
         raise FormatError(
             f"{file}: the array {name} has elements of type {array.dtype}, not real numbers: choose another"

@@ -101,7 +101,7 @@ class Whole:
 
     @property
     def first(self) -> Recording:
-        """The first piece. Raises ValueError before the iteration has started."""
+        """The first piece of the recording. Raises ValueError if no piece has been read yet."""
         if self._first is None:
             raise ValueError("no piece was passed on yet")
         return self._first

@@ -31,13 +31,13 @@ VALUES: Final = ("3DOF_x", "3DOF_y", "3DOF_z")
 STREAMS: Final = {"Accel": "the accelerometer", "Gyro": "the gyroscope"}
 # Two clocks are considered to have the same unit if their elapsed times differ by at most this share.
 SAME_UNIT: Final = 0.1
-# Largest share of the lines of a stream that may contain other text than numbers. Such lines are skipped; a
-# larger share is an error.
+# Lines of a stream that do not consist of numbers are skipped. If their share is larger than this number, the
+# file is refused.
 MOST_GARBLED: Final = 0.01
 
 
 def is_realsense(start: bytes) -> bool:
-    """Whether the start of a text has the header of these tools."""
+    """Whether the start of a text has the header that rs-convert and rs-data-collect write."""
     return HEADER in start
 
 
@@ -97,7 +97,7 @@ def _stream(file: str, kind: str, lines: list[bytes], names: list[str]) -> tuple
 
 
 def _columns(lines: Sequence[bytes], names: list[str]) -> list[FloatArray] | None:
-    """The columns of both clocks and of the values; None if a line contains anything but these numbers."""
+    """Columns of both clocks and of the values; None if a line contains anything except numbers."""
     wanted = (HARDWARE, HOST, *VALUES)
     table = _core.NumberColumns(ord(","), ord("."), [name in wanted for name in names])
     if not lines or not table.add(b"\n".join(lines)):

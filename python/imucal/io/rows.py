@@ -141,7 +141,7 @@ def cleaned_columns(
     try:
         rows = csv.read_csv(
             pa.BufferReader(buffer),
-            # One thread, because only then does Arrow report the number of an invalid row.
+            # Arrow uses one thread, because otherwise it does not report the number of an invalid row.
             csv.ReadOptions(
                 column_names=[str(index) for index in range(len(names))],
                 block_size=min(max(buffer.size, 1), LARGEST_BLOCK),

@@ -61,7 +61,7 @@ class Units:
 
 
 def units_given(time_unit: str | None, accel_unit: str | None, gyro_unit: str | None) -> Units:
-    """The units in these options. Raises InputError for an unknown unit."""
+    """The units given by the options of the caller. Raises InputError for an unknown unit."""
     for what, unit, known in (
         ("time_unit", time_unit, list(TICKS_PER_S)),
         ("accel_unit", accel_unit, list(ACCEL_UNITS)),

@@ -1,4 +1,4 @@
-"""Reader of lines with labelled values: `ax:0.01 ay:0.02` of the Arduino plotter, and VectorNav sentences."""
+"""Reader of labelled lines such as `ax:0.01 ay:0.02` (Arduino plotter), and of VectorNav sentences."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def read_vectornav(
 
 
 def _kind(file: str, found: Sequence[tuple[bytes, bytes, bytes, bytes]], names: list[str] | None) -> bytes:
-    """The most frequent sentence with as many fields as `names`, or the most frequent known one."""
+    """The most frequent sentence type with as many fields as `names`, or the most frequent known type."""
     kinds = Counter(
         kind
         for _, kind, body, _ in found

@@ -164,7 +164,8 @@ def head_of(path: str | os.PathLike[str]) -> tuple[bytes, Layout]:
 def _layout_of_head(
     name: str, head: bytes, width: int | None, used: tuple[int, ...], skip_rows: int
 ) -> Layout:
-    # Cached, because the layout is needed both to recognise the format of a file and to read the file.
+    # The layout is cached, because it is needed twice: to recognise the format of a file, and to read the
+    # file.
     return layout_of(name, head, width=width, used=used, skip_rows=skip_rows)
 
 

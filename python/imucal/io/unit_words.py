@@ -60,7 +60,7 @@ def unit_of(text: str) -> tuple[str, str] | None:
 
 
 def split_unit(name: str) -> tuple[str, tuple[str, str] | None]:
-    """A column name without its unit, and the result of `unit_of` for the unit."""
+    """A column name without the unit, and the quantity and suffix of the unit as from `unit_of`."""
     for match in reversed(list(_BRACKETS.finditer(name))):
         if (unit := unit_of(match[1])) is not None:
             return f"{name[: match.start()]} {name[match.end() :]}".strip(), unit

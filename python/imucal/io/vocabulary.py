@@ -174,7 +174,7 @@ class _Wanted:
         return out
 
     def since_first(self, name: str, ticks_per_s: float) -> NDArray[np.float64]:
-        """A time column relative to the first time stamp of the recording, s; filled later by `read`."""
+        """Array for a time column relative to the first time stamp, s. `read` fills the array later."""
         out, clock = np.empty(self.rows), self.clock
 
         def take(where: slice, part: Any) -> None:

@@ -37,7 +37,7 @@ RATE_RADPS: Final = 2000 * DEGREE_RAD / 32768
 
 
 def are_packets(start: bytes) -> bool:
-    """Whether the start of a file consists of such packets."""
+    """Whether the start of a file consists of WitMotion packets."""
     return len(_offsets(start)) * SIZE > 0.8 * len(start) > 2 * SIZE
 
 
@@ -95,7 +95,7 @@ def _offsets(content: bytes) -> NDArray[np.int64]:
 
 
 def _packets(content: bytes) -> NDArray[np.uint8]:
-    """The packets, (N, 11). A match that begins inside another packet is not a packet."""
+    """The bytes of the packets, (N, 11). A match that begins inside another packet does not count."""
     at = _offsets(content)
     if len(at) > 1 and (np.diff(at) < SIZE).any():
         kept = [int(at[0])]

@@ -157,7 +157,7 @@ def _require_passable(
 
 
 def _is_permitted(parameter: str, effects: Sequence[str]) -> bool:
-    """Whether a calibration with only these effects can have the parameter."""
+    """Whether a calibration whose only effects are `effects` can have the parameter."""
     is_of_triad = re.fullmatch("(accel|gyro)_(bias_[xyz]|sensitivity_[xyz]{2})", parameter) is not None
     return is_of_triad or any(parameter.startswith(f"{effect}_") for effect in effects)
 

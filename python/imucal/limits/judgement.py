@@ -43,7 +43,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether the value is within its limit, which includes values equal to it; False for NaN."""
+        """Whether the value is within its limits. A value equal to a limit passes; NaN fails."""
         if self.problem or self.value is None:
             return False
         least = -math.inf if self.low is None else self.low
@@ -111,7 +111,7 @@ class Check:
         return f"{self.what} is {self.value if same else self.value_text}{unit}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The check for JSON; `used` is null if it is infinite."""
+        """The check as a JSON object. The field `used` is null if the used share is infinite."""
         limit = {"min": self.low, "max": self.high}
         return {
             "what": self.what,
@@ -178,7 +178,7 @@ class Judgement:
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
     def applied(self, verdict: Verdict, reasons: Sequence[str]) -> tuple[Verdict, tuple[str, ...]]:
-        """The verdict of a unit that had `verdict` before, and all reasons, those of the checks first."""
+        """The verdict of a unit after the checks, from its verdict before, and all reasons."""
         return verdict if self.passed else "poor", (*self.reasons, *reasons)
 
     @property

@@ -1,4 +1,4 @@
-"""One limit, on a parameter, a group of parameters, or a figure of a set of recordings."""
+"""A single limit: on a parameter, on a group of parameters, or on a figure of a set of recordings."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class FigureLimit:
             )
 
     def check(self, figures: Mapping[str, Any] | None) -> Check:
-        """The check of these figures; `figures` is None if the set of recordings is missing."""
+        """The check of the limit on `figures`, which is None if the set of recordings is missing."""
         value = None if figures is None else figures.get(self.figure)
         exists = isinstance(value, (int, float)) and not isinstance(value, bool)
         what = f"{self.of} {self.figure}"

@@ -31,7 +31,7 @@ __all__ = ["Limits"]
 
 
 class CalibrationRun(Protocol):
-    """The part of the result of `calibrate` that limits use."""
+    """Attributes of a calibration result that checks against limits use."""
 
     @property
     def calibration(self) -> Calibration:

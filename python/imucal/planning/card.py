@@ -103,13 +103,13 @@ def _picture(attitude: FloatArray) -> str:
                 centre = normal * BOX
                 corners = [centre + a * first + b * second for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
                 points = " ".join(_point(attitude @ corner) for corner in corners)
-                # Faces that point up are brighter, as in light from above.
+                # Faces that point up are drawn brighter, as if the light came from above.
                 grey = round(205 + 35 * float((attitude @ normal)[2]))
                 look = f'fill="rgb({grey},{grey},{grey})" stroke="#555" stroke-width=".03"'
                 shapes.append((0.0, f'<polygon points="{points}" {look}/>'))
     for axis in range(3):
         tip, foot = attitude[:, axis] * ARROW, attitude[:, axis] * BOX[axis]
-        # An axis that points away from the eye is drawn before the box, which hides part of it.
+        # An axis that points away from the viewer is drawn before the box, so that the box hides part of it.
         shapes.append((float(np.sign(round(float(tip @ EYE), 6))) or 1.0, _arrow(foot, tip, axis)))
     return "".join(shape for _, shape in sorted(shapes, key=lambda item: item[0]))
 

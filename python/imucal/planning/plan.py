@@ -174,7 +174,7 @@ class _Planner:
     gravity_mps2: float
 
     def optimal(self, targets: Mapping[str, float], minutes: float | None) -> tuple[Program, bool]:
-        """The optimal program, and whether it reaches the targets."""
+        """The optimal program, and whether the program reaches the targets."""
         minutes_allowed = DEFAULT_MINUTES if minutes is None else minutes
         if not targets:
             return self._search(minutes_allowed, None, self.proposals)
@@ -194,7 +194,7 @@ class _Planner:
     def rounds_of_faces(
         self, targets: Mapping[str, float], options: dict[str, float | int]
     ) -> tuple[Motion, bool]:
-        """The motion with the smallest number of rounds for the targets, and whether it reaches them."""
+        """The motion with the fewest rounds that reach the targets, and whether they are reached."""
         if "rounds" in options:
             raise InputError(
                 "the number of rounds is computed from the targets: leave out rounds or the targets"

@@ -80,7 +80,7 @@ class Plan:
 
     @property
     def program(self) -> Program:
-        """The program of the stand; InputError for a motion without one."""
+        """The program for a stand. Raises InputError for a motion without a program, such as a hand motion."""
         if not isinstance(self.motion, Program):
             raise InputError(
                 f"the motion {self.kind} has no program for a stand: plan grid, random, faces or optimal"
@@ -88,7 +88,7 @@ class Plan:
         return self.motion
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `imucal plan --json` (schema imucal.plan/1)."""
+        """The plan as the JSON document of `imucal plan --json` (schema imucal.plan/1)."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         del fields["motion"]
         program = self.motion.to_dict() if isinstance(self.motion, Program) else None

@@ -194,7 +194,7 @@ def _in_shown_units(variable: str, values: FloatArray) -> tuple[FloatArray, str]
 
 
 def shown(name: str, figures: Mapping[str, Any]) -> float | None:
-    """A figure in the unit of its name in `FIGURES`; None if it is not known."""
+    """The figure `name`, converted to the unit that `FIGURES` gives; None if the figure is not known."""
     value: float | None = figures.get(name)
     return value if value is None or not name.endswith("_mps2") else MG * value
 

@@ -114,7 +114,7 @@ class _Empty:
         self.count += int(empty.sum())
 
     def warning(self, reason: str) -> list[str]:
-        """The warning about these samples; empty if there are none."""
+        """The warning about the uncorrected samples; empty if there are none."""
         if not self.count:
             return []
         samples = "1 sample is" if self.count == 1 else f"{self.count} samples are"

@@ -1,4 +1,4 @@
-"""`imucal limits`: writing a first limits file, and checking many units against one."""
+"""`imucal limits`: writing a first limits file, and checking many units against a limits file."""
 
 from __future__ import annotations
 

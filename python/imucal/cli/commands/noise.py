@@ -85,7 +85,7 @@ def noise(
         loaded = reading.one(recording)
     with working("identifying the noise"):
         found = imucal.noise(loaded, min_rest_s=min_rest_s, cut_steps=cut_steps)
-    # Converted before any file is written, because these conversions refuse raw counts.
+    # The figures are converted before any file is written, because the conversions refuse raw counts.
     yaml = None if kalibr is None else kalibr_yaml(found, rostopic=rostopic)
     profile = None if unit_profile is None else unit_of_noise(found, name=unit_profile.stem)
     if report is not None:
@@ -138,7 +138,7 @@ def _print(out: Output, found: NoiseResult, units: Units) -> None:
 
 
 def _white_noise(axis: str, density: NoiseFigure) -> list[str] | None:
-    """The white noise as filters and datasheets state it; None if it is not known or in counts."""
+    """Table cells of the white noise in the definitions of filters and datasheets; None if not available."""
     scales = WHITE_NOISE_UNITS.get(density.unit)
     if density.value is None or scales is None:
         return None

@@ -168,7 +168,7 @@ def view_for(
 
 
 def end_unit(out: Output, outcome: Outcome) -> None:
-    """Print the verdict on a unit, and end with its exit code."""
+    """Print the verdict on a unit, and end the command with the exit code of this verdict."""
     # The verdict comes first, because writing the document can fail on a full disk.
     _show(out, outcome)
     out.document(outcome.to_dict())

@@ -98,7 +98,7 @@ def resume(
 
 
 def end_run(out: Output, done: Done) -> None:
-    """Print the events and the result of a run, and end with its exit code."""
+    """Print the events and the result of a run, and end the command with the exit code of the result."""
     out.document(done.to_dict())
     for event in done.events:
         out.line(f"{event['code']}: {event['message']}" if event["message"] else event["code"])

@@ -13,7 +13,7 @@ from imucal.fleet.statistics.scipy_part import scipy_part
 __all__ = ["Cluster", "clusters_of"]
 
 MOST_CLUSTERS: Final = 4
-# Minimum number of units in a cluster. Fewer units are considered outliers.
+# Minimum number of units in a cluster. A smaller group of units is considered as outliers.
 FEWEST_UNITS: Final = 5
 SEED: Final = 0
 
@@ -64,7 +64,7 @@ def clusters_of(effect: str, serials: tuple[str, ...], values: FloatArray) -> li
 
 
 def _criterion(values: FloatArray, labels: np.ndarray) -> float:
-    """Bayesian information criterion of clusters with a common width in each column."""
+    """Bayesian information criterion of clusters that have a common standard deviation in each column."""
     units, columns = values.shape
     numbers, own, sizes = np.unique(labels, return_inverse=True, return_counts=True)
     centres = np.array([values[labels == number].mean(axis=0) for number in numbers])

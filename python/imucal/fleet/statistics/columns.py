@@ -1,4 +1,4 @@
-"""Parameters and figures of measurements as columns of one matrix, and the repeatability in each column."""
+"""Parameters and figures of measurements as columns of a matrix, and the repeatability of each column."""
 
 from __future__ import annotations
 

@@ -220,7 +220,7 @@ def _step(
     slope: float,
     slope_std: float,
 ) -> tuple[float | None, int | None]:
-    """The best step and the first row after it, if it explains the values better than a slope."""
+    """Size of the best step and first row after the step; None if a slope explains the values better."""
     best: tuple[float, float, int] | None = None
     for at in range(1, len(rows)):
         before, after = 1.0 / variances[:at], 1.0 / variances[at:]

@@ -36,8 +36,8 @@ RIVAL_WITHIN: Final = 10.0
 MOST_ROUNDS: Final = 3
 # Minimum number of units that must determine an effect.
 FEWEST_UNITS: Final = 5
-# Function of effects, and of effects estimated together with each of them, that returns {serial: {effect:
-# fit}}.
+# Type of a function that fits effects to all units and returns {serial: {effect: fit}}. The first argument
+# lists the effects; the effects of the second argument are estimated together with each of them.
 FitAll = Callable[[Sequence[str], Sequence[str]], Mapping[str, Mapping[str, Fitted]]]
 
 

@@ -112,7 +112,7 @@ def outliers(measurements: Measurements) -> OutlierResult:
 
     Raises InputError for fewer than twice as many units as parameters.
     """
-    # The covariances are excluded here, because they are large. They are taken from `measurements` for a part
+    # The large covariances are left out of the selection. Later they are taken from `measurements` for a part
     # of the units at a time.
     kept, poor = usable(replace(measurements, covariances=None))
     all_columns = columns_of(kept)
@@ -176,7 +176,7 @@ def outliers(measurements: Measurements) -> OutlierResult:
 
 
 def _first_rows(kept: Measurements) -> tuple[Measurements, np.ndarray]:
-    """The first measurement of each unit, and its rows in `kept`."""
+    """The first measurement of each unit, and the indices of these measurements in `kept`."""
     order = np.argsort(kept.dates, kind="stable")
     _, first = np.unique(kept.serials[order], return_index=True)
     rows = order[np.sort(first)]

@@ -64,7 +64,7 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
 
 
 def _positive(matrix: FloatArray) -> FloatArray:
-    """The nearest positive definite matrix; its eigenvalues are at least slightly above zero."""
+    """The symmetric matrix with all eigenvalues raised to at least a small positive number."""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     floor = 1e-6 * max(float(values.max()), 1e-12)
     return np.asarray((vectors * np.maximum(values, floor)) @ vectors.T)

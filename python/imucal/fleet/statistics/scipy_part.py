@@ -1,4 +1,4 @@
-"""SciPy for the statistics of a fleet, imported when a statistic needs it."""
+"""Import of parts of SciPy, when a statistic of a fleet needs them."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def common_shifts(measurements: Measurements, columns: Columns) -> Shifts:
 
 
 def days_of(measurements: Measurements) -> TextArray:
-    """The day of each measurement, UTC; empty without a date."""
+    """The day of each measurement, UTC; an empty text for a measurement without a date."""
     days = np.datetime_as_string(measurements.dates, unit="D")
     return np.where(np.isnat(measurements.dates), "", days)
 
@@ -134,8 +134,8 @@ class _Partition:
         known = np.isfinite(residual) & (labels >= 0)
         own, y, precision = labels[known], residual[known], 1.0 / std[known] ** 2
         count = np.bincount(own, minlength=size)
-        # A unit that was measured often is predicted so precisely that it could dominate its group. The
-        # weight of a unit is therefore limited to that of the unit with the fifth largest weight.
+        # A unit that was measured often is predicted so precisely that it could dominate its group. Therefore
+        # the weight of each unit is limited to the fifth largest weight in the group.
         order = np.lexsort((-precision, own))
         start = np.cumsum(count) - count
         fifth = np.minimum(start + np.clip(count - 1, 0, FEWEST_OF_DAY - 1), max(len(y) - 1, 0))
@@ -179,7 +179,7 @@ def _partitions(stations: TextArray, days: TextArray) -> list[_Partition]:
 
 
 class _Column:
-    """One column, and the prediction of each of its values from other values."""
+    """One column of the matrix. Each value is predicted from other values of its unit and batch."""
 
     def __init__(
         self,
@@ -227,7 +227,7 @@ class _Column:
 
 
 def _merged(found: list[tuple[str, str, int, Shift]]) -> list[Shift]:
-    """One shift for each station, day and column. The search may have removed it in several steps."""
+    """One shift per station, day and column: the sum of shifts that were removed in several steps."""
     merged: dict[tuple[str, str, int], Shift] = {}
     for station, day, column, shift in found:
         key = (station, day, column)

@@ -72,8 +72,8 @@ def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slop
         counts[unit] = len(own) - 1
     z2 = (slopes / stds) ** 2
     known = np.isfinite(z2)
-    # With two dates, slope and step are the same. With more dates, the best of one slope and several steps is
-    # taken, so the p-value is corrected for their number.
+    # With two dates, a slope and a step are the same. With more dates, the most significant of one slope and
+    # several steps is taken, so the p-value is corrected for the number of these tests.
     tests = np.where(counts > 1, counts + 1, 1.0) * known.sum(1)[:, None]
     largest = np.where(counts > 1, np.fmax(z2, steps), z2)
     parameter_p = np.where(known, np.minimum(stats.chi2.sf(largest, 1) * tests, 1.0), np.nan)

@@ -204,7 +204,7 @@ def control_chart(
 
 
 def _western_electric(z: FloatArray) -> list[tuple[str, int]]:
-    """Rules, each with the index of a value that fulfils it."""
+    """Pairs of a violated rule and the index of the value that violates it."""
     found = []
     for rule, (needed, window, beyond) in RULES.items():
         for side in (1.0, -1.0):
@@ -215,7 +215,7 @@ def _western_electric(z: FloatArray) -> list[tuple[str, int]]:
 
 
 def _ewma(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The EWMA, which starts from zero, and its limits, which widen from the first value on."""
+    """The exponentially weighted moving average, starting from zero, and its widening control limits."""
     signal: Any = scipy_part("signal")
     moving = signal.lfilter([EWMA_WEIGHT], [1.0, EWMA_WEIGHT - 1.0], z)
     steps = np.arange(1, len(z) + 1)

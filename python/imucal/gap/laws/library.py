@@ -72,7 +72,7 @@ class Form:
 
     @property
     def group(self) -> tuple[str, tuple[str, ...]]:
-        """Sensor and variables. Forms with the same sensor and variables are alternatives."""
+        """Sensor and variables of the form. Forms with the same sensor and variables are alternatives."""
         return self.sensor, self.variables
 
     def text(self, name: str) -> str:

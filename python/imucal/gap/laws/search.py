@@ -48,7 +48,7 @@ POINTS: Final = 41
 
 
 def with_laws(question: Question, first: Gap) -> Gap:
-    """The result with laws that describe its remainder. Without such laws, the result is unchanged."""
+    """Search for laws in the remainder of a result. If no law is found, the result is returned unchanged."""
     remainder = first.remainder
     if (
         remainder is None
@@ -219,7 +219,7 @@ def _merged(
     laws: Mapping[str, FormulaEffect],
     recordings: Sequence[Recording],
 ) -> Gap:
-    """The first result with the fit and the laws of the second one."""
+    """The first result, with the fit and the laws of the second search."""
     nearest = tuple(str(score["name"]) for score in first.ranking[:3] if score["log_bayes_factor"] > 0)
     found = [
         Law(

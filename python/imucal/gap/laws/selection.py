@@ -23,8 +23,8 @@ __all__ = ["Columns", "Selected", "select", "settled"]
 # Minimum log evidence of a law, nats, after the logarithm of the number of candidates is subtracted. 8 nats
 # are odds of 3000 to 1, as for effects of the catalogue.
 LEAST_NATS: Final = 8.0
-# Difference of log evidence, nats, up to which another driver is a rival and a simpler form is preferred. 3
-# nats are odds of 20 to 1.
+# If the log evidence of two forms differs by at most this number, nats, forms of different drivers are
+# rivals, and of two forms of the same driver the simpler form is preferred. 3 nats are odds of 20 to 1.
 RIVAL_NATS: Final = 3.0
 # Number of random halves of the rests and moves, and minimum share of the halves that select the same driver.
 HALVES: Final = 50
@@ -95,7 +95,7 @@ def select(given: Columns) -> list[Selected]:
 
 
 def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
-    """For each law, the index of its best variant, given the best variants of the other laws."""
+    """For each law, the index of the best variant of its constant, given those of the other laws."""
     picks = [own[len(own) // 2] for own in variants]
     for place, own in enumerate(variants):
         others = [given.candidates[pick][1] for k, pick in enumerate(picks) if k != place]
@@ -122,7 +122,7 @@ def _weights(given: Columns, model: FloatArray) -> FloatArray:
 def _evidence(
     given: Columns, model: FloatArray, weights: FloatArray, places: Sequence[int] | None = None
 ) -> FloatArray:
-    """Log evidence of each candidate relative to the model, with the prior width that maximises it."""
+    """Log evidence of each candidate relative to the model, maximised over the width of the prior."""
     q, _ = np.linalg.qr(_scaled(model * weights[:, None]))
     residual = given.residual * weights
     residual = residual - q @ (q.T @ residual)
