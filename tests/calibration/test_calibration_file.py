@@ -356,7 +356,7 @@ BAD_FIELDS = {
         put("parameters", 21, "value", value=1.0),
         r"\$\.parameters\[21\]\.value is 1.0, but \$\.effects\[0\]\.parameters\[0\]\.value gives 3\.14",
     ),
-    "an effect twice": (lambda d: d["effects"].append(d["effects"][0]), "an effect stands twice"),
+    "an effect twice": (lambda d: d["effects"].append(d["effects"][0]), "an effect occurs twice"),
     "a user's name that is taken": (
         put("effects", 1, "name", value="gyro_bias_drift"),
         "the catalogue has an effect gyro_bias_drift already",

@@ -294,7 +294,7 @@ def test_a_recording_without_the_column_is_refused():
         calibration.apply_recording(recording.between(50.0, 50.0005))
     time_s = TIME_S.copy()
     time_s[7] = time_s[6] - 1e-4
-    with pytest.raises(imucal.InputError, match="time_s goes back from sample 6 to 7"):
+    with pytest.raises(imucal.InputError, match="time_s decreases from sample 6 to 7"):
         calibration.apply_recording(dataclasses.replace(recording, time_s=time_s))
 
 
@@ -383,7 +383,10 @@ def test_missing_samples_stay_missing():
 @pytest.mark.parametrize(
     ("field", "message"),
     [
-        (lambda state: np.zeros((3, 2)), r"field of own has the shape \(3, 2\), \(2000, 3, 1\) is needed"),
+        (
+            lambda state: np.zeros((3, 2)),
+            r"field of own has the shape \(3, 2\), but \(2000, 3, 1\) is needed",
+        ),
         (lambda state: np.full((2000, 3, 1), np.nan), "field of own is not finite at 2000 samples, first at"),
         (lambda state: state.auxiliary["vdd"], r"field of own needs 'vdd', .* columns \['supply_v'\]"),
         (lambda state: "text", "field of own cannot be evaluated"),
@@ -422,7 +425,7 @@ def test_what_is_no_effect_of_ones_own_is_named():
     [
         ({"name": "gyro_g_sensitivity"}, "the catalogue has an effect gyro_g_sensitivity already"),
         ({"name": "mount_slip"}, "the catalogue has an effect mount_slip already"),
-        ({"name": "my effect"}, "name 'my effect' cannot be one"),
+        ({"name": "my effect"}, "'my effect' is not a valid name of an effect"),
         ({"sensor": "magnetometer"}, "sensor of own is 'magnetometer': give one of accelerometer, gyroscope"),
         ({"parameters": ()}, r"own has the parameters \[\]"),
         ({"parameters": PER_VOLT[:1] * 2}, r"own has the parameters \['x', 'x'\]"),
@@ -443,7 +446,7 @@ def test_a_typical_size_is_positive(typical_size):
 @pytest.mark.parametrize(
     ("values", "shape", "message"),
     [
-        ([1.0, np.inf], None, "values of own hold inf"),
+        ([1.0, np.inf], None, "values of own contain inf"),
         ([[1.0]], None, r"values of own has the shape \(1, 1\)"),
         ([1.0], 0.0, "shape of own is 0.0"),
         ([1.0], np.nan, "shape of own is nan"),
@@ -462,7 +465,7 @@ def test_numbers_that_cannot_be_an_effects_are_refused(values, shape, message):
         ([("gyro_bias_temperature", [1.0], None)], "has 3 parameters, or 6 in its full form: 1 were given"),
         ([("gyro_bias_warmup", [1.0, 1, 1], None)], "gyro_bias_warmup needs its shape tau, s"),
         ([("gyro_bias_drift", [1.0, 1, 1], 2.0)], "gyro_bias_drift has no shape: 2.0 was given"),
-        ([("gyro_bias_drift", [1.0, 1, 1], None)] * 2, "an effect stands twice"),
+        ([("gyro_bias_drift", [1.0, 1, 1], None)] * 2, "an effect occurs twice"),
         ([("gyro_bias", [1.0, 1, 1], None)], "two parameters have the name gyro_bias_x"),
     ],
 )
@@ -478,7 +481,7 @@ def test_a_calibration_carries_no_more_effects_than_the_library():
     own = imucal.EffectValues("gyro_bias_supply", [0.01, -0.02, 0.03])
     calibration = unit(*many[:most], own, user_effects=(SUPPLY,))
     message = f"a calibration can have at most {most} effects"
-    with pytest.raises(imucal.InputError, match=f"{message}, {most + 1} were given"):
+    with pytest.raises(imucal.InputError, match=f"{message}, but {most + 1} were given"):
         unit(*many[: most + 1])
     # The library takes as many, and refuses the next one.
     row = np.ones((1, 3))

@@ -634,7 +634,7 @@ DAMAGED = {
         "C_gyro_i is no rotation",
     ),
     "kalibr cut off": ("imu0:\n  accelerometers:\n    M: [[1.0, 0.0", "cannot be read as YAML"),
-    "kalibr twice": ("imu0:\n  model: calibrated\n  model: calibrated\n", "'model' stands twice"),
+    "kalibr twice": ("imu0:\n  model: calibrated\n  model: calibrated\n", "'model' occurs twice"),
     "basalt with an array that is too short": (
         json.dumps({"value0": {"calib_accel_bias": [0.0] * 8, "calib_gyro_bias": [0.0] * 12}}),
         r"calib_accel_bias is .* it must be a list of 9 items, not 8",

@@ -200,7 +200,7 @@ BAD_FILES = [
     (of_parameter("gyro_bias_x", min=1, max=1), "min must be less than max"),
     (of_parameter("gyro_bias_x", max_std=0), "has max_std 0.0: it must be positive"),
     (of_parameter("gyro_bias_x", min="a", max=1), '$.parameters.gyro_bias_x.min is "a", it must be a number'),
-    ('{"schema": "imucal.limits/1", "effects": [], "effects": []}', "'effects' stands twice in one object"),
+    ('{"schema": "imucal.limits/1", "effects": [], "effects": []}', "'effects' occurs twice in one object"),
     (
         of_figure("control_set", "chi2_per_dov", max=1),
         "chi2_per_dov is no field of a limits file: is it chi2",

@@ -77,7 +77,7 @@ def test_a_calibration_takes_recordings_with_its_axes_only(files, capsys):
     assert unit.axes == "x,-y,-z"
     out = ["-o", str(files / "out.csv")]
     assert main(["apply", str(files / "unit.json"), str(files / "frd.csv"), *out]) == 1
-    assert "with --axes x,-y,-z: read it with --axes x,-y,-z" in capsys.readouterr().err
+    assert "with --axes x,-y,-z: read the recording with --axes x,-y,-z" in capsys.readouterr().err
     assert main(["apply", str(files / "unit.json"), str(files / "frd.csv"), "--axes", "frd", *out]) == 0
     corrected = imucal.read(files / "out.csv")
     expected = unit.apply_recording(imucal.read(files / "frd.csv", axes="frd"))

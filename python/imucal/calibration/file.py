@@ -164,7 +164,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
     for k, name in enumerate(names_of_effects):
         if name in names_of_effects[:k]:
             raise FormatError(
-                f"{node.file}: an effect stands twice: $.effects[{k}] and "
+                f"{node.file}: an effect occurs twice: $.effects[{k}] and "
                 f"$.effects[{names_of_effects.index(name)}] "
                 f"are {name}: leave one out"
             )

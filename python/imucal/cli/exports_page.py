@@ -8,7 +8,7 @@ from typing import Final
 
 __all__ = ["EXPORTS", "Export", "exports_section"]
 
-NOTHING: Final = "nothing"
+NOTHING: Final = "no data"
 ROUNDED: Final = "digits beyond those that are printed"
 OTHERS: Final = "the other columns"
 
@@ -35,7 +35,7 @@ EXPORTS: Final = (
         "an experiment with accelerometer (with g) and gyroscope; Export Data > CSV (Tabulator, decimal "
         "point)",
         "imucal convert 'Raw Data.csv' -o rec.csv",
-        "nothing; the experiment `Acceleration (without g)` cannot be used",
+        "no data; the experiment `Acceleration (without g)` cannot be used",
     ),
     Export(
         "phyphox, CSV (semicolon, decimal comma)",
@@ -97,7 +97,7 @@ EXPORTS: Final = (
         "ST BLE Sensor app",
         "log to CSV, one file per feature",
         "imucal convert Accelerometer.csv Gyroscope.csv --time-unit ms -o rec.csv",
-        "the date, which is as coarse as the transmission",
+        "the date, whose resolution is only the transmission interval",
     ),
     Export(
         "WitMotion, text record",
@@ -115,7 +115,7 @@ EXPORTS: Final = (
         "x-io x-IMU3, CSV folder",
         "convert the data log to CSV files with the x-IMU3 GUI",
         "imucal convert x-IMU3 -o rec.csv",
-        "the files besides Inertial.csv",
+        "all files except Inertial.csv",
     ),
     Export(
         "x-io NGIMU, sensors.csv",
@@ -188,8 +188,8 @@ EXPORTS: Final = (
         "Betaflight, blackbox_decode",
         "blackbox_decode --unit-rotation deg/s --unit-acceleration g LOG00001.BFL",
         "imucal convert LOG00001.01.csv -o rec.csv",
-        "Betaflight has filtered both sensors and turned their axes; logs (.BFL, .BBL) are refused with this "
-        "command",
+        "no data; Betaflight has filtered both sensors and rotated their axes; if a log (.BFL, .BBL) is "
+        "given, the message gives this command",
     ),
     Export(
         "RealSense, rs-convert",

@@ -72,7 +72,7 @@ def read_json(path: str | os.PathLike[str]) -> Node:
         if len(found) < len(pairs):
             names = [name for name, _ in pairs]
             twice = next(name for name in names if names.count(name) > 1)
-            raise FormatError(f"{given}: the field {twice!r} stands twice in one object: keep one")
+            raise FormatError(f"{given}: the field {twice!r} occurs twice in one object: keep one")
         return found
 
     try:

@@ -97,7 +97,7 @@ def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[Eff
         fields = ("name", "values", "shape", *(("formula", "columns") if name in own else ()))
         require_fields(item, fields, "an effect")
         if name in [other.name for other in effects]:
-            raise FormatError(f"{item.file}: {item.path}.name is {name}, which stands twice: give it once")
+            raise FormatError(f"{item.file}: {item.path}.name is {name}, which occurs twice: give it once")
         try:
             effect = EffectValues(name, numbers, None if shape is None else item.get("shape").number())
             definition = own.get(name) or find(name)

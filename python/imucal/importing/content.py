@@ -66,7 +66,7 @@ def _yaml(text: str, name: str) -> Any:
             keys = [self.construct_object(key, deep=True) for key, _ in node.value]
             for key in keys:
                 if keys.count(key) > 1:
-                    raise FormatError(f"{name}: the field {key!r} stands twice: keep one")
+                    raise FormatError(f"{name}: the field {key!r} occurs twice: keep one")
             return super().construct_mapping(node, deep)
 
     # OpenCV writes a directive that PyYAML does not accept.

@@ -60,24 +60,28 @@ class Format:
 
 
 NAMED_UNITS = (
-    "by the column names: accel mps2, g, mg, lsb; gyro radps, dps, mdps, lsb; "
-    "temp degc, k, degf, lsb; stand rad, deg"
+    "the unit in each column name: mps2, g, mg or lsb for the accelerometer; radps, dps, mdps or lsb for the "
+    "gyroscope; degc, k, degf or lsb for the temperature; rad or deg for stand angles"
 )
-NAMED_TIME = "time_s unchanged; time_ms, time_us and time_ns counted from the first sample; or --rate-hz"
+NAMED_TIME = (
+    "time_s is used unchanged; time_ms, time_us and time_ns are relative to the first sample; without a time "
+    "column, give --rate-hz"
+)
 DATED_TIME = (
-    "time_s unchanged; time_ms, time_us, time_ns and dates with a time of day counted from the first sample; "
-    "or --rate-hz"
+    "time_s is used unchanged; time_ms, time_us, time_ns and dates with a time of day are relative to the "
+    "first sample; without a time column, give --rate-hz"
 )
-NAMED_ARRAYS = "arrays with canonical names, see below"
+NAMED_ARRAYS = "arrays with canonical names (see Arrays with names)"
 IMU_MESSAGES = (
-    "sensor_msgs/Imu: linear_acceleration and angular_velocity; --topic if several topics contain it, two as "
-    "ACCEL,GYRO if each sensor has its own topic"
+    "the fields linear_acceleration and angular_velocity of sensor_msgs/Imu messages; --topic selects one of "
+    "several topics, or two topics as ACCEL,GYRO if each sensor has a separate topic"
 )
-ROS_UNITS = "m/s^2 and rad/s, by <https://docs.ros.org/en/jazzy/p/sensor_msgs/msg/Imu.html>"
+ROS_UNITS = "m/s^2 and rad/s, as defined in <https://docs.ros.org/en/jazzy/p/sensor_msgs/msg/Imu.html>"
 ROS_TIME = (
-    "header.stamp, counted from the first sample; --receive-time uses the time of receipt by the bag instead"
+    "header.stamp, relative to the first sample; with --receive-time, the times at which the bag received "
+    "the messages"
 )
-OWN_CLOCKS = "sensors with different time stamps are resampled to one clock, with a warning"
+OWN_CLOCKS = "if the sensors have different time stamps, they are resampled to one clock, with a warning"
 
 CUT_OFF = "a truncated log is read up to its last complete message"
 
@@ -88,8 +92,9 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "a header in one of the first 50 lines",
-        "columns with canonical names, and other numeric columns as auxiliary inputs; columns with other "
-        "names by --columns canonical=name, or without it if the header gives sensor, axis and unit of each",
+        "columns with canonical names, and all other numeric columns as auxiliary inputs; --columns "
+        "canonical=name assigns canonical names to other column names, which is not necessary if the header "
+        "gives sensor, axis and unit of each column",
         NAMED_UNITS,
         DATED_TIME,
         ("columns", "rate_hz"),
@@ -103,7 +108,7 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "content, or .parquet",
-        "the same as csv",
+        "the same columns as the format csv",
         NAMED_UNITS,
         DATED_TIME,
         ("columns", "rate_hz"),
@@ -116,7 +121,8 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "--columns",
-        "numbers separated by tab, semicolon, comma or spaces; a header is compared with the given names",
+        "columns of numbers, separated by tab, semicolon, comma or spaces, with the names that --columns "
+        "gives; if the file has a header, the names must agree with it",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "rate_hz", "skip_rows"),
@@ -128,10 +134,10 @@ FORMATS: Final[dict[str, Format]] = {
         2,
         None,
         "two files without a header",
-        "two text files, accelerometer and gyroscope, with the columns time, x, y, z; other time stamps are "
-        "resampled",
-        "raw counts, or SI with --accel-unit m/s^2 and --gyro-unit rad/s",
-        "the first column, in s or --time-unit",
+        "two text files, first that of the accelerometer and then that of the gyroscope, each with the "
+        "columns time, x, y, z; sensors with different time stamps are resampled",
+        "raw counts, or SI units with --accel-unit m/s^2 and --gyro-unit rad/s",
+        "the first column, in s or in the unit of --time-unit",
         ("time_unit", "accel_unit", "gyro_unit"),
         "acc.mat gyro.mat",
     ),
@@ -141,9 +147,10 @@ FORMATS: Final[dict[str, Format]] = {
         2,
         None,
         "two files with headers",
-        "two text files in any order, each with time, x, y, z of one sensor",
-        "by the headers, else --accel-unit (m/s^2, g, mg, lsb) and --gyro-unit (rad/s, deg/s, mdeg/s, lsb)",
-        f"stamps since 1970 if both have them, else the time column; {OWN_CLOCKS}",
+        "two text files in any order; each file contains time, x, y and z of one sensor",
+        "from the headers, otherwise from --accel-unit (m/s^2, g, mg, lsb) and --gyro-unit (rad/s, deg/s, "
+        "mdeg/s, lsb)",
+        f"time stamps since 1970 if both files have them, otherwise the time column; {OWN_CLOCKS}",
         ("time_unit", "accel_unit", "gyro_unit"),
         "Accelerometer.csv Gyroscope.csv",
     ),
@@ -153,9 +160,10 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "a folder or zip archive with .csv or .txt files",
-        "the one text file with both sensors, or one file per sensor as for pair; other files are ignored",
-        "as for csv and pair",
-        f"as for csv and pair; {OWN_CLOCKS}",
+        "either the only text file that contains both sensors, or one file per sensor as in the format pair; "
+        "other files are ignored",
+        "as in the formats csv and pair",
+        f"as in the formats csv and pair; {OWN_CLOCKS}",
         ("columns", "rate_hz", "time_unit", "accel_unit", "gyro_unit"),
         "phone.zip",
     ),
@@ -165,8 +173,9 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "lines such as ax:0.01 ay:0.02 az:9.81, or Accel X:0.01 Y:0.02 Z:9.81",
-        "the labels as column names, as in csv; lines of several sensors with three axes each are one "
-        "sample; lines with other labels are left out, with a warning",
+        "the values, with the labels as column names of the format csv; if each line contains the three "
+        "axes of one sensor, the lines of all sensors together are one sample; lines with other labels are "
+        "skipped, with a warning",
         NAMED_UNITS,
         DATED_TIME,
         ("columns", "rate_hz"),
@@ -179,10 +188,11 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "sentences $VNYMR, $VNIMU, $VNQMR or $VNMAR; other sentences with check sums",
-        "accelerations, rates, and the temperature of $VNIMU; sentences with a wrong check sum are left out, "
-        "with a warning; --columns names every field of other sentences, the name of the sentence first",
-        "m/s^2, rad/s and degC, by the VN-100 user manual; of other sentences by --columns",
-        "none in the sentences of VectorNav: --rate-hz",
+        "acceleration and angular rate, and the temperature in $VNIMU; for other sentences, --columns names "
+        "every field, starting with the name of the sentence; sentences with a wrong check sum are skipped, "
+        "with a warning",
+        "m/s^2, rad/s and degC, as in the VN-100 user manual; for other sentences the units in --columns",
+        "sentences of VectorNav contain no time, so give --rate-hz",
         ("columns", "rate_hz"),
         "imu.txt --rate-hz 100",
     ),
@@ -192,9 +202,9 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "packets 0x51 and 0x52 with valid check sums",
-        "acceleration, angular rate and temperature; packets with a wrong check sum are left out",
-        "counts of 16 g and 2000 deg/s, the ranges of the WT901 series, converted to m/s^2 and rad/s",
-        "packets of time (0x50), counted from the first sample; or --rate-hz",
+        "acceleration, angular rate and temperature; packets with a wrong check sum are skipped",
+        "raw counts of the ranges 16 g and 2000 deg/s (WT901 series), converted to m/s^2 and rad/s",
+        "time packets (0x50), relative to the first sample; without such packets, give --rate-hz",
         ("rate_hz",),
         "wt901.bin --rate-hz 100",
     ),
@@ -204,9 +214,9 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "its header",
-        "the IMU's data.csv of a data set in the ASL form",
-        "rad/s and m/s^2, by the file's header",
-        "ns, counted from the first sample",
+        "the file data.csv of the IMU in a data set in the ASL format",
+        "rad/s and m/s^2, as in the header of the file",
+        "time stamps in ns, relative to the first sample",
         (),
         "data.csv",
     ),
@@ -216,9 +226,9 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "its header",
-        "the streams Accel and Gyro of a file of rs-convert or rs-data-collect",
-        "m/s^2 and rad/s, by <https://dev.intelrealsense.com/docs/rs-motion>",
-        f"the hardware clock, in ms or us as the clock of the host shows; {OWN_CLOCKS}",
+        "the streams Accel and Gyro of a file that rs-convert or rs-data-collect has written",
+        "m/s^2 and rad/s, as defined in <https://dev.intelrealsense.com/docs/rs-motion>",
+        f"the hardware clock, whose unit (ms or us) follows from the host clock; {OWN_CLOCKS}",
         (),
         "d435i_imu_pose.csv",
     ),
@@ -241,7 +251,7 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "ros",
         "content",
-        f"{IMU_MESSAGES}; serialised as in ROS 1 or ROS 2",
+        f"{IMU_MESSAGES}; messages may be serialised as in ROS 1 or as in ROS 2",
         ROS_UNITS,
         f"{ROS_TIME}; {OWN_CLOCKS}",
         ("topic", "receive_time"),
@@ -254,10 +264,11 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "px4",
         "content",
-        "sensor_accel with sensor_gyro, uncorrected, and their temperature; or sensor_combined, to which "
-        f"PX4 has applied its calibration parameters (with a warning); {CUT_OFF}",
-        "m/s^2, rad/s, degC, by <https://docs.px4.io/main/en/msg_docs/SensorAccel> and its like",
-        f"timestamp_sample, else timestamp, counted from the first sample; {OWN_CLOCKS}",
+        "uncorrected samples and temperature of sensor_accel and sensor_gyro; or samples of "
+        f"sensor_combined, to which PX4 has applied its calibration parameters (with a warning); {CUT_OFF}",
+        "m/s^2, rad/s and degC, as defined in <https://docs.px4.io/main/en/msg_docs/SensorAccel> and "
+        "similar pages",
+        f"timestamp_sample, or timestamp if it is missing, relative to the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
         "flight.ulg --topic sensor_accel --instance 0",
         isolated=True,
@@ -268,11 +279,12 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "ardupilot",
         "content",
-        "IMU and its temperature, or ACC with GYR at the sensors' own rates; ArduPilot has applied its "
-        f"calibration parameters (with a warning); {CUT_OFF}",
-        "m/s/s, rad/s, degC, by the log itself (FMTU) and "
+        "IMU messages with temperature, or ACC and GYR messages with the sampling rates of the sensors; "
+        f"ArduPilot has applied its calibration parameters to the samples (with a warning); {CUT_OFF}",
+        "m/s/s, rad/s and degC, as stated in the log (FMTU) and in "
         "<https://ardupilot.org/copter/docs/logmessages.html>",
-        f"TimeUS of IMU, SampleUS of ACC and GYR, counted from the first sample; {OWN_CLOCKS}",
+        "TimeUS of IMU messages, SampleUS of ACC and GYR messages, relative to the first sample; "
+        f"{OWN_CLOCKS}",
         ("topic", "instance"),
         "flight.bin --topic IMU --instance 0",
         isolated=True,
@@ -283,7 +295,7 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "matlab",
         "content; --format matlab for version 4",
-        f"{NAMED_ARRAYS}; a struct is a group; no tables and no objects",
+        f"{NAMED_ARRAYS}; a struct is a group of arrays; tables and objects cannot be read",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "group", "rate_hz"),
@@ -296,7 +308,7 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "hdf5",
         "content",
-        f"{NAMED_ARRAYS}; compound data sets by their fields",
+        f"{NAMED_ARRAYS}; each field of a compound data set is an array",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "group", "rate_hz"),
@@ -309,7 +321,7 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "content",
-        f"{NAMED_ARRAYS}; structured arrays by their fields; no pickled objects",
+        f"{NAMED_ARRAYS}; each field of a structured array is an array; pickled objects cannot be read",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "group", "rate_hz"),

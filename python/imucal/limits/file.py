@@ -203,7 +203,7 @@ def _effects(node: Node, user_effects: Sequence[UserEffect]) -> tuple[str, ...]:
     names = tuple(item.text() for item in node.items())
     for k, name in enumerate(names):
         if name in names[:k]:
-            raise FormatError(f"{node.file}: {node.path}[{k}] is {name}, which stands twice: give it once")
+            raise FormatError(f"{node.file}: {node.path}[{k}] is {name}, which occurs twice: give it once")
         if name not in known:
             raise FormatError(f"{node.file}: {node.path}: there is no effect {name!r}{_close(name, known)}")
     return names

@@ -80,7 +80,7 @@ class Plan:
 
     @property
     def program(self) -> Program:
-        """The program for a stand. Raises InputError for a motion without a program, such as a hand motion."""
+        """The program for a stand. Raises InputError for a motion without a program, such as one by hand."""
         if not isinstance(self.motion, Program):
             raise InputError(
                 f"the motion {self.kind} has no program for a stand: plan grid, random, faces or optimal"

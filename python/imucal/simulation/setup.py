@@ -77,7 +77,7 @@ class Setup:
         names = [effect.name for effect in self.all_effects]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise InputError(f"the effect {twice} stands twice: give it once")
+            raise InputError(f"the effect {twice} occurs twice: give it once")
 
     @property
     def all_effects(self) -> tuple[EffectValues, ...]:
