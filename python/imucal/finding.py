@@ -44,7 +44,7 @@ class Finding:
 
     @property
     def line(self) -> str:
-        """The text for summaries and reports: the severity, and the text of `str`."""
+        """The finding as a line of a summary or report, with its severity."""
         return f"{self.severity}: {self}"
 
     def to_dict(self) -> dict[str, Any]:

@@ -237,7 +237,7 @@ class Calibration(SensorModel):
 
 def _calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibration:
     own = by_name(user_effects)
-    # If values in a file contradict each other, the error is a FormatError of the file.
+    # An InputError about contradictory values is converted to a FormatError that names the file.
     try:
         calibration = Calibration(**fields_of(node, own))
     except InputError as error:

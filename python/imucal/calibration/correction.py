@@ -41,7 +41,7 @@ COLUMNS: Final = {"time": "time_s", "angular_acceleration": "time_s", "temperatu
 def correct(
     model: SensorModel, angular_rate: ArrayLike | None, specific_force: ArrayLike | None
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """The corrected rate and force, (N, 3) each; see `Calibration.apply`."""
+    """Correct samples that are given as arrays (N, 3), as `Calibration.apply` describes."""
     _require_rate_and_force_only(model)
     if angular_rate is not None and model.gyroscope is None:
         model.both()
@@ -62,7 +62,7 @@ def correct(
 
 
 def correct_recording(model: SensorModel, recording: Recording, *, start_s: float | None = None) -> Recording:
-    """The corrected recording; see `Calibration.apply_recording`."""
+    """Correct a recording, as `Calibration.apply_recording` describes."""
     for effect in model.user_effects:
         effect.required_field()
     if start_s is not None and not takes_pieces(model):
@@ -246,7 +246,7 @@ def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[Fl
 def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
     """Magnitude of the terms whose rounding errors enter a corrected sample, (N, 3) in SI units."""
     inverse = np.abs(np.linalg.inv(triad.sensitivity))
-    # Converted to float64 first, because the absolute value of the lowest 16-bit count overflows int16.
+    # Counts are converted to float64 first, because the absolute value of the lowest int16 overflows int16.
     size = np.abs(raw.astype(np.float64, copy=False))
     return _largest((size + np.abs(triad.bias)) @ inverse.T)
 

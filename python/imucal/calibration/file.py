@@ -351,7 +351,7 @@ def _provenance(node: Node, control_set: Node) -> Provenance:
         control_files,
         require_version(node.get("imucal_version")),
         require_date(node.get("date")),
-        # Files of older versions have no operator.
+        # Calibration files of older versions have no field `operator`.
         _name(node.get("operator"), empty=True) if "operator" in node.mapping() else "",
         _imported(node.get("imported")) if "imported" in node.mapping() else None,
         _sources(node.get("composed_of")) if "composed_of" in node.mapping() else (),
@@ -376,7 +376,7 @@ def _imported(node: Node) -> Imported | None:
 
 
 def _name(node: Node, *, empty: bool = False) -> str:
-    """A name in a file; FormatError for a name that cannot be printed."""
+    """A name in a file. Raises FormatError for a name with characters that cannot be printed."""
     if empty and node.value == "":
         return ""
     try:

@@ -78,7 +78,7 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
     for k, parameter in enumerate(model.parameters):
         sensor, _, rest = parameter.name.partition("_")
         in_sensitivity = rest.startswith("sensitivity_")
-        # The step is half of the value, because the shape of an effect must stay positive.
+        # The step is half of the value, because the shape (time constant) of an effect must stay positive.
         step = STEP * sizes[sensor] if in_sensitivity else abs(parameter.value) / 2 or 1e-3
         up, down = values.copy(), values.copy()
         up[k] += step
@@ -89,7 +89,7 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
 
 
 def known_covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of all parameters in their order, zero for shapes of effects; None if incomplete."""
+    """The covariance of all parameters, zero for shapes of effects; None if an entry is not known."""
     if calibration.covariance is None:
         return None
     names = [parameter.name for parameter in calibration.parameters]

@@ -95,7 +95,7 @@ class Triad:
         sensitivity = as_matrix(self.sensitivity, "sensitivity", (3, 3))
         object.__setattr__(self, "sensitivity", sensitivity)
         object.__setattr__(self, "bias", as_matrix(self.bias, "bias", (3,)))
-        # Divided by the largest entry, because squares of the entries may overflow.
+        # The matrix is divided by its largest entry, because squares of the entries may overflow.
         condition = np.linalg.cond(sensitivity / (np.abs(sensitivity).max() or 1.0))
         if not condition < MAX_CONDITION:
             raise InputError(

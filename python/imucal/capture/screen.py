@@ -98,7 +98,7 @@ class CaptureScreen(App[None]):
             with Vertical(id="right"):
                 yield Static(id="numbers")
                 yield ProgressBar(total=100, show_eta=False, id="steadiness")
-                # Without a minimum width, so that lines break within the panel.
+                # There is no minimum width, so that long lines are broken at the width of the panel.
                 yield RichLog(id="messages", wrap=True, min_width=0)
         yield Footer()
 

@@ -137,7 +137,7 @@ class Commands(_Help, click.Group):
         return [*self._lazy, *self.commands]
 
     def get_command(self, ctx: click.Context | None, cmd_name: str) -> click.Command | None:
-        """The command with this name, whose module is loaded, or None."""
+        """Load the module of the command with this name and return the command; None if there is none."""
         if cmd_name in self._lazy:
             lazy = self._lazy[cmd_name]
             found = getattr(importlib.import_module(lazy.module), lazy.attribute)

@@ -161,7 +161,7 @@ class UnitSystem(str, Enum):
 
     @property
     def units(self) -> Units:
-        """The function that returns the scale of a parameter."""
+        """The function that returns the unit and scale in which a parameter is printed."""
         import imucal.units
 
         return imucal.units.datasheet if self is UnitSystem.datasheet else imucal.units.si
@@ -231,7 +231,7 @@ def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Ca
             command(**{parameter: given}, **values)
 
         parameters = [given.replace(kind=inspect.Parameter.KEYWORD_ONLY) for given in kept] + options
-        # The signature and the annotations become the parameters of the command.
+        # The command line parameters are derived from the signature and the annotations set here.
         with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         with_options.__annotations__ = {given.name: given.annotation for given in parameters}
         return with_options

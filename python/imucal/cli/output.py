@@ -130,7 +130,7 @@ class Output:
         self._stream = sys.stderr if json_path == "-" else sys.stdout
 
     def scale(self, name: str, si_unit: str) -> Scale:
-        """The scale in which a quantity with this name and SI unit is printed."""
+        """The unit and scale in which a quantity with this name and SI unit is printed."""
         return self._units.units(name, si_unit)
 
     def document(self, document: Mapping[str, Any]) -> None:

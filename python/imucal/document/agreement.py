@@ -53,7 +53,7 @@ def require_agreement(
     optional  names of fields that older files do not have
     way_out   what to do about a difference
     """
-    # Fast path, because nearly all parts of a document are equal.
+    # Fast path: equal values need no further comparison. Nearly all values of a document are equal.
     if type(given.value) is type(written) and given.value == written:
         return
     if isinstance(written, dict):

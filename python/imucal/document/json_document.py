@@ -87,7 +87,7 @@ def read_json(path: str | os.PathLike[str]) -> Node:
     except (UnicodeDecodeError, RecursionError):
         raise FormatError(f"{given} is not JSON: it is no text in UTF-8") from None
     except ValueError as error:
-        # json raises this error for an integer with thousands of digits.
+        # The json module raises a ValueError for an integer with thousands of digits.
         raise FormatError(f"{given} is JSON that cannot be read: {error}") from None
 
 
@@ -137,7 +137,8 @@ class Node:
 
     def number(self) -> float:
         """A finite number."""
-        # bool is an int in Python but not a number in JSON; 1e999 is read as infinity.
+        # Booleans are excluded, because bool is a subclass of int in Python. Infinity is excluded, because
+        # the json module reads 1e999 as infinity.
         if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
             raise self._wrong("a number")
         try:

@@ -106,7 +106,7 @@ class FormulaEffect(UserEffect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Inputs besides rate, force and further columns, by their names in the catalogue."""
+        """Quantities such as time and temperature that the formula needs, by their names in the catalogue."""
         inputs = self.formula.inputs
         given = {
             "time": "time_s" in inputs,
@@ -154,14 +154,14 @@ class _Field:
         terms = _terms(self.formula)
         field = np.zeros((len(state.time_s), 3, len(terms)))
         for k, (_, axis, factor) in enumerate(terms):
-            # The caller reports values that are not finite, with their samples.
+            # Floating-point warnings are suppressed, because the caller reports values that are not finite.
             with np.errstate(all="ignore"):
                 field[:, axis, k] = _value(factor, _inputs(state, axis, self.formula))
         return field
 
 
 def _terms(formula: Formula) -> list[tuple[str, int, ast.expr]]:
-    """Names of the parameters with their axes and factors, in the order of the columns of the field."""
+    """Name, axis and factor of each parameter, in the order of the columns of the field."""
     several = len(formula.axes) > 1
     return [
         (f"{name}_{axis}" if several else name, AXES.index(axis), factor)

@@ -1,4 +1,4 @@
-"""The true state of samples, on which the fields of effects depend."""
+"""The true state (rate, force, temperature, ...) at each sample, on which the fields of effects depend."""
 
 from __future__ import annotations
 

@@ -279,7 +279,7 @@ def result_of(
 
 
 def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ...]:
-    """Names of all parameters. The compiled library only numbers the parameters of a user-defined effect."""
+    """Names of all parameters. For user-defined effects the compiled library returns only numbers."""
     count = sum(len(effect.parameters) for effect in own)
     names = outcome.names[: len(outcome.names) - count]
     return (*names, *(f"{effect.name}_{p.name}" for effect in own for p in effect.parameters))

@@ -199,8 +199,8 @@ def _covariance(calibration: Calibration) -> FloatArray | None:
         or list(calibration.covariance_names[:base]) != names
     ):
         return None
-    # The calibration and the control recordings have the same gravity and clock, so errors of gravity and
-    # clock cancel in the residuals. Their part of the covariance is removed.
+    # Errors of gravity and of the clock affect the calibration and the control recordings equally and cancel
+    # in the residuals. Therefore the covariance due to these errors is subtracted.
     values = np.array([parameter.value for parameter in calibration.parameters[:base]])
     common = calibration.references.covariance_of_base(calibration.gravity_mps2, values)
     return calibration.covariance[:base, :base] - common

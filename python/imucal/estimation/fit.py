@@ -206,7 +206,7 @@ class HeldOut:
 
     @staticmethod
     def of_outcome(outcome: _core.Outcome, folds: int | None) -> HeldOut | None:
-        """The predictions in an outcome of the compiled library; None without folds."""
+        """The held-out predictions that the compiled library returns; None if no folds were requested."""
         if outcome.held_out is None or folds is None:
             return None
         norm_error_mps2 = outcome.held_out.norm_error_mps2

@@ -153,7 +153,7 @@ class CalibrationResult:
         return tuple(notes)
 
     def _widened(self) -> list[tuple[str, float | None]]:
-        """The name and the widening factor of each part of the estimate."""
+        """For each kind of residual, its name and the factor by which its standard deviations are widened."""
         if self.fit.joint is not None:
             scales = self.fit.joint.scales
             return [

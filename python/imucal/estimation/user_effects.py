@@ -49,7 +49,7 @@ class UserEffectSource:
         return [effect.name for effect in self.effects]
 
     def fields(self, names: Sequence[str], estimate: _core.Estimate) -> list[UserField]:
-        """Fields of the named effects for each recording, (N, 3, p), at the state after correction."""
+        """Fields of the named effects, (N, 3, p) per recording, evaluated at the corrected rate and force."""
         own = [effect for effect in self.effects if effect.name in names]
         return self._fields(own, self._calibration(estimate), self.recordings) if own else []
 

@@ -94,7 +94,7 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
 
 
 def _require_no_log(calibration: Calibration) -> None:
-    """Raises InputError for a calibration from a dataflash log. The log is rotated by AHRS_ORIENTATION."""
+    """Raises InputError for a calibration from a dataflash log, because its samples may be rotated."""
     for source in calibration.provenance.files:
         if source.path.lower().endswith(LOG_SUFFIX):
             raise InputError(
@@ -133,7 +133,7 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
 
 
 def oriented(rotation: FloatArray) -> Format:
-    """The format for recordings whose samples are rotated by a board rotation."""
+    """The export format for recordings whose samples were rotated by the board rotation."""
     return replace(ARDUPILOT, write=partial(write, rotation=rotation))
 
 

@@ -58,7 +58,7 @@ def _accel_cross() -> Field:
     return [[(i, cause)] for i in range(3) for cause in ([squares[j] for j in range(3) if j != i] + products)]
 
 
-# The matrix L of the lever arm r: dw/dt x r + w x (w x r) = L r.
+# The matrix L for which the acceleration at the lever arm r is dw/dt x r + w x (w x r) = L r.
 LEVER: Final = (
     ("-w[2] * w[2] - w[1] * w[1]", "-a[2] + w[0] * w[1]", "a[1] + w[0] * w[2]"),
     ("a[2] + w[0] * w[1]", "-w[2] * w[2] - w[0] * w[0]", "-a[0] + w[1] * w[2]"),

@@ -38,9 +38,9 @@ OPERATORS: Final[Mapping[type[ast.AST], str]] = {
     ast.Gt: ">",
     ast.GtE: ">=",
 }
-# Methods of nalgebra's RealField for functions of formulas whose names differ.
+# Functions of formulas that have another name in nalgebra's RealField, with that name.
 RUST_METHODS: Final = {"log": "ln"}
-# Functions of libm for functions of formulas whose names differ.
+# Functions of formulas that have another name in libm, with that name.
 LIBM: Final = {"abs": "fabs", "min": "fmin", "max": "fmax"}
 
 

@@ -55,7 +55,7 @@ def write(
     # Factor from raw units of the calibration to counts of INAV's driver.
     accel_counts = 1.0 if in_counts[0] else accel_lsb_per_g / STANDARD_GRAVITY_MPS2
     gyro_counts = 1.0 if in_counts[1] else gyro_lsb_per_dps * 180 / np.pi
-    # Counts of the driver per m/s^2 and per rad/s of a perfect sensor.
+    # Counts of INAV's driver per m/s^2 and per rad/s, for a sensor without errors.
     accel_per_si = accel_lsb_per_g / STANDARD_GRAVITY_MPS2
     gyro_per_si = gyro_lsb_per_dps * 180 / np.pi
     gain = _whole("accgain", UNIT_GAIN * accel_per_si / (accel_counts * per_axis(accel.sensitivity)))

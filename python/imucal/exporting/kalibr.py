@@ -105,7 +105,7 @@ def triangular_model(calibration: Calibration) -> TriangularModel:
 
 
 def _lower_times_rotation(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Factors of `matrix`: a lower triangular matrix with positive diagonal, times a rotation."""
+    """Decompose `matrix` into a lower triangular matrix with positive diagonal times a rotation."""
     if np.linalg.det(matrix) < 0:
         raise InputError(
             "the gyroscope axes are left-handed relative to the accelerometer axes: change the sign of one "

@@ -43,7 +43,7 @@ FRAMES: Final[dict[Frame, str]] = {
 def inverse(triad: Triad) -> FloatArray:
     """The inverse of the sensitivity, (3, 3), bit for bit the matrix that imucal-core applies on a device."""
     unit = Triad(triad.sensitivity, np.zeros(3))
-    # Correcting the unit vectors gives the columns of the inverse.
+    # The corrected unit vectors are the columns of the inverse.
     columns, _ = _core.correct(Calibration(unit, unit), np.eye(3), np.zeros((3, 3)))
     found: FloatArray = columns.T.copy()
     return found

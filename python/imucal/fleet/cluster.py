@@ -64,7 +64,7 @@ class DaskPool:
         import distributed
         from distributed.scheduler import KilledWorker
 
-        # Typed as Any, because Dask's functions have no type annotations.
+        # `wait` has the type Any, because Dask's functions have no type annotations.
         wait: Any = distributed.wait
 
         while True:

@@ -177,7 +177,7 @@ class Fleet(Judging):
             return measurements(connection, where, arguments, covariances=covariances)
 
     def documents(self, **selection: str | None) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Serial number and document of each selected calibration: `calibration`, `judgement` and `gap`."""
+        """Serial number and document (`calibration`, `judgement`, `gap`) of each selected calibration."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
             yield from documents(connection, where, arguments)

@@ -85,7 +85,7 @@ class Judging(ABC):
         return grr(measured, by=by, tolerances=widths)
 
     def outliers(self, **selection: str | None) -> OutlierResult:
-        """Outlying units, by their distance from all other units over parameters and figures."""
+        """Units that are outliers in the space of all parameters and figures."""
         return outliers(self.measurements(covariances=True, **selection))
 
     def gap(

@@ -35,7 +35,7 @@ ENDINGS: Final = (
 
 @dataclass(frozen=True)
 class Naming:
-    """Rule for serial numbers from paths: a pattern, or the words of names if the pattern is empty."""
+    """Rule that derives serial numbers from paths: by a pattern, or by the words of file names."""
 
     pattern: str = ""
 

@@ -22,7 +22,7 @@ __all__ = ["ABOUT_COLUMNS", "batches_of", "conditions", "documents", "measuremen
 
 # Number of rows that are in memory at once.
 ROWS_AT_ONCE: Final = 10_000
-# Columns of a table of measurements that come before the figures and parameters.
+# Columns of a table of measurements that precede the columns of figures and parameters.
 ABOUT_COLUMNS: Final = (
     *(
         "serial",
@@ -176,7 +176,7 @@ def _measurements(
 def documents(
     connection: sqlite3.Connection, where: str, arguments: Sequence[Any]
 ) -> Iterator[tuple[str, Any]]:
-    """Serial number and document of each current row with a result: calibration, judgement and gap."""
+    """For each current row with a result, serial number and JSON document."""
     rows = connection.execute(
         "SELECT m.serial, d.document, d.covariance FROM measurements m JOIN documents d ON d.job = m.id "
         f"WHERE {where} ORDER BY m.date, m.serial, m.id",

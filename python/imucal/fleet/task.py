@@ -19,7 +19,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["FILE_MISSING", "TIME_LIMIT", "Task", "failure_of"]
 
-# Codes of errors without a finding, by class.
+# Code of an error without a finding, by the class of the exception.
 CODES = (
     (NotEnoughMotionError, "not_enough_motion"),
     (FormatError, "format"),
@@ -80,7 +80,7 @@ class Task:
         return outcomes
 
     def is_stuck(self, answer: list[Outcome]) -> bool:
-        """Whether the last job of the answer is still being computed."""
+        """Whether the last job of the answer exceeded its time limit and is still running."""
         return bool(answer) and answer[-1].code == TIME_LIMIT
 
 

@@ -73,7 +73,7 @@ def _explained_share(name: str, recordings: Sequence[Recording]) -> float:
 
 
 def _inputs(recording: Recording, rows: np.ndarray) -> FloatArray:
-    """The inputs of effects of the catalogue, centred and scaled, one per column."""
+    """Time, force, rate and temperature at the given rows, centred and scaled, one per column."""
     force, rate = samples_of_both(recording)
     given = [recording.time_s[rows, None], force[rows], rate[rows]]
     if recording.temperature_degc is not None:

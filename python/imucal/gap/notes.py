@@ -38,7 +38,7 @@ ABOVE_NOISE: Final = 4.0
 # Ratio to its typical size above which a temperature coefficient is implausible.
 MOST_TIMES_TYPICAL: Final = 5.0
 
-# Phrases for the variation of a bias or a scale, by kernel of the generic hypothesis.
+# Phrases that describe how a bias or a scale varies, by the kernel of the generic hypothesis.
 PATTERNS: Final = {
     "random_walk": "as a random walk in time",
     "gravity_direction": "with the direction of gravity",
@@ -217,7 +217,7 @@ def _per_kelvin(step: SessionStep, change_k: float) -> str:
 
 
 def scatter_of(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
-    """Residuals at rests that exceed noise significantly, with their description; None if there are none."""
+    """Description of residuals at rests that exceed the noise significantly; None if there are none."""
     if found is None:
         return None
     residual, factor, chance = found
@@ -238,7 +238,7 @@ def scatter_of(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
 
 
 def not_confirmed_of(scores: Sequence[_core.EffectScore]) -> dict[str, Any] | None:
-    """Significant effects that do not improve the prediction of unseen data, with their description."""
+    """Description of significant effects that do not improve the prediction of unseen data."""
     if not scores:
         return None
     names = " and ".join(score.name for score in scores)

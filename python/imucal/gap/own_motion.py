@@ -71,13 +71,13 @@ class MoveSignals:
 
     @property
     def residual_before(self) -> FloatArray:
-        """Measured minus predicted without the effects, (N, 3)."""
+        """Measured force minus gravity predicted by the gyroscope, without the effects, (N, 3), m/s^2."""
         residual: FloatArray = self.measured_before - self.predicted_before
         return residual
 
     @property
     def residual_after(self) -> FloatArray:
-        """Measured minus predicted with the effects, (N, 3)."""
+        """Measured force minus gravity predicted by the gyroscope, with the effects, (N, 3), m/s^2."""
         residual: FloatArray = self.measured_after - self.predicted_after
         return residual
 
@@ -333,7 +333,7 @@ def _move_row(
         return None
     rate = float(np.median(rates[speed >= PLATEAU * speed.max(), axis]))
     about = about * np.sign(about[axis])
-    # Duration of the rotation at this constant rate, s.
+    # Duration of a rotation by the same angle at this constant rate, s.
     seconds = float(turned[axis]) / rate
     errors = []
     for own in (of.before, of.after):

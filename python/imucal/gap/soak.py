@@ -293,7 +293,7 @@ class _Search:
         self.scale = np.maximum(self.scale, np.finfo(np.float64).tiny)
 
     def _columns(self, form: Form) -> FloatArray:
-        """The constant, and the columns of the terms, (N, 1 + p)."""
+        """Matrix of the linear fit: a column of ones, and the columns of the terms, (N, 1 + p)."""
         columns = [np.ones((len(self.mean), 1))]
         for name, count in form.effects:
             tau_s = form.tau_s if name.endswith("_lag") else None
@@ -344,7 +344,7 @@ class _Search:
             yield Form((*own, *other))
 
     def _with_lag(self, form: Form) -> Form:
-        """The form with a lag whose time constant predicts best."""
+        """The form with an additional lag whose time constant gives the best prediction."""
         effects = (*form.effects, (f"{self.prefix}_lag", 3))
         span_s = float(self.history.since[-1])
         low, high = max(span_s / 300.0, 1.0), span_s / 2.0

@@ -71,7 +71,7 @@ class TemperatureHistory:
         return self._at_samples(found)
 
     def lag_k(self, tau_s: float) -> FloatArray:
-        """The lag at each sample, K; exact for straight lines between the means."""
+        """Lagged temperature (first order, time constant `tau_s`) minus temperature at each sample, K."""
         step = np.diff(self.time_s) / tau_s
         settled, left = -np.diff(self.degc) / step, np.exp(-step)
         found, now = np.zeros_like(self.degc), 0.0

@@ -36,8 +36,8 @@ MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
 # The summary prints either the control figure or the kind of residual that improves most. It prints the
-# control figure if its improvement is at least this share of that of the residuals, both in multiples of
-# their noise.
+# control figure if this figure improves by at least this share of the improvement of the residual, where both
+# improvements are in multiples of the noise.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 

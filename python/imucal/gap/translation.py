@@ -121,7 +121,7 @@ def _result(question: Question, fit: _core.GapFit) -> CalibrationResult:
 
 
 def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
-    """Faults of the data in the format of effects, without duplicates."""
+    """Faults of the data in the format in which effects are listed, each fault once."""
     codes = dict.fromkeys(fault.code for fault in faults)
     return tuple({"name": code, "sensor": None, "parameters": ()} for code in codes)
 

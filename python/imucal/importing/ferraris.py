@@ -22,7 +22,7 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted
 
 __all__ = ["FERRARIS"]
 
-# Names of raw units in that package that stand for counts.
+# Names of raw units in the other package that mean counts.
 COUNTS: Final = ("a.u.", "a.u", "lsb", "counts")
 
 
@@ -67,7 +67,7 @@ def _triad(
 ) -> tuple[Triad, str]:
     """The triad, and its raw unit: counts ("lsb") or the SI unit."""
     matrix = document.get(f"K_{letter}").array(3, 3) @ document.get(f"R_{letter}").array(3, 3)
-    # The matrices are in raw units per unit of the calibrated samples.
+    # The matrices convert calibrated samples, in the units that the file states, to raw samples.
     calibrated = _unit(document, f"{short}_unit", "m/s^2" if short == "acc" else "deg/s")
     triad = Triad(matrix * per_si_unit(sensor, calibrated), document.get(f"b_{letter}").array(3))
     raw = _unit(document, f"from_{short}_unit", "a.u.") if given is None else given

@@ -39,7 +39,7 @@ ROTATION_ROUNDING: Final = 1e-6
 
 
 def recognises(content: Content) -> bool:
-    """Whether a file has blocks of Kalibr, or is an imu.yaml."""
+    """Whether a file is a result of Kalibr with blocks imu0, imu1, ..., or an imu.yaml."""
     return bool(_blocks(content)) or _is_imu(content.fields)
 
 

@@ -79,7 +79,7 @@ class Parameters:
         return value
 
     def vector(self, name: str, axes: Sequence[str] = AXES, default: float | None = None) -> FloatArray:
-        """Three parameters, one per axis; `{}` in the name stands for the axis."""
+        """Three parameters, one per axis; `{}` in the name is replaced by the letter of the axis."""
         return np.array([self.number(name.format(axis), default) for axis in axes])
 
     def scale(self, name: str) -> FloatArray:
@@ -110,7 +110,7 @@ class Cubic:
     range_degc: tuple[float, float]
 
     def at(self, temperature_degc: float) -> FloatArray:
-        """The offset at a temperature, which is clamped to the range."""
+        """The offset at a temperature. The temperature is clamped to the range of the polynomial."""
         held = min(max(temperature_degc, self.range_degc[0]), self.range_degc[1])
         powers = (held - self.reference_degc) ** np.arange(4)
         offset: FloatArray = powers @ self.coefficients

@@ -35,7 +35,7 @@ DATAFLASH_MAGIC = b"\xa3\x95"
 # Message names. Before version 4.1 the name contained the instance: IMU2, IMU3, ACC1, ACC2, ...
 MESSAGE = re.compile(r"(IMU|ACC|GYR)([1-9]?)")
 ACCEL, GYRO = ("AccX", "AccY", "AccZ"), ("GyrX", "GyrY", "GyrZ")
-# Name of the messages with parameters, and name of the parameter for the rotation of the board.
+# Type of the messages that contain parameters, and name of the parameter for the rotation of the board.
 PARAMETER, ORIENTATION = "PARM", "AHRS_ORIENTATION"
 # Field of the sensor temperature; it was called Temp before version 4.1.
 TEMPERATURE = ("T", "Temp")
@@ -132,7 +132,7 @@ def _rows(name: str, log: Any) -> tuple[dict[tuple[str, int], Rows], list[int]]:
             _require_units(name, message.fmt)
             rows[key] = Rows()
         into = rows[key]
-        # ACC and GYR contain the sampling time in addition to the time of logging.
+        # ACC and GYR messages contain the time of sampling (SampleUS) besides the time of logging (TimeUS).
         into.time_us.append(message.SampleUS if "SampleUS" in columns else message.TimeUS)
         if "AccX" in columns:
             into.accel.extend(getattr(message, axis) for axis in ACCEL)

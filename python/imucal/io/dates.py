@@ -42,7 +42,7 @@ DAY_NS: Final = 86_400_000_000_000
 
 
 def is_date_column(column: Any) -> Any | None:
-    """The mask of the cells that have the date form of the column; None if no form is recognised."""
+    """Mask of the cells that match the date pattern of the column; None if no pattern is recognised."""
     from pyarrow import compute
 
     pattern = _pattern(column)

@@ -1,4 +1,4 @@
-"""Conversion of data frames to recordings, and of recordings to Arrow tables, with the names of files."""
+"""Conversion of data frames to recordings, and of recordings to Arrow tables with canonical column names."""
 
 from __future__ import annotations
 

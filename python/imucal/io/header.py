@@ -234,7 +234,7 @@ def _shared_start(names: Sequence[str]) -> str:
 
 
 def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
-    """The quantity, the axis, and the rest of the name, which all axes of a sensor share; None if unknown."""
+    """Quantity and axis of a column name, and the part of the name that is the same for all three axes."""
     of = unit[0] if unit else ""
     if of in ("time", "temp", "angle", "other"):
         return None
@@ -276,7 +276,7 @@ def _index_axes(
     described: Sequence[str],
     groups: dict[tuple[str, str], dict[str, tuple[str, str | None]]],
 ) -> None:
-    """Add sensors whose axes are numbered: gyroADC[0], gyroADC[1], gyroADC[2]."""
+    """Add sensors whose column names number the axes, such as gyroADC[0], gyroADC[1], gyroADC[2]."""
     for name, text in zip(names, described, strict=True):
         match = re.search(r"^\s*(\w+)\[([012])\]", text)
         if match is None:

@@ -80,7 +80,7 @@ def joined(
 
 
 def _nanoseconds(table: Table) -> NDArray[np.int64]:
-    """The time stamps of a table, ns; exact for integers."""
+    """The time stamps of a table in ns, without rounding if they are integers."""
     name = next(name for name in table.names if name.startswith("time_"))
     column = table.column(name)
     ticks = table.ticks_per_s or TICKS_PER_S[name.removeprefix("time_")]

@@ -1,4 +1,4 @@
-"""Tables of Parquet files and data frames whose column names state sensor, axis and unit in other words."""
+"""Tables of Parquet files and data frames whose column names are not canonical but state all units."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ FONT: Final = "system-ui, -apple-system, Segoe UI, Roboto, sans-serif"
 
 
 def styled(figure: Figure, height: int) -> Figure:
-    """Apply the common style; `height` in pixels. The width is that of the surrounding element."""
+    """Apply the common style to a figure with a height in pixels and the width of the page."""
     figure.update_layout(
         template="none",
         height=height,

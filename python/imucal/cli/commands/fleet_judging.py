@@ -1,4 +1,4 @@
-"""`imucal fleet drift`, `spc` and `outliers`: what changes, and what is odd."""
+"""`imucal fleet drift`, `spc` and `outliers`: changes over time, shifts of stations, and outlying units."""
 
 from __future__ import annotations
 

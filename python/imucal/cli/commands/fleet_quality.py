@@ -1,4 +1,4 @@
-"""`imucal fleet capability` and `grr`: units against their limits, and the measurement against itself."""
+"""`imucal fleet capability` and `grr`: capability for given limits, and gauge repeatability study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal fleet run`: the recordings of many units into a store."""
+"""`imucal fleet run`: calibrates the recordings of many units and writes the results to a store."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal fleet list`, `show`, `query`, `export` and `merge`: asking a store."""
+"""`imucal fleet list`, `show`, `query`, `export` and `merge`: reading and merging stores."""
 
 from __future__ import annotations
 

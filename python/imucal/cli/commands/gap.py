@@ -142,7 +142,7 @@ def gap(
 
 
 def _write_next(found: Gap, path: Path) -> str:
-    """Write the program of the next motion; returns a message."""
+    """Write the program file of the next motion. Returns a message for the user."""
     from imucal.document.json_document import write_json
 
     if found.next_motion is None:

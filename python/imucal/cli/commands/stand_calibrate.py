@@ -155,7 +155,7 @@ def calibrate(
 def view_for(
     equipment: Equipment,
 ) -> Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]]:
-    """The live view of a run that is written to a given file."""
+    """A function that returns the live view of a run, given the output file of the run."""
     from imucal.stand.live import live_view, recoverable
 
     @contextmanager

@@ -83,7 +83,7 @@ def ageing_of(dated: Measurements, columns: Columns, slopes: Slopes) -> tuple[Ag
 
 
 def _groups(dated: Measurements, slopes: Slopes) -> list[tuple[str, str, np.ndarray]]:
-    """Units of each batch, station and third of the temperatures."""
+    """The groups of units to compare: by batch, by station, and by thirds of the temperature."""
     groups = []
     for by, labels in (("batch", dated.batches), ("station", dated.stations)):
         own = labels[slopes.first]

@@ -1,4 +1,4 @@
-"""Fits of single effects to the recordings of one unit, for the search over all units."""
+"""Fits of effects, one at a time, to the recordings of a unit, for the search over all units."""
 
 from __future__ import annotations
 

@@ -317,7 +317,7 @@ def _components(stats: Any, variances: dict[str, float], error_dof: int) -> tupl
 
 
 def _sigma_test(stats: Any, residuals: FloatArray, sigmas: FloatArray) -> SigmaTest:
-    """Test of the stated standard deviations by chi2 of the repeats about the mean of their cell."""
+    """Test of the stated standard deviations: chi2 of repeats of a unit and operator about their mean."""
     units, operators, repeats = residuals.shape
     dof = units * operators * (repeats - 1)
     # The stated variances differ little between the repeats of one unit by one operator (a cell), so the mean

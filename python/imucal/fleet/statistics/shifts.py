@@ -67,7 +67,7 @@ class Shift:
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """Common shifts, and the sum of the shifts in each value, (n, c)."""
+    """The common shifts, and for each value the sum of the shifts that it contains, (n, c)."""
 
     found: tuple[Shift, ...]
     added: FloatArray
@@ -129,7 +129,7 @@ class _Partition:
         self.names, self._labels = names, labels
 
     def largest(self, residual: FloatArray, std: FloatArray) -> _Group:
-        """The group whose common location is largest in standard deviations."""
+        """The group whose common shift is the largest multiple of its standard deviation."""
         labels, size = self._labels, len(self.names)
         known = np.isfinite(residual) & (labels >= 0)
         own, y, precision = labels[known], residual[known], 1.0 / std[known] ** 2
@@ -163,7 +163,7 @@ class _Partition:
 
 
 def _partitions(stations: TextArray, days: TextArray) -> list[_Partition]:
-    """The partitions by station, and by station and day, unless a partition has a single group."""
+    """Partitions of the measurements into groups: by station, and by station and day."""
     found = []
     names = np.unique(stations)
     if len(names) > 1:
@@ -194,7 +194,7 @@ class _Column:
         self._batch = np.unique(batches, return_inverse=True)[1].reshape(-1)
 
     def residuals(self, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Values minus predictions, and their standard deviations; NaN for missing values."""
+        """Values minus predictions, and standard deviations of these residuals; NaN for missing values."""
         known, numbers, variances = self._known, self._numbers, self._variances
         y = without_trends(numbers, self._months, self._values - added, variances)
         mean = self._means(y)

@@ -47,7 +47,7 @@ RULES: Final = {
 
 @dataclass(frozen=True)
 class Signal:
-    """A rule that a value fulfils, with index in the chart, serial number and date of the value."""
+    """A violated rule of a control chart, with index in the chart, serial number and date of the value."""
 
     rule: str
     index: int
@@ -172,7 +172,7 @@ def control_chart(
     name: str = "",
     unit: str = "",
 ) -> Chart:
-    """The chart of values in order of time with their standard deviations."""
+    """The control chart of values that are in order of time, with their standard deviations."""
     centre = float(np.median(values))
     moving = float(np.median(np.abs(np.diff(values)))) / MEDIAN_RANGE_OF_TWO
     variance = max(moving**2 - float(np.median(sigmas**2)), 0.0)
@@ -224,6 +224,6 @@ def _ewma(z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _entered(outside: np.ndarray) -> list[int]:
-    """Indices at which consecutive values outside begin."""
+    """Indices of the first value of each sequence of consecutive values outside the limits."""
     before = np.concatenate([[False], outside[:-1]])
     return [int(index) for index in np.flatnonzero(outside & ~before)]

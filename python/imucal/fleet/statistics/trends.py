@@ -1,4 +1,4 @@
-"""Removal of trends of single units before properties common to units are estimated."""
+"""Removal of trends of single units, before properties that are common to units are estimated."""
 
 from __future__ import annotations
 

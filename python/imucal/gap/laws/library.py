@@ -23,11 +23,11 @@ __all__ = ["Form", "further_forms", "library", "refined"]
 # Quantiles of the driver (the input variable of a law) that serve as trial constants. For a rate, they are
 # quantiles over the samples in motion; for another driver, over all samples.
 SHARES: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
-# Positions of trial steps, as shares of the range of a column.
+# Positions at which a step in the dependence on a column is tried, as shares of the range of the column.
 STEPS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 # Trial periods of harmonics, as multiples of the range of the driver.
 PERIODS: Final = (1.0, 0.8, 0.65, 0.5, 0.4, 0.33, 0.26)
-# Trial time constants of settling after a motion, s.
+# Trial time constants of an exponential decay after each motion, s.
 SETTLING_S: Final = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0)
 # Trial time constants of an exponential decay since power-on, as shares of the duration of the recording.
 WARM_UPS: Final = (0.03, 0.06, 0.12, 0.25, 0.5)
@@ -148,7 +148,7 @@ def _of_further(sensor: str, recordings: Sequence[Recording]) -> Iterator[Form]:
 
 
 def _smooth(form: _Make, driver: str, sizes: FloatArray, *, is_own: bool) -> Iterator[Form]:
-    """Smooth functions of a component of the rate or force."""
+    """Forms that are smooth functions of a component of the rate or force."""
     yield form(driver, f"k*abs({driver})")
     yield form(driver, f"k*{driver}**2", None, 1)
     yield form(driver, f"k*{driver}*abs({driver})", None, 2)

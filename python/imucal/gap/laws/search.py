@@ -81,8 +81,8 @@ def _found(question: Question, first: Gap, names: Sequence[str]) -> Gap | None:
     """The result with laws in addition to the named effects; None if no law is confirmed."""
     calibration = first.fits["after"].calibration if names else first.fits["before"].calibration
     recordings = [calibration.apply_recording(recording) for recording in question.recordings]
-    # A random walk resembles smooth functions of any slow variable, so only columns and angles are tried as
-    # drivers.
+    # Smooth functions of any slow variable resemble a random walk. Therefore only further columns and stand
+    # angles are tried as drivers if the remainder is a random walk.
     is_random = first.remainder is not None and first.remainder.kind == "stochastic"
     forms = further_forms(recordings) if is_random else library(recordings)
     selected = _selected(question, recordings, names, forms, first)
@@ -164,7 +164,7 @@ def _state(recording: Recording) -> State:
 
 
 def _field(form: Form, name: str, columns: Collection[str], states: Sequence[State]) -> UserField | None:
-    """The field of a form; None if the field does not vary in the recordings or is not finite."""
+    """The field of a form, evaluated in the recordings; None if it is constant or not finite."""
     try:
         effect = FormulaEffect.of(form.text(name), columns=columns)
         fields = tuple(effect.columns(state) for state in states)

@@ -29,7 +29,7 @@ RIVAL_NATS: Final = 3.0
 # Number of random halves of the rests and moves, and minimum share of the halves that select the same driver.
 HALVES: Final = 50
 LEAST_STABLE: Final = 0.8
-# Number of the best candidates that are compared in the random halves.
+# Number of candidates with the largest evidence that are compared in the random halves.
 FINALISTS: Final = 16
 # Maximum number of laws that are selected.
 MOST_LAWS: Final = 3
