@@ -18,7 +18,7 @@ from imucal.document.json_document import write_json
         ("--effect gyro_g_sensitivity=1@5", "gyro_g_sensitivity has no shape: 5.0 was given"),
         ("--effect gyro_bias_warmup=1@-5", "shape of gyro_bias_warmup is -5.0: a positive number"),
         ("--effect gyro_bias_drift=a", "could not convert string to float: 'a': give NAME=VALUE"),
-        ("--effect gyro_bias_drift=nan", "gyro_bias_drift hold nan: finite numbers are needed"),
+        ("--effect gyro_bias_drift=nan", "gyro_bias_drift contain nan: finite numbers are needed"),
         (
             "--effect samples_missing=0.1,0.2",
             "samples_missing has 1 numbers and no shape: 2 numbers were given",

@@ -56,7 +56,7 @@ class ResidualFit:
 
     @property
     def text(self) -> str:
-        """The residuals beside their noise, in words."""
+        """A text that compares the residuals with their noise."""
         sizes = ["-" if size is None else f"{size:.3g} {self.unit}" for size in (self.rms, self.noise)]
         return f"{RESIDUALS[self.kind].removeprefix('the ')} {sizes[0]} rms (noise {sizes[1]})"
 

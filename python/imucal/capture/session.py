@@ -278,7 +278,7 @@ class Session:
         self._outlook = outlook_of(self.samples.recording(), self.order.gravity_mps2, before)
         asked = self._asked
         other = (
-            "; it is not the pose that was asked for, but it counts, too"
+            "; it is not the requested pose, but it also counts"
             if asked is not None and angle_deg(self._directions[asked], pose.up) > NEAR_DEG
             else ""
         )
@@ -393,7 +393,7 @@ class Session:
         )
 
     def _first(self, what: str) -> bool:
-        """Whether this message is the first of its kind about the current rest."""
+        """Whether no message of the kind `what` was sent about the current rest yet. Marks it as sent."""
         if what in self._said:
             return False
         self._said.add(what)

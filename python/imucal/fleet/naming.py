@@ -69,7 +69,7 @@ class Naming:
         return jobs
 
     def words(self, job: Job) -> str:
-        """A sentence on the rule, with an example, to show before a run."""
+        """A sentence that explains how serial numbers are derived, with `job` as an example."""
         rule = (
             f"by {self.pattern}"
             if self.pattern

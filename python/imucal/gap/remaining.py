@@ -28,8 +28,8 @@ def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Describe
         generic = notes.scatter_of(search.scattering_rests)
     if generic is None and found.pattern == "between_sessions" and session is not None:
         words = notes.session_in_words(session)
-        # With biases fitted to the control recordings, their chi2 per degree of freedom may be at most
-        # POOR_CHI2_PER_DOF. Then changed biases explain the poor fit, and the other reasons are omitted.
+        # If chi2 per degree of freedom of the control recordings is at most POOR_CHI2_PER_DOF after their
+        # biases are fitted, changed biases explain the poor fit, and the other reasons are omitted.
         left = reasons if session.chi2_per_dof_own > POOR_CHI2_PER_DOF else []
         generic = {
             "block": found.block,

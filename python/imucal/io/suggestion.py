@@ -96,7 +96,7 @@ def _without_a_sensor(header: Header) -> str:
         )
     if header.accel or header.gyro or header.plain:
         what = "accelerometer" if header.accel else "gyroscope" if header.gyro else "one sensor"
-        return f"It holds {what} only: give both files of the recording with --format pair. "
+        return f"It contains {what} only: give both files of the recording with --format pair. "
     return ""
 
 
