@@ -1,4 +1,4 @@
-"""Damaged, wrong and unusual files: the message and exit code of a command, and the error of the same call."""
+"""Damaged, wrong and unusual files: message and exit code of a command, and the error of the same call."""
 
 import functools
 import json
