@@ -89,6 +89,8 @@ def as_matrix(values: ArrayLike, what: str, shape: tuple[int, ...]) -> FloatArra
     if array.shape != shape:
         raise InputError(f"{what} has the shape {array.shape}, {shape} is needed")
     if not np.isfinite(array).all():
-        raise InputError(f"{what} holds {array[~np.isfinite(array)][0]}: finite numbers are needed")
+        raise InputError(
+            f"{what} contains the value {array[~np.isfinite(array)][0]}: finite numbers are needed"
+        )
     array.flags.writeable = False
     return array

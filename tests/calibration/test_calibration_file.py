@@ -275,7 +275,7 @@ def test_wrong_fields(fields, message):
         (np.eye(2), np.zeros(3), r"sensitivity has the shape \(2, 2\)"),
         (np.eye(3), np.zeros((3, 1)), r"bias has the shape \(3, 1\)"),
         (np.diag([1, 1, 0]), np.zeros(3), "nearly singular"),
-        (np.diag([1, 1, math.nan]), np.zeros(3), "holds nan"),
+        (np.diag([1, 1, math.nan]), np.zeros(3), "contains the value nan"),
     ],
 )
 def test_wrong_triads(sensitivity, bias, message):

@@ -415,7 +415,7 @@ def test_a_unit_that_is_given_twice_is_said(tmp_path, monkeypatch, capsys):
     assert main(["limits", "check", "limits.json", *files, "--json", "day.json"]) == 0
     said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning: ")]
     assert said == [
-        f"warning: {tmp_path / 'c.json'} is given twice: it counts as two units",
+        f"warning: {tmp_path / 'c.json'} is given twice, so it is one unit counted twice",
         "warning: the serial number 0042 occurs in a.json and b.json, which count as 2 units",
     ]
     assert len(json.loads(Path("day.json").read_text())["warnings"]) == 2

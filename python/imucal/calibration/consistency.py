@@ -145,8 +145,8 @@ def require_covariance(node: Node, parameters: Sequence[str]) -> None:
         if name not in following:
             raise FormatError(
                 f"{node.file}: {node.path}.names[{k}] is {name}, but $.parameters[{parameters.index(name)}] "
-                "is: the rows of the covariance are in the order of the parameters: exchange the names "
-                "again, or calibrate again"
+                "is already named above. The covariance lists the parameters in the order of $.parameters: "
+                "restore that order of the names, or calibrate again"
             )
     matrix = node.get("matrix").array(len(names), len(names))
     place = f"{node.path}.matrix"

@@ -278,7 +278,8 @@ def _effect(node: Node, user_effects: Mapping[str, UserEffect]) -> tuple[EffectV
         effect = known[name]
     else:
         raise FormatError(
-            f"{node.file}: {node.path} is not known to this version of imucal ({name}): install a newer one"
+            f"{node.file}: {node.path} is not known to this version of imucal ({name}): install a newer "
+            "version"
         )
     node.get("sensor").text((effect.sensor,))
     items = node.get("parameters").items()

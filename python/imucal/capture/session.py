@@ -131,8 +131,7 @@ class Session:
         self._asked: int | None = None
         self._attitude = np.eye(3)
 
-    # --- samples
-    # ---------------------------------------------------------------------------------------------
+    # Methods that receive samples.
 
     def feed(self, rows: FloatArray) -> list[Event]:
         """Add samples, (N, columns), and return the new messages. Nothing is added after `done`."""
@@ -195,8 +194,7 @@ class Session:
         )
         return kept, [Event(now_s, "info", "undone", text), *self._ask(now_s, None)]
 
-    # --- looks
-    # -----------------------------------------------------------------------------------------------
+    # Methods that examine the recording so far.
 
     def _look(self) -> list[Event]:
         now_s = float(self.samples.times_s(self.samples.rows[-1:])[0])
@@ -254,8 +252,8 @@ class Session:
             return []
         if self._has_gap(rest.end_s, now_s):
             text = (
-                f"{pose_words(rest.up)}: data are missing after {rest.duration_s:.1f} s, and the pose does "
-                "not count yet: hold on"
+                f"{pose_words(rest.up)}: data are missing after {rest.duration_s:.1f} s, so the pose does "
+                "not count yet: hold the unit still for longer"
             )
             return [Event(now_s, "refused", "interrupted", text)]
         text = (
@@ -290,8 +288,7 @@ class Session:
             events.append(Event(now_s, "info", "not_enough", self._lacks()))
         return [*events, *self._ask(now_s, pose.up)]
 
-    # --- poses
-    # -----------------------------------------------------------------------------------------------
+    # Methods that accept or refuse poses.
 
     def _add(self, rest: Held) -> Pose:
         pose = Pose(len(self.poses) + 1, rest.start_s, rest.end_s, rest.up)
@@ -339,8 +336,7 @@ class Session:
     def _request(self) -> str:
         return "the next pose" if self._asked is None else pose_words(self._directions[self._asked])
 
-    # --- the end
-    # ---------------------------------------------------------------------------------------------
+    # Methods that end the recording.
 
     def _is_complete(self) -> bool:
         return (

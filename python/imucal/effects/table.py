@@ -45,7 +45,9 @@ def find(name: str) -> Effect:
     for row in disturbances():
         if name == row.name:
             what = "noise" if row.kind == "noise" else "a fault"
-            raise InputError(f"{name} is {what}: it has no field, so it is not estimated or taken away")
+            raise InputError(
+                f"{name} is {what}: it has no parameter, so it can be neither estimated nor removed"
+            )
     raise not_known(name, catalogue_by_name())
 
 

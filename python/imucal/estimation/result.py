@@ -143,7 +143,7 @@ class CalibrationResult:
             notes.append(
                 "the given calibration of the accelerometer is a prior with its covariance"
                 + (f" (from {files})" if files else "")
-                + ": the recordings change its parameters as far as they determine them"
+                + ", which the recordings update"
             )
         if self.from_means is not None:
             notes += self.from_means.notes

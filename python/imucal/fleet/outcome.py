@@ -24,7 +24,7 @@ __all__ = [
     "measured_of",
 ]
 
-# Codes of failures that a later run may not have: a file was missing, or changed during the run.
+# Codes of failures that may not occur again in a later run: a file was missing, or changed during the run.
 TRANSIENT: Final = ("file_missing", "file_changed")
 # Compression level of documents. Level 1 takes a fifth of the time of level 6, and its output is a tenth
 # larger.

@@ -196,9 +196,9 @@ def disk_error(path: str | os.PathLike[str], error: sqlite3.Error, stored: str =
     """The error for a store that cannot be read or written; `stored` states the stored outcomes."""
     reason, name = str(error), os.fspath(path)
     if "locked" in reason:
-        way_out = "another process holds it; wait for that process, or end it"
+        way_out = "another process has locked it; wait until that process ends, or end it"
     elif "full" in reason or "I/O" in reason:
-        way_out = "free space on its disk, and run the same command again: it goes on"
+        way_out = "free space on its disk, and run the same command again, which resumes"
     elif "not a database" in reason or "malformed" in reason:
         way_out = "it is no store, or is damaged: give another file"
     else:

@@ -184,7 +184,7 @@ def session_in_words(step: SessionStep) -> str:
             f"; the temperature changed by {change_k:.1f} K, which would be {_per_kelvin(step, change_k)}"
         )
     words += (
-        f"; control chi2 per degree of freedom {step.chi2_per_dof:.4g}, with its own biases "
+        f"; control chi2 per degree of freedom {step.chi2_per_dof:.4g}, with biases of its own "
         f"{step.chi2_per_dof_own:.4g}"
     )
     if step.chi2_per_dof_own > ABOVE_NOISE:
@@ -261,7 +261,7 @@ def above_noise_of(found: _core.Remainder, result: CalibrationResult) -> dict[st
     return {
         "block": found.block,
         "kernel": "above_noise",
-        "description": f"{of} recordings: {words}, in no pattern that is known",
+        "description": f"{of} recordings: {words}, and match none of the known patterns",
     }
 
 

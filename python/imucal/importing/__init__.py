@@ -107,7 +107,7 @@ def _reader(contents: Sequence[Content], format: str | None) -> Reader:
         reader = READERS[format]
         for content in contents:
             if not reader.recognises(content):
-                raise FormatError(f"{content.name} is no file of {reader.title}: it lacks the fields of it")
+                raise FormatError(f"{content.name} is no file of {reader.title}: required fields are missing")
     else:
         fitting = [reader for reader in READERS.values() if all(map(reader.recognises, contents))]
         if len(fitting) > 1:

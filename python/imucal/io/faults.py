@@ -41,8 +41,8 @@ def faults_named(paths: Sequence[str | os.PathLike[str]], title: str) -> Iterato
 def too_large(paths: Sequence[str | os.PathLike[str]], title: str) -> FormatError:
     """The error for a file whose reading needs more memory than permitted for its size, or than available."""
     return FormatError(
-        f"{shown_names(paths)} cannot be read as {title}: it needs more memory than a file of this size "
-        f"should, or than there is: {WAY_OUT}; or give a shorter recording"
+        f"{shown_names(paths)} cannot be read as {title}: reading it needs more memory than a file of this "
+        f"size normally does, or more than is available: {WAY_OUT}; or give a shorter recording"
     )
 
 

@@ -66,8 +66,8 @@ def limit_process(memory_bytes: int, processor_s: int) -> None:
         _, most = resource.getrlimit(kind)
         allowed = value if most == resource.RLIM_INFINITY else min(value, most)
         with suppress(OSError, ValueError):
-            # Only the soft limit is changed, because a process that reaches its hard limit of processor time
-            # is killed without the signal that identifies the cause.
+            # Only the soft limit is changed. A process that reaches its soft limit of processor time receives
+            # SIGXCPU, which identifies the cause; at the hard limit it would receive SIGKILL.
             resource.setrlimit(kind, (allowed, most))
 
 

@@ -31,7 +31,7 @@ KINDS: Final = {
     "move_direction": "gravity direction after moves",
     "rest_rate": "rate at rest",
 }
-# Heights in pixels of: the row of a share, the row of a parameter, and the title and labels of a panel.
+# Heights, in pixels, of the row of a share, of the row of a parameter, and of a panel's title with labels.
 ROW_PX: Final = 34
 SIZE_ROW_PX: Final = 24
 PANEL_PX: Final = 66

@@ -204,7 +204,7 @@ def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
 
 
 def _refused(error: InputError) -> Assessment:
-    """Reasons from the checks that refused the recordings, as faults of the unit or other faults."""
+    """Assessment from the checks that refused the recordings: faults of the unit, or else other faults."""
     grave = [finding for finding in error.findings if finding.severity == "error"]
     unit = [Reason(OF_THE_UNIT[f.code], str(f)) for f in grave if f.code in OF_THE_UNIT]
     other = [Reason(f"data_{f.code}", str(f)) for f in grave if f.code not in OF_THE_UNIT]

@@ -23,10 +23,10 @@ def compose(
     output: Annotated[Path, option("--output", "-o", metavar="PATH", help="Calibration file to write.")],
     json: JsonPath = None,
 ) -> None:
-    """Combine two calibrations of a unit, the second of data that the first has corrected, into one.
+    """Combine two calibrations of a unit into one. The second is estimated from data corrected by the first.
 
-    The result corrects raw samples as both do one after the other. It has the uncertainty of the second, and
-    that of the effects that only the first has.
+    The result corrects raw samples as both do one after the other. Its uncertainty is that of the second
+    calibration. Effects that only the first calibration has keep their uncertainty.
 
     Example: imucal compose unit-0042.json second.json -o both.json
     """

@@ -192,7 +192,7 @@ def _warnings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     for row in rows:
         file = Path(row["file"]).absolute()
         if file in files:
-            warnings.append(f"{row['file']} is given twice: it counts as two units")
+            warnings.append(f"{row['file']} is given twice, so it is one unit counted twice")
             continue
         files.add(file)
         if row["serial_number"]:

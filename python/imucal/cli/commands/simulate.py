@@ -71,8 +71,9 @@ def simulate(
         option(
             "--effect",
             metavar="NAME=VALUES",
-            help="Effect, noise or fault, SI units: NAME=V for all parameters, NAME=V,V,V for each, followed "
-            "by @SHAPE if it has a shape, or NAME=typical. May be repeated; see `imucal effects`.",
+            help="Effect, noise or fault, SI units: NAME=V for all parameters, NAME=V,V,V for each, or "
+            "NAME=typical. Append @SHAPE if the effect has a shape parameter. May be repeated; see "
+            "`imucal effects`.",
             completion=completion.effects_to_simulate,
             panel=UNIT,
         ),

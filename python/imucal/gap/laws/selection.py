@@ -156,7 +156,7 @@ def _stability(
     nats: FloatArray,
     group: tuple[str, tuple[str, ...]],
 ) -> float:
-    """Share of random halves of the rests and moves in which the best form belongs to the group."""
+    """Share of random halves of the rests and moves whose best form belongs to the given group."""
     finalists = _finalists(given, nats)
     blocks = [_scaled(given.candidates[place][1] * weights[:, None]) for place in finalists]
     whole = np.hstack([_scaled(model * weights[:, None]), *blocks, (given.residual * weights)[:, None]])
