@@ -92,7 +92,8 @@ impl Design {
         self.open_to(ACCELEROMETER..OBSERVED.len(), |source| matches!(source, Source::Move(_)))
     }
 
-    /// Undetermined parameters among `columns`, if only the rows of the rests or moves selected by `is_used` are used.
+    /// Undetermined parameters among `columns` in a design that contains only the rows of some rests or moves.
+    /// `is_used` selects these rests or moves.
     fn open_to(&self, columns: Range<usize>, is_used: impl Fn(Source) -> bool) -> Result<Open, Error> {
         let rows: Vec<&[f64; 18]> =
             self.rows.iter().zip(&self.lines).filter(|(_, line)| is_used(line.source)).map(|(row, _)| row).collect();

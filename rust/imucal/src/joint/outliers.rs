@@ -314,8 +314,8 @@ impl LeaveOut {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// Decrease d of chi2 if these columns are free, and its degrees of freedom: the number of directions that can be
-    /// judged.
+    /// Decrease d of chi2 if the residuals are free along these columns of A. The second value is the degrees of
+    /// freedom of d. Directions with a leverage near one cannot be judged and do not count.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {

@@ -65,8 +65,8 @@ fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     1e-10 + if largest.is_empty() { 0.0 } else { 1.5 * quantile(&mut largest, ORDINARY) }
 }
 
-/// Encoder readings of one motor in rad, the span in samples, and the limit of the change within a span at standstill
-/// in rad.
+/// Encoder readings of one motor, rad; the length of a span, in samples; and the largest change of a reading within a
+/// span at which the motor counts as standing still, rad.
 struct Motor {
     readings: Vec<f64>,
     span: usize,
