@@ -236,7 +236,7 @@ def test_limits_file_round_trip_and_schema(tmp_path):
         ({"settle_s": -1}, r"\$\.settle_s is -1"),
         ({"axes": [{"max_rate_dps": 0}, None, None]}, r"\$\.axes\[0\]\.max_rate_dps is 0"),
         ({"axes": [{"range_deg": [10, -10]}, None, None]}, "the lower angle comes first"),
-        ({"forbidden_deg": [{}]}, "names no axis"),
+        ({"forbidden_deg": [{}]}, "has no axis"),
     ],
 )
 def test_a_wrong_limits_file_names_its_field(tmp_path, change, message):

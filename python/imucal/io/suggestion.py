@@ -42,7 +42,7 @@ def suggestion(
     others = [t.columns[0] for t in (*header.accel[1:], *header.gyro[1:])]
     if others:
         sentences.append(f"there are further sensors ({', '.join(others)}, ...): choose one")
-    shown = f"No unit is taken for granted: {'; '.join(sentences)}. " if sentences else ""
+    shown = f"No unit is assumed: {'; '.join(sentences)}. " if sentences else ""
     missing = [what for _, what, unit in guessed if unit is None]
     pairs = [time] if time and not is_canonical(time.partition("=")[2]) else []
     lines = []

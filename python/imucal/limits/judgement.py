@@ -87,8 +87,8 @@ class Check:
             if limit is not None and abs(self.value - limit) < NEAR_SIGMAS * self.std:
                 sigmas = abs(self.value - limit) / self.std
                 return (
-                    f"{self._against(limit)}, {sigmas:.1f} sigma from its limit {limit:.10g}: measured "
-                    "again it may fall on the other side"
+                    f"{self._against(limit)}, {sigmas:.1f} sigma from its limit {limit:.10g}, so "
+                    "another measurement may be on the other side of the limit"
                 )
         return ""
 

@@ -221,7 +221,7 @@ def _axis(node: Node) -> AxisLimits | None:
     if span is not None and not span[0] <= 0.0 <= span[1]:
         raise FormatError(
             f"{node.file}: {node.path}.range_deg is {list(span)}: angles count from the start of a program, "
-            "so 0 is between them"
+            "so the range must contain 0"
         )
     return AxisLimits(**numbers, range_deg=span)
 
@@ -230,7 +230,7 @@ def _zone(node: Node) -> tuple[Range | None, Range | None, Range | None]:
     require_fields(node, AXES, "a forbidden zone")
     first, second, third = (_span(node.get(axis)) if axis in node.mapping() else None for axis in AXES)
     if first is second is third is None:
-        raise FormatError(f"{node.file}: {node.path} names no axis: such a zone forbids everything")
+        raise FormatError(f"{node.file}: {node.path} has no axis, so the zone would forbid every position")
     return first, second, third
 
 

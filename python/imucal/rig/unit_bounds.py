@@ -87,7 +87,7 @@ def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Col
     if {"bandwidth", "output_rate"} <= found.keys() and found["bandwidth"] > found["output_rate"]:
         raise FormatError(
             f"{node.file}: {node.path}.bandwidth is {found['bandwidth']:g} Hz, but {node.path}.output_rate "
-            f"is {found['output_rate']:g} Hz: the bandwidth is the smaller: correct one of them"
+            f"is {found['output_rate']:g} Hz; the bandwidth must be the smaller number: correct one of them"
         )
     if "sensitivity" in found:
         _require_sensitivity(

@@ -80,7 +80,7 @@ class Pause:
         self._session.paused_s += passed_s
         if now_s - self._since_s > self._timeouts.pause_s:
             code, text = PAUSES[state]
-            raise StoppedError(code, f"{text}; this has not happened for {self._timeouts.pause_s:.0f} s")
+            raise StoppedError(code, f"{text}; the pause has lasted more than {self._timeouts.pause_s:.0f} s")
         is_open_door = state == "Door" and report is not None and report.part != "0"
         if self._resumes and not is_open_door and now_s - self._asked_s > RESUME_EVERY_S:
             self._asked_s = now_s
