@@ -96,7 +96,10 @@ def write(
             *(
                 ()
                 if gyro is None
-                else ("init_gyro_cal OFF keeps gyro_zero; otherwise INAV measures it at each start.",)
+                else (
+                    "With init_gyro_cal OFF, INAV uses gyro_zero; otherwise it measures the gyroscope bias "
+                    "at each start.",
+                )
             ),
             "Paste the commands into the CLI. INAV also truncates each corrected accelerometer sample to "
             "counts.",

@@ -1,4 +1,4 @@
-"""Groups of parameters: a plan reports, and targets limit, the largest standard deviation in each group."""
+"""Groups of parameters. A plan reports, and can limit, the largest standard deviation in each group."""
 
 from __future__ import annotations
 

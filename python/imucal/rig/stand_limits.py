@@ -29,7 +29,7 @@ SCHEMA: Final = "imucal.stand-limits/1"
 AXES: Final = ("axis_1", "axis_2", "axis_3")
 AXIS_FIELDS: Final = ("max_rate_dps", "max_acceleration_dps2", "range_deg", "cable_wrap_deg")
 FIELDS: Final = ("schema", "description", "axes", "settle_s", "min_rest_s", "minutes", "forbidden_deg")
-# Largest accepted value of each limit. Rates, accelerations, angles and times have the bounds of a program.
+# Largest accepted value of each limit. The limits of a stand have the same bounds as the steps of a program.
 LARGEST: Final = {
     "max_rate_dps": MAX_RATE_DPS,
     "max_acceleration_dps2": MAX_ACCELERATION_DPS2,

@@ -227,7 +227,7 @@ def _column(
 
 
 def _filtered(unit: Unit, filter_hz: float | str | None, averaging: bool) -> Unit:
-    """The unit with this low-pass filter, or averaging, before sampling."""
+    """The unit whose signals are filtered before sampling, by a low pass or by averaging."""
     if filter_hz is None and not averaging:
         return unit
     if isinstance(filter_hz, str) and filter_hz != "datasheet":

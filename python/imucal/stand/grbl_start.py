@@ -22,9 +22,10 @@ __all__ = ["NEAR_DEG", "Consent", "Ready", "prepared", "require_zero"]
 
 # Largest deviation of each motor from its target, deg, at which a pose counts as reached.
 NEAR_DEG: Final = 0.5
-# Numbers of GRBL's settings: reports in inches ($13), soft limits ($20); and for the first axis: highest
-# rate, deg/min, acceleration, deg/s^2, and travel, deg. Each further axis has the next number.
+# Numbers of the GRBL settings for reports in inches ($13) and for soft limits ($20).
 IN_INCHES, SOFT_LIMITS = 13, 20
+# Numbers of the GRBL settings of the first axis: maximum rate, deg/min, acceleration, deg/s^2, and travel,
+# deg. Each further axis has the next number.
 FIRST_RATE, FIRST_ACCELERATION, FIRST_TRAVEL = 110, 120, 130
 # Only grblHAL has settings from this number on.
 FIRST_OF_HAL: Final = 300
