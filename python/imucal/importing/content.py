@@ -73,7 +73,7 @@ def _yaml(text: str, name: str) -> Any:
     text = re.sub(r"\A\s*%YAML:1\.0\s*\n(---)?", "", text)
     with parsing(name, "YAML", "export or copy it again"):
         found = [document for document in yaml.load_all(text, Once) if document is not None]
-        # The conversion to JSON and back removes dates and references, which JSON does not have.
+        # The conversion to JSON and back replaces dates by texts and YAML aliases by copies.
         plain = json.loads(json.dumps(found, default=str))
     return _with_numbers(plain[0] if len(plain) == 1 else plain)
 

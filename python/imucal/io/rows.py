@@ -265,7 +265,7 @@ def _refuse_too_many(
     place: Callable[[int], str],
     layout: Layout,
 ) -> None:
-    """Raises FormatError if more than `MOST_TEXT` or `MOST_GARBLED` of the lines would be skipped."""
+    """Raises FormatError if too many lines are short (`MOST_GARBLED`) or contain text (`MOST_TEXT`)."""
     good = int(kept.sum())
     short = [line for line in left.lines if not line[2]]
     text_lines = int(is_text.sum()) + len(left.lines) - len(short)

@@ -197,7 +197,7 @@ class NoiseResult:
         )
 
     def summary(self) -> str:
-        """One line for each figure with a value or a bound, and the findings."""
+        """One line for each noise figure of each axis, then one line for each finding."""
         lines = [self.heading()]
         for name, axis in self.axes.items():
             for figure, estimate in axis.figures.items():

@@ -83,7 +83,7 @@ class Plan:
         """The program for a stand. Raises InputError for a motion without a program, such as one by hand."""
         if not isinstance(self.motion, Program):
             raise InputError(
-                f"the motion {self.kind} has no program for a stand: plan grid, random, faces or optimal"
+                f"the motion {self.kind} has no program for a stand: use grid, random, faces or optimal"
             )
         return self.motion
 

@@ -134,7 +134,7 @@ def _histogram(result: CalibrationResult) -> list[Shown]:
     try:
         figure = plot.histogram(result)
     except InputError:
-        # A table of means for which the noise of the means is not known has no histogram.
+        # A calibration from a table of mean readings without their noise has no histogram.
         return []
     caption = (
         "Residuals in standard deviations of their noise. If noise alone explains the residuals, the bars "

@@ -70,7 +70,7 @@ def with_laws(question: Question, first: Gap) -> Gap:
         try:
             found = _found(question, first, kept)
         except ImucalError:
-            # If the linearisation or the fit with a law fails, the first result is kept.
+            # If the linearisation or the fit with a law fails, this trial has no result.
             continue
         if found is not None and (kept or not names or _excess(found) < LEAST_BETTER * _excess(best)):
             best = found

@@ -12,9 +12,10 @@ const EDGE_STEPS: f64 = 3.0;
 /// Minimum change of another axis of the triad during the plateau, in converter steps of that axis. It excludes rests
 /// without noise.
 const SIBLING_STEPS: f64 = 2.0;
-/// Minimum change of the channel at a distance of the plateau's length before and after the plateau, in steps of the
-/// converter. It is the criterion for high sampling rates and coarse steps, at which even a clipped channel changes
-/// slowly next to the plateau. A rounded peak whose top lies within one step changes by nine steps over this distance.
+/// Minimum difference, in steps of the converter, between the plateau and the samples that lie one length of the
+/// plateau before its start and after its end. It is the criterion for high sampling rates and coarse steps, at which
+/// even a clipped channel changes slowly next to the plateau. A rounded peak whose top lies within one step changes by
+/// nine steps over this distance.
 const FAR_STEPS: f64 = 12.0;
 /// Minimum change of another axis during a plateau that is detected by [`FAR_STEPS`], as a share of the range of that
 /// axis.

@@ -40,7 +40,7 @@ const MEAN_S: f64 = 1.0;
 /// Searches the checked recordings for effects among `candidates` and `user_fields`.
 ///
 /// `is_hand_moved` is true if an earlier search with more candidates detected hand motion ([`Search::is_hand_moved`]).
-/// If it is false, hand motion is tested here.
+/// If it is false, this search tests the recordings for hand motion.
 ///
 /// # Errors
 /// The errors of [`calibrate`](crate::calibrate::calibrate()).

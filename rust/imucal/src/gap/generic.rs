@@ -109,7 +109,7 @@ pub(crate) struct Hypothesis {
 }
 
 enum Shape {
-    /// The deviation is a combination of eigenfunctions of a kernel.
+    /// The deviation of the parameter from its mean is a linear combination of eigenfunctions of the kernel.
     Varies(Arc<Shares>),
     /// The deviation is a nonlinear function of the sensor's input. The second field is the largest magnitude of the
     /// input. The columns are smooth functions of the input on each axis, products of the inputs on two axes and, for

@@ -11,8 +11,9 @@ use crate::error::Error;
 use crate::joint::Prepared;
 use crate::numerics::stats::p_value;
 
-/// Maximum difference of log evidence, nats, from the selected effect for another candidate to be a rival. An alias
-/// replaces the effect if its log evidence is larger by more than this value. 3 nats are odds of 20 to 1.
+/// Maximum difference of log evidence, nats, from the selected effect for another candidate to be a rival. An alias,
+/// which is an effect with nearly the same residuals, replaces the effect if its log evidence is larger by more than
+/// this value. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// p-value of the likelihood ratio between the models with and without an effect. The effect is superfluous if the
 /// p-value is larger.

@@ -154,7 +154,7 @@ impl Joint<'_> {
     }
 
     /// Derivatives with respect to an error of the specific force. The derivatives of the norm and move residuals are
-    /// written to `lines` before whitening. The whitened derivatives of all other residuals are written to `all`.
+    /// written to `lines` without whitening. The whitened derivatives of all other residuals are written to `all`.
     fn by_force(
         &self,
         linear: &Linear,

@@ -34,7 +34,7 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
-    /// Sign of each motor's last motion after the step, given the signs before it.
+    /// Direction in which each motor has turned last, after this step. `before` contains these directions before it.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }

@@ -125,8 +125,8 @@ fn gyroscope_rows(
         for (rest, by_direction) in [(m.from, before), (m.to, after)] {
             let (by_mean, direction_by_parameters) = &directions[rest];
             by_parameters += by_direction * direction_by_parameters;
-            // The direction at a hand-held rest is computed from only part of its samples. Their noise is included in
-            // the noise of the move, so nothing is subtracted here.
+            // At a hand-held rest the direction is computed from only part of the samples. The variance of the move
+            // already contains the noise of these samples, so the rest contributes no further term.
             if rests[rest].is_steady() {
                 subtract(map, 3 * rest, &(by_direction * by_mean));
             }

@@ -97,8 +97,8 @@ impl Joint<'_> {
     fn moved(&self, parameters: &[f64], jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*known(&self.nearby.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
-        // The distance does not include the priors of held parameters, so there is no update with held parameters
-        // either.
+        // The distance does not include priors. There is therefore no update either if parameters are held, which
+        // means that each of them has a prior given by the user.
         if encoders || !self.prepared.held.is_empty() || self.terms.all.iter().any(Term::has_shape) {
             return Ok(None);
         }
