@@ -41,7 +41,7 @@ class _Canvas:
         return self.columns + self.scale * right, 2.0 * self.lines - self.scale * up
 
     def line(self, start: FloatArray, end: FloatArray, style: str, every: int = 1) -> None:
-        """Draw a line between two points in the world frame; with `every` > 1, every `every`-th dot is blank."""
+        """Draw a line between two points in the world frame. If `every` > 1, each `every`-th dot is blank."""
         (x1, y1), (x2, y2) = self.place(start), self.place(end)
         count = int(max(abs(x2 - x1), abs(y2 - y1))) + 1
         for i in range(count + 1):
