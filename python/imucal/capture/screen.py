@@ -74,7 +74,7 @@ class CaptureScreen(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         ("u", "undo", "drop the last pose"),
         ("q", "finish", "end and calibrate"),
-        # The screen of textual has a hidden binding of this key.
+        # Textual itself binds this key, hidden from the footer. A binding with priority replaces it.
         Binding("ctrl+c", "stop", "interrupt, to continue later", priority=True),
     ]
     ENABLE_COMMAND_PALETTE = False

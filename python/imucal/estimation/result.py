@@ -83,12 +83,12 @@ class CalibrationResult:
 
     @property
     def control_set(self) -> Figures | None:
-        """Figures on the control recordings; None without any."""
+        """Figures on the control recordings; None without control recordings."""
         return None if self.control is None else self.control.figures
 
     @property
     def control_before(self) -> Figures | None:
-        """Figures of the uncalibrated unit on the control recordings; None without any."""
+        """Figures of the uncalibrated unit on the control recordings; None without control recordings."""
         return None if self.control is None else self.control.before
 
     @property

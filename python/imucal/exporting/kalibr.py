@@ -146,7 +146,7 @@ KALIBR = Format(
     source="ethz-asl/kalibr, IccSensors.py, IccScaledMisalignedImu",
     units=SI,
     includes="scale and misalignment of both sensors, gyro_g_sensitivity",
-    omits="constant biases (given in the header), all other effects, noise figures (kalibr-imu)",
+    omits="constant biases (given in the header), all other effects, noise figures (see kalibr-imu)",
     layout=line_comments("#"),
     write=write,
 )

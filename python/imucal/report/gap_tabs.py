@@ -49,9 +49,9 @@ def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
         yield Shown(
             "against",
             plot.residual_against(shown, has_effects=bool(gap.effects or gap.laws)),
-            "Residuals of rests, and of moves about one axis. Each panel has the variable that explains "
-            "most of its residuals. A pattern indicates a missing effect. Open markers are control "
-            "recordings.",
+            "Residuals of rests, and of moves about one axis. The x-axis of each panel is the variable "
+            "that explains most of its residuals. A pattern indicates a missing effect. Open markers are "
+            "control recordings.",
         )
     yield _channels(found["channels"])
     if found["depends"]:

@@ -21,7 +21,7 @@ __all__ = ["Progress", "Prospect", "parse_target"]
 
 # Number of directions on the sphere for which coverage is evaluated.
 DIRECTIONS: Final = 200
-# A direction is covered if its angle from the vertical of a rest is below this angle, deg.
+# A body direction is covered if it is less than this angle, deg, away from the vertical at one of the rests.
 NEAR_DEG: Final = 30.0
 # Largest share of one processor that the evaluation of samples may use.
 SHARE: Final = 0.2

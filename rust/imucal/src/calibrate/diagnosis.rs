@@ -132,7 +132,8 @@ fn effect_of(outcome: &Outcome, p: usize) -> Option<(&TermEstimate, usize)> {
     outcome.effects.iter().find_map(|e| Some((e, e.parameter_names.iter().position(|name| *name == outcome.names[p])?)))
 }
 
-/// Usual size of parameter `p`, in the unit of the parameter; `None` for user-defined effects and for time constants.
+/// Typical error of parameter `p` of an uncalibrated sensor, in the unit of the parameter.
+/// `None` for user-defined effects and for time constants.
 fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     let scale = |triad: &imucal_core::sensor::Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
     let (accelerometer, gyroscope) = (scale(&outcome.calibration.accelerometer), scale(&outcome.calibration.gyroscope));

@@ -139,8 +139,8 @@ impl UnitData<'_> {
             }
         }
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
-        // If an excluded rest lies between two moves, one move across this rest replaces them. This move is excluded,
-        // too, if one of the two moves contradicts the others.
+        // If an excluded rest lies between two moves, one longer move across this rest replaces the two. The longer
+        // move is excluded, too, if one of the two was excluded as an outlier.
         let within = |m: &Move, bad: &Move| m.recording == bad.recording && m.first <= bad.first && bad.last <= m.last;
         let contradicts: Vec<Move> = moves.iter().filter(|m| bad.iter().any(|bad| within(m, bad))).copied().collect();
         let mut selection = Selection { used, moves, left_out };

@@ -240,7 +240,7 @@ fn highest(tops: &[Peak]) -> Peak {
     Peak { elsewhere: others.fold(top.elsewhere, f32::max), ..top }
 }
 
-/// A window of ones with raised cosines at both ends.
+/// A Tukey window: ones, with raised cosines at both ends.
 fn taper(length: usize) -> Vec<f32> {
     let edge = (TAPER * length as f64) as usize;
     let weight = |i: usize| {

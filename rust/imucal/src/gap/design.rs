@@ -257,7 +257,7 @@ impl Design {
         let Rows { groups, items, axes, .. } = &*self.rows;
         let known = self.known();
         let (columns, first) = (self.rows.columns(), self.gram.residual);
-        // The rows of the priors of held parameters are not part of the design.
+        // The new columns may have further rows, for the priors of held parameters. The design has no such rows.
         let more = &more.subrows(0, columns.nrows()).to_owned();
         let gram = known.with(&known.others(more));
         let mut all = Mat::zeros(columns.nrows(), first + more.ncols());

@@ -112,7 +112,7 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
     faults
 }
 
-/// Minimum of a sequence over a window that starts at each element.
+/// Sliding-window minimum of a sequence. The window at an element contains this element and the next ones.
 struct Envelope {
     window: usize,
     /// Candidates for the minimum as (index, value), in ascending order of both.

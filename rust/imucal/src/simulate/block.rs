@@ -176,7 +176,7 @@ impl Piece<'_> {
     }
 }
 
-/// Additional rate and force from the setup, linearly interpolated between two samples.
+/// Rate and force that the user added to those of the motion, linearly interpolated between two samples.
 #[inline]
 fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = |rows: Option<&[[f64; 3]]>| match rows {
