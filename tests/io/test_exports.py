@@ -1,6 +1,7 @@
 """The exports of makers and apps in docs/formats.md, each on a file in the form of its description."""
 
 import gzip
+import re
 import zipfile
 from dataclasses import dataclass
 
@@ -786,6 +787,55 @@ def other_parquet(folder):
     return Made([folder / "run.parquet"], {})
 
 
+@sample("PX4, ulog2csv")
+def ulog2csv(folder):
+    us = 50_000_000 + np.round(TIME_S * 1e6).astype(int)
+    names = [
+        *("timestamp", "timestamp_sample", "device_id", "x", "y", "z", "temperature", "error_count"),
+        *(f"clip_counter[{i}]" for i in range(3)),
+        "samples",
+    ]
+    files = [
+        write(
+            folder,
+            f"flight_sensor_{name}_0.csv",
+            ",".join(names),
+            lines(us, us, np.full(ROWS, 2_621_450), values, np.full(ROWS, 40.1), np.zeros((ROWS, 5), int)),
+        )
+        for name, values in (("accel", FORCE), ("gyro", RATE))
+    ]
+    return Made(files, {})
+
+
+@sample("ROS 1, rosbag_to_csv")
+def rosbag_to_csv(folder):
+    names = [
+        *("time", ".header.seq", ".header.stamp.secs", ".header.stamp.nsecs", ".header.frame_id"),
+        *(f".angular_velocity.{a}" for a in "xyz"),
+        *(f".linear_acceleration.{a}" for a in "xyz"),
+    ]
+    dates = [f"2026/01/01/12:00:{at:09.6f}" for at in TIME_S]
+    rows = lines(dates, np.arange(ROWS), NS // 10**9, NS % 10**9, ["imu"] * ROWS, RATE, FORCE)
+    return Made([write(folder, "imu.csv", ",".join(names), rows)], {})
+
+
+@sample("WitMotion, CSV of the phone app")
+def witmotion_app(folder):
+    names = [
+        *("time", "DeviceName"),
+        *(f"Acc{a}(g)" for a in "XYZ"),
+        *(f"As{a}(°/s)" for a in "XYZ"),
+        *(f"Angle{a}(°)" for a in "XYZ"),
+        *(f"H{a}(uT)" for a in "XYZ"),
+        *("Q0()", "Q1()", "Q2()", "Q3()", "T(°C)", "Version()", "Battery level(%)"),
+    ]
+    rows = lines(
+        *(colon_dates(), ["WT901BLE67"] * ROWS, FORCE / G, RATE / DEG, FORCE, FORCE),
+        *(np.ones((ROWS, 4)), np.full(ROWS, 25.5), np.ones((ROWS, 2))),
+    )
+    return Made([write(folder, "data.csv", ",".join(names), rows)], {})
+
+
 def test_every_export_of_the_page_has_a_sample_and_the_other_way_round():
     assert [export.name for export in EXPORTS] == list(SAMPLES)
 
@@ -855,6 +905,96 @@ def test_a_betaflight_log_is_named_with_the_command_that_converts_it(tmp_path):
     )
     with pytest.raises(imucal.FormatError, match=r"blackbox_decode --unit-rotation deg/s .* LOG00001.BFL"):
         imucal.read(path)
+
+
+def test_a_text_log_of_ardupilot_is_named_with_the_command_that_converts_it(tmp_path):
+    above = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns", "PARM, 333, INS_ACC_ID, 1.0, 0"]
+    rows = [f"IMU, {50_000_000 + 10_000 * i}, 0, {row}" for i, row in enumerate(lines(RATE, FORCE))]
+    with pytest.raises(imucal.FormatError, match=r"give the log itself \(.bin\), .*--types IMU 00000001.log"):
+        imucal.read(write(tmp_path, "00000001.log", above, rows))
+
+
+def test_columns_of_which_only_the_first_has_a_name_are_x_y_z(tmp_path):
+    files = [
+        write(
+            tmp_path, f"GX01-{name}.csv", f'"cts","date","{name} [{unit}]","1","2","temperature [°C]"', rows
+        )
+        for name, unit, rows in (
+            ("Accelerometer", "m/s2", lines(TIME_S * 1000, colon_dates(), FORCE, np.full(ROWS, 40.0))),
+            ("Gyroscope", "rad/s", lines(TIME_S * 1000, colon_dates(), RATE, np.full(ROWS, 40.0))),
+        )
+    ]
+    recording = imucal.read(*files)
+    np.testing.assert_array_equal(recording.specific_force, FORCE)
+    np.testing.assert_array_equal(recording.angular_rate, RATE)
+    assert "from Accelerometer [m/s2], 1, 2" in recording.findings[0].message
+
+
+def test_topic_sensor_combined_of_px4_is_read_by_its_names(tmp_path):
+    names = [
+        *("timestamp", *(f"gyro_rad[{i}]" for i in range(3)), "gyro_integral_dt"),
+        *("accelerometer_timestamp_relative", *(f"accelerometer_m_s2[{i}]" for i in range(3))),
+    ]
+    us, none = 50_000_000 + np.round(TIME_S * 1e6).astype(int), np.zeros(ROWS, int)
+    path = write(tmp_path, "a.csv", ",".join(names), lines(us, RATE, none, none, FORCE))
+    recording = imucal.read(path)
+    np.testing.assert_array_equal(recording.specific_force, FORCE)
+    np.testing.assert_array_equal(recording.angular_rate, RATE)
+    np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
+
+
+def test_seconds_and_nanoseconds_of_a_stamp_are_no_time_columns(tmp_path):
+    names = [
+        *("header.stamp.sec", "header.stamp.nanosec"),
+        *(f"angular_velocity.{a}" for a in "xyz"),
+        *(f"linear_acceleration.{a}" for a in "xyz"),
+    ]
+    path = write(tmp_path, "a.csv", ",".join(names), lines(NS // 10**9, NS % 10**9, RATE, FORCE))
+    with pytest.raises(imucal.FormatError, match="--rate-hz HZ"):
+        imucal.read(path)
+    assert imucal.read(path, rate_hz=RATE_HZ).rate_hz == pytest.approx(RATE_HZ)
+
+
+def test_degrees_per_sec_are_a_unit(tmp_path):
+    names = ["Time (sec)", *(f"Gyro {a} (°/sec)" for a in "XYZ"), *(f"Accel {a} (mg)" for a in "XYZ")]
+    path = write(tmp_path, "adis.csv", ",".join(names), lines(TIME_S, RATE / DEG, FORCE / G * 1000))
+    np.testing.assert_allclose(imucal.read(path).angular_rate, RATE, atol=1e-12)
+
+
+def test_linear_acceleration_that_includes_gravity_is_offered_as_the_accelerometer(tmp_path):
+    names = ["id", "timestamp", *(f"ang_vel_{a}" for a in "xyz"), *(f"lin_acc_{a}" for a in "xyz")]
+    rows = [np.arange(ROWS), NS / 1e9, RATE]
+    path = write(tmp_path, "imu.txt", "# " + " ".join(names), lines(*rows, FORCE, separator=" "))
+    with pytest.raises(imucal.FormatError, match=r"--columns '([^']*)'") as caught:
+        imucal.read(path)
+    columns = re.search(r"--columns '([^']*)'", str(caught.value))[1]
+    np.testing.assert_array_equal(imucal.read(path, columns=columns).specific_force, FORCE)
+    still = FORCE - FORCE.mean(axis=0)
+    path = write(tmp_path, "linear.txt", "# " + " ".join(names), lines(*rows, still, separator=" "))
+    with pytest.raises(imucal.FormatError, match="without gravity"):
+        imucal.read(path)
+
+
+@pytest.mark.parametrize(
+    ("above", "rate"),
+    [("// Sample rate: 100.0Hz", "100"), ("#sps,125", "125"), ("// Update Rate: 60Hz", "60"), ("// x", "HZ")],
+)
+def test_the_advice_has_the_rate_that_stands_above_the_header(tmp_path, above, rate):
+    names = ["Counter", *(f"{what}_{a}" for what in ("Acc", "Gyr") for a in "XYZ")]
+    rows = lines(np.arange(ROWS), FORCE, RATE, separator="\t")
+    with pytest.raises(imucal.FormatError, match=f"--rate-hz {rate} "):
+        imucal.read(write(tmp_path, "MT.txt", above, "\t".join(names), rows))
+
+
+def test_two_files_without_header_may_have_the_time_last(tmp_path):
+    pair = [write(tmp_path, f"{n}.csv", lines(v, NS)) for n, v in (("accel", FORCE), ("gyro", RATE))]
+    recording = imucal.read(*pair)
+    np.testing.assert_array_equal(recording.specific_force, FORCE)
+    assert [finding.code for finding in recording.findings] == ["counts_assumed"]
+    in_units = imucal.read(*pair, accel_unit="m/s^2", gyro_unit="rad/s")
+    np.testing.assert_array_equal(in_units.angular_rate, RATE)
+    assert in_units.findings == ()
+    np.testing.assert_allclose(in_units.time_s - in_units.time_s[0], TIME_S, atol=1e-6)
 
 
 def test_packets_have_their_own_time_and_are_checked(tmp_path):

@@ -195,6 +195,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Names and units of the columns were taken from the header of a file of another program.",
             "Nothing, if they are right; otherwise give `--columns`.",
         ),
+        "counts_assumed": Code(
+            "Files without a header were taken as counts, but their numbers are not whole.",
+            "If the numbers have a unit, give it with `--accel-unit` and `--gyro-unit`.",
+        ),
         "file_damaged": Code(
             "Parts of a log could not be read and were skipped.",
             "Look for gaps in time, or download the log again.",

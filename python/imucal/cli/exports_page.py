@@ -203,7 +203,8 @@ EXPORTS: Final = (
         "GoPro, telemetry extractor CSV",
         "one CSV per stream (ACCL, GYRO)",
         "imucal convert Accelerometer.csv Gyroscope.csv --time-unit ms -o rec.csv",
-        "the axes keep the names of the header (z, x, y)",
+        "the axes keep the names of the header (z, x, y); versions that name only the first of the three "
+        "columns, `Accelerometer [m/s2]`, `1`, `2`, are read as x, y, z in this order",
     ),
     Export(
         "Variense VMU931 and other loggers of one file per sensor",
@@ -271,6 +272,24 @@ EXPORTS: Final = (
         "names of the columns with sensor, axis and unit, such as `accel x (mg)`",
         "imucal convert run.parquet -o rec.csv",
         OTHERS,
+    ),
+    Export(
+        "PX4, ulog2csv",
+        "ulog2csv -m sensor_accel,sensor_gyro flight.ulg; better give the log itself",
+        "imucal convert flight_sensor_accel_0.csv flight_sensor_gyro_0.csv -o rec.csv",
+        "temperature; PX4 has applied its calibration to `sensor_combined`, which is read as well",
+    ),
+    Export(
+        "ROS 1, rosbag_to_csv",
+        "the topic of sensor_msgs/Imu; better give the bag itself",
+        "imucal convert imu.csv -o rec.csv",
+        "time stamps of the message, which the file splits into secs and nsecs: the time of receipt is read",
+    ),
+    Export(
+        "WitMotion, CSV of the phone app",
+        "record as CSV",
+        "imucal convert data.csv -o rec.csv",
+        "the angles and the magnetic field",
     ),
 )
 

@@ -26,7 +26,7 @@ _CLOCK: Final = (
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>[Zz]|UTC|GMT|[+\-]\d{2}:?\d{2})?$"
 )
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_GAP: Final = r"(?:\s*[T_, ]\s*|-)"
+_GAP: Final = r"(?:\s*[T_, /]\s*|-)"
 PATTERNS: Final = (
     r"^(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})" + _GAP + _CLOCK,
     r"^(?P<day>\d{1,2})[-/. ](?P<name>[A-Za-z]{3})[a-z]*\.?[-/. ](?P<year>\d{4})" + _GAP + _CLOCK,

@@ -262,8 +262,8 @@ def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
         shown += [f"{what}_{a}_{triad.unit}={n}" for a, n in zip("xyz", triad.columns, strict=True)]
     by = (
-        f" (units of {header.program})"
-        if "header" not in (header.accel[0].source, header.gyro[0].source)
+        f" (units of {header.program.name})"
+        if header.program is not None and "header" not in (header.accel[0].source, header.gyro[0].source)
         else ""
     )
     return remark(
@@ -296,7 +296,7 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
                 "export the accelerometer with gravity, or correct the unit in the header"
             )
     shown = ", ".join(layout.names or [])
-    is_known = header.accel and header.gyro
+    is_known = (header.accel or header.linear) and header.gyro
     lead = (
         "the header does not give every unit"
         if is_known
@@ -310,8 +310,8 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
         )
     return (
         f"{text.name}: {lead}: {shown[:200]}. "
-        f"{suggestion(header, head.cells, works, head.numbers)}Name the columns (columns=..., --columns): "
-        f"{NAMES}"
+        f"{suggestion(header, head.cells, works, head.numbers, layout.preamble)}"
+        f"Name the columns (columns=..., --columns): {NAMES}"
     )
 
 

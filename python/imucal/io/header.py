@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 from unicodedata import combining, normalize
 
-from imucal.io.programs import program_of
+from imucal.io.programs import Program, program_of
 from imucal.io.unit_words import split_unit
 
 __all__ = ["Header", "Triad", "header_of", "names_sensor", "unknown_units"]
@@ -117,7 +117,7 @@ class Header:
     plain        triads whose names are only x, y, z, with the sensor according to their unit, or ""
     times        name, unit or None, and unit source of the time columns
     temperature  name of a column of temperature and its canonical name, or None
-    program      the program or app that writes such files, or None
+    program      the program or app that writes such files, with the units of its manual, or None
     """
 
     accel: list[Triad] = field(default_factory=list)
@@ -126,7 +126,7 @@ class Header:
     plain: list[tuple[Triad, str]] = field(default_factory=list)
     times: list[tuple[str, str | None]] = field(default_factory=list)
     temperature: tuple[str, str] | None = None
-    program: str | None = None
+    program: Program | None = None
 
 
 # Column name and unit of each axis, by quantity and by the part of the name that all three axes share.
@@ -153,6 +153,8 @@ def header_of(
         bare = re.sub(r"_CAL$|_cal$", "", DESCRIPTOR.sub("", bare.removeprefix(prefix)))
         words = _words(bare)
         if _is_time(words, unit):
+            if _is_part_of_stamp(name, names):
+                continue
             known = unit[1] if unit and unit[0] == "time" else _time_in_words(words)
             if known is None and program is not None:
                 known = program.times.get(name.strip().lower())
@@ -165,8 +167,9 @@ def header_of(
         if role is not None:
             what, axis, key = role
             groups.setdefault((what, key), {}).setdefault(axis, (name, unit[1] if unit else None))
-    header = Header(times=times, temperature=temperature, program=program.name if program else None)
-    if not any(what == "gyro" and len(found) == 3 for (what, _), found in groups.items()):
+    _sensors_by_unit(names, described, groups)
+    header = Header(times=times, temperature=temperature, program=program)
+    if not _has(groups, "gyro"):
         _index_axes(names, described, groups)
     for (what, _), found in groups.items():
         if len(found) != 3:
@@ -271,11 +274,34 @@ def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[st
     return None
 
 
-def _index_axes(
-    names: Sequence[str],
-    described: Sequence[str],
-    groups: dict[tuple[str, str], dict[str, tuple[str, str | None]]],
-) -> None:
+def _has(groups: _Groups, what: str) -> bool:
+    """Whether three axes of this sensor are known."""
+    return any(of.endswith(what) and len(found) == 3 for (of, _), found in groups.items())
+
+
+def _sensors_by_unit(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
+    """Add a sensor that only its unit identifies: AsX(°/s), or three columns of which the first is named.
+
+    The second form, `Gyroscope [rad/s]`, `1`, `2`, is that of GoPro's telemetry without names of axes.
+    """
+    for what in ("accel", "gyro"):
+        if _has(groups, what):
+            continue
+        for at, (name, text) in enumerate(zip(names, described, strict=True)):
+            bare, unit = split_unit(text)
+            words = _words(bare)
+            if unit is None or unit[0] != what or any(word in OTHER or word in LINEAR for word in words):
+                continue
+            if list(names[at + 1 : at + 3]) == ["1", "2"]:
+                for axis, column in zip("xyz", names[at : at + 3], strict=True):
+                    groups.setdefault((what, name), {})[axis] = (column, unit[1])
+            ending = re.fullmatch(r"(.*?[a-z_ ])([XYZxyz])", bare.strip())
+            if ending is not None:
+                axis = ending[2].lower()
+                groups.setdefault((what, f"unit {ending[1]}"), {}).setdefault(axis, (name, unit[1]))
+
+
+def _index_axes(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
     """Add sensors whose column names number the axes, such as gyroADC[0], gyroADC[1], gyroADC[2]."""
     for name, text in zip(names, described, strict=True):
         match = re.search(r"^\s*(\w+)\[([012])\]", text)
@@ -285,9 +311,9 @@ def _index_axes(
         stem = match[1].lower()
         what = (
             "gyro"
-            if stem in ("gyroadc", "gyro")
+            if stem in ("gyroadc", "gyro", "gyro_rad")
             else "accel"
-            if stem in ("accsmooth", "acc", "accadc")
+            if stem in ("accsmooth", "acc", "accadc", "accelerometer_m_s2")
             else None
         )
         if what is not None:
@@ -302,6 +328,18 @@ def _is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
         return True
     return any(TIME.match(word) for word in words) and not any(
         word in NOT_TIME or word in OTHER or word in ACCEL or word in GYRO for word in words
+    )
+
+
+def _is_part_of_stamp(name: str, names: Sequence[str]) -> bool:
+    """Whether a column has only the seconds or the nanoseconds of a time stamp of ROS."""
+    parts = (("nsecs", "secs"), ("nanosec", "sec"))
+    return any(
+        name.endswith((f".{nanoseconds}", f".{seconds}"))
+        and f"{stem}.{seconds}" in names
+        and f"{stem}.{nanoseconds}" in names
+        for stem in (name.rpartition(".")[0],)
+        for nanoseconds, seconds in parts
     )
 
 

@@ -38,6 +38,9 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
         return None
     if "seconds_elapsed" in low and {"x", "y", "z"} <= low:
         return Program("Sensor Logger", "", "radps", {"time": "ns"})
+    if {"gyro_rad[0]", "accelerometer_m_s2[0]"} <= low or {"device_id", "error_count", "x", "y", "z"} <= low:
+        # The topics sensor_combined, sensor_accel and sensor_gyro of PX4, as ulog2csv writes them.
+        return Program("PX4", "mps2", "radps", {"timestamp": "us", "timestamp_sample": "us"})
     if {"ax", "gx", "imu_degc"} <= low:
         return Program("OpenLog Artemis", "mg", "dps", {"micros": "us"})
     if any("[x8004]" in name for name in low) and any("[x8005]" in name for name in low):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -53,6 +54,8 @@ STARTS: Final = (
 )
 # First bytes of a log of Betaflight, Cleanflight or INAV.
 BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
+# First line of a log of ArduPilot that Mission Planner has converted to text.
+ARDUPILOT_TEXT: Final = re.compile(rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, ")
 # Extensions that only one format uses. They identify the format if the first bytes of the file are damaged.
 ENDINGS: Final = {
     ".parquet": "parquet",
@@ -94,6 +97,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
     head = unpacked_start(path.name, path, HEAD)
+    _refuse_text_log(path, head)
     if is_realsense(head):
         return "realsense"
     if are_sentences(head):
@@ -138,6 +142,14 @@ def _refuse_blackbox(path: Path) -> None:
         raise FormatError(
             f"{path.name} is a Betaflight log: convert it with `blackbox_decode --unit-rotation deg/s "
             f"--unit-acceleration g {path.name}`, and give the CSV file that this writes"
+        )
+
+
+def _refuse_text_log(path: Path, head: bytes) -> None:
+    if ARDUPILOT_TEXT.match(head):
+        raise FormatError(
+            f"{path.name} is a log of ArduPilot as text: give the log itself (.bin), or write the samples of "
+            f"one IMU with `mavlogdump.py --format csv --types IMU {path.name} > imu.csv`, and give that file"
         )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from imucal.errors import FormatError, InputError
 from imucal.io.headed import Head, layout_header, time_of
 from imucal.io.header import Header, Triad
-from imucal.io.scale import NO_GRAVITY_G, accel_reading, gravity_g, gyro_reading, time_reading
+from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g, gyro_reading, time_reading
 from imucal.io.text import Text
 from imucal.units import TICKS_PER_S
 
@@ -80,8 +80,8 @@ def sensor_of(text: Text) -> Sensor:
             raise FormatError(
                 f"{text.name}: {len(layout.first)} columns without a header, four are needed: time, x, y, z"
             )
-        names = ("1", "2", "3")
-        return Sensor(text, Header(times=[("0", None)]), Triad(names, None), "")
+        time, *axes = _time_first_or_last(text)
+        return Sensor(text, Header(times=[(time, None)]), Triad((axes[0], axes[1], axes[2]), None), "")
     for what, triads in (("accel", header.accel), ("gyro", header.gyro)):
         if triads and not (header.accel and header.gyro):
             return Sensor(text, header, triads[0], what)
@@ -100,13 +100,26 @@ def sensor_of(text: Text) -> Sensor:
     )
 
 
+def _time_first_or_last(text: Text) -> tuple[str, str, str, str]:
+    """The columns time, x, y, z of a file without a header; time is last if only the last column grows."""
+    head = Head(text)
+
+    def increases(column: str) -> bool:
+        steps = np.diff(head.numbers(column))
+        return bool(len(steps)) and bool((steps >= 0).all()) and bool((steps > 0).any())
+
+    if increases("3") and not increases("0"):
+        return "3", "0", "1", "2"
+    return "0", "1", "2", "3"
+
+
 def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
     """The unit of a sensor, from the header, from the caller, or from the size of gravity."""
     given = units.accel if what == "accel" else units.gyro
     of_header = sensor.triad.unit
     program = sensor.header.program
-    if of_header is None and program == "Sensor Logger" and what == "gyro":
-        of_header = "radps"
+    if of_header is None and program is not None:
+        of_header = (program.accel if what == "accel" else program.gyro) or None
     if given is not None and of_header is not None and given != of_header:
         raise InputError(
             f"{sensor.text.name}: the header contradicts the given unit: it says {of_header}, --{what}-unit "
@@ -154,9 +167,10 @@ def require_gravity(sensor: Sensor, unit: str) -> None:
 
 
 def _without_gravity(sensor: Sensor, gravity: float) -> FormatError:
+    program = sensor.header.program
     hint = (
         "Sensor Logger writes acceleration with gravity to TotalAcceleration.csv"
-        if sensor.header.program == "Sensor Logger"
+        if program is not None and program.name == "Sensor Logger"
         else "choose the accelerometer with gravity in the app"
     )
     return FormatError(
@@ -173,7 +187,8 @@ def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], 
         )
     head = sensor.head
     if sensor.text.layout.names is None:
-        return ("0", f"time_{given or 's'}"), None
+        name = sensor.header.times[0][0]
+        return (name, f"time_{given or epoch_unit(head.numbers(name)) or 's'}"), None
     found = None if given is not None and _plain_stamps(sensor) else time_of(sensor.header, head)
     if found is not None:
         unit = found[0][1].removeprefix("time_")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,19 +17,25 @@ from imucal.io.scale import Reading, accel_reading, gyro_reading, time_reading
 
 __all__ = ["columns_suggested", "suggestion"]
 
+# A sampling rate in a line before the header: "Update Rate: 100.0Hz", "Sample rate,100 Hz", "#sps,100".
+RATE: Final = re.compile(r"(?i)\b(?:rate|sps)\b\W{0,4}(\d+(?:\.\d+)?)")
+
 
 def suggestion(
     header: Header,
     cells: Mapping[str, Sequence[str]],
     works: Callable[[str], bool],
     numbers: Callable[[str], Any],
+    preamble: Sequence[str] = (),
 ) -> str:
     """Sentences on the columns of a file whose header is ambiguous; empty if the columns are unknown.
 
-    cells    the first cells of each column
-    works    function that tests whether the file can be read with a value of --columns
-    numbers  the first numbers of a column
+    cells     the first cells of each column
+    works     function that tests whether the file can be read with a value of --columns
+    numbers   the first numbers of a column
+    preamble  lines before the header
     """
+    header = _with_gravity(header, numbers)
     if not (header.accel and header.gyro):
         return _of_several_sensors(cells) or _without_a_sensor(header)
     accel, gyro = header.accel[0], header.gyro[0]
@@ -55,12 +63,29 @@ def suggestion(
         ]
         columns = ",".join([*pairs, *names])
         if "accel" not in missing and columns and works(columns):
-            lines.append(f"--columns '{columns}'" + ("" if time else " --rate-hz HZ"))
+            lines.append(f"--columns '{columns}'" + ("" if time else f" --rate-hz {_rate_in(preamble)}"))
     if not lines:
         return shown
     if len(lines) > 1:
         return f"{shown}Give the one that is right: {' or '.join(lines)}. "
     return f"{shown}If these are the columns and their units: {lines[0]} (columns=...). "
+
+
+def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
+    """The header; acceleration that is called linear is that of the accelerometer if it includes gravity."""
+    if header.accel or not header.linear:
+        return header
+    triad = header.linear[0]
+    likely = accel_reading(np.column_stack([numbers(name) for name in triad.columns])).likely
+    if likely not in ("mps2", "g", "mg") or triad.unit not in (None, likely):
+        return header
+    return replace(header, accel=[triad])
+
+
+def _rate_in(preamble: Sequence[str]) -> str:
+    """The only sampling rate in the lines before the header, Hz; a placeholder if there is none."""
+    rates = {float(found) for line in preamble for found in RATE.findall(line)}
+    return f"{rates.pop():g}" if len(rates) == 1 else "HZ"
 
 
 def columns_suggested(

@@ -14,14 +14,15 @@ _SPELLINGS: Final[dict[tuple[str, str], str]] = {
     ("time", "ms"): "ms msec msecs millis millisecond milliseconds",
     ("time", "us"): "us usec usecs micros microsecond microseconds",
     ("time", "ns"): "ns nsec nsecs nanos nanosecond nanoseconds",
-    ("accel", "mps2"): "m/s2 m/s/s ms-2 mps2 m/sec2 m/sec/sec meters/second2 mpers2",
+    ("accel", "mps2"): "m/s2 m/s/s ms-2 mps2 m/sec2 m/sec/sec meters/second2 meters/s2 metres/s2 mpers2",
     ("accel", "g"): "g gs g's gee gees gforce",
     ("accel", "mg"): "mg mgs milli-g millig",
-    ("gyro", "radps"): "rad/s rads-1 radps rad/sec radians/s radians/second radpers rads",
+    ("gyro", "radps"): "rad/s rads-1 radps rad/sec radians/s radians/sec radians/second radpers rads",
     (
         "gyro",
         "dps",
-    ): "deg/s °/s º/s dps d/s deg/sec degs-1 °s-1 degrees/s degree/s degrees/second degpers degs",
+    ): "deg/s °/s º/s dps d/s deg/sec °/sec º/sec degs-1 °s-1 degrees/s degree/s degrees/sec degree/sec "
+    "degrees/second degpers degs",
     ("gyro", "mdps"): "mdps mdeg/s m°/s mdegs-1",
     ("any", "lsb"): "lsb lsbs raw count counts adc digit digits",
     ("temp", "degc"): "°c ºc degc c celsius deg.c",
