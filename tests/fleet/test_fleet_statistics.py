@@ -90,6 +90,18 @@ def test_an_odd_unit_names_what_decides():
     )
 
 
+@pytest.mark.parametrize("seed", [101, 102, 103])
+def test_odd_units_do_not_hide_each_other_in_a_small_fleet(seed):
+    """A tenth of 50 units is odd, which widens the tail of the distances."""
+    planted = planted_fleet(seed=seed, units=50, dates=1, odd=0, drifting=0)
+    values = planted.measurements.values_si.copy()
+    odd = [3, 14, 15, 36, 47]
+    for row, column in zip(odd, (0, 1, 2, 0, 1), strict=True):
+        values[row, column] += 11 * SPREADS[column]
+    found = outliers(replace(planted.measurements, values_si=values)).odd
+    assert {unit.serial for unit in found} == set(planted.measurements.serials[odd])
+
+
 def test_units_at_a_shifted_station_are_not_odd():
     planted = planted_fleet(seed=9, odd=0, shift=12.0)
     result = outliers(planted.measurements)

@@ -147,7 +147,7 @@ def outliers(measurements: Measurements) -> OutlierResult:
     chunks = np.array_split(np.arange(len(own)), -(-len(own) // CHUNK))
     parts = [_distances(scaled[chunk] - mean, noise(chunk), spread) for chunk in chunks]
     distances, removed, marginal = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    p_values, tail = _p_values(distances, np.maximum(removed, marginal**2).max(axis=1), len(names))
+    p_values, tail = _p_values(distances, removed, marginal**2)
     q_values = scipy_part("stats").false_discovery_control(p_values)
     expected = centre + width * mean
     decides = np.argsort(-removed, axis=1, kind="stable")[:, :MOST_DECIDING]
@@ -211,8 +211,10 @@ def _distances(
     return np.einsum("ni,ni->n", residuals, weighted), removed, marginal
 
 
-def _p_values(squared: FloatArray, largest: FloatArray, columns: int) -> tuple[FloatArray, float]:
+def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) -> tuple[FloatArray, float]:
     """p-values of d^2, and the degrees of freedom of the tail of its distribution.
+
+    removed, marginal  squared deviations of each column, conditional on the other columns and marginal
 
     d^2 / c is compared with an F distribution, scaled to the median of the units. Its second degrees of
     freedom are chosen to reproduce the ratio of the upper 5 % point to the median, so that a fleet with wide
@@ -220,27 +222,48 @@ def _p_values(squared: FloatArray, largest: FloatArray, columns: int) -> tuple[F
     largest deviation of a single column, marginal and conditional on the other columns, is tested in the same
     way and corrected for the number of columns. This test detects deviations in a single column that are
     small in the sum over many columns.
+
+    If more than 5 % of the units of a small fleet are odd, they themselves widen this tail. The marginal
+    deviations are therefore also compared with the tail of the deviations of all columns together, of which
+    odd units are a small part.
+    """
+    columns = marginal.shape[1]
+    largest = np.maximum(removed, marginal).max(axis=1)
+    tail, scale = _tail_of(squared, columns)
+    joint, single = _exceeded(squared, columns, tail, scale), _exceeded(largest, 1, tail, scale)
+    smallest = np.minimum(joint, 2.0 * columns * single)
+    if not np.isfinite(tail):
+        return np.minimum(2.0 * smallest, 1.0), tail
+    pooled = marginal.ravel()
+    alone = _exceeded(marginal.max(axis=1), 1, *_tail_of(pooled, 1, widened=(1.0 + _scatter(pooled)) / 2.0))
+    return np.minimum(3.0 * np.minimum(smallest, columns * alone), 1.0), tail
+
+
+def _tail_of(squared: FloatArray, dof: int, widened: float = 1.0) -> tuple[float, float]:
+    """Degrees of freedom of the tail of squared distances, and their scale; an infinite tail is chi-square.
+
+    widened   factor on the ratio of the upper 5 % point to the median
     """
     stats: Any = scipy_part("stats")
     median, upper = np.quantile(squared, (0.5, 0.95))
-    ratio = upper / median if median > 0 else 1.0
-    # With n units, the relative scatter of the ratio is about 2 / sqrt(n).
-    if ratio <= _ratio(stats.chi2(columns)) * (1.0 + 2.0 / np.sqrt(len(squared))):
-        scale = max(float(median / stats.chi2.ppf(0.5, columns)), 1.0)
-        joint, single = stats.chi2.sf(squared / scale, columns), stats.chi2.sf(largest / scale, 1)
-        return _together(joint, single, columns), float("inf")
-    tail = next((dof for dof in TAILS if ratio <= _ratio(stats.f(columns, dof))), TAILS[-1])
-    scale = float(median / (columns * stats.f.ppf(0.5, columns, tail)))
-    joint, single = (
-        stats.f.sf(squared / (columns * scale), columns, tail),
-        stats.f.sf(largest / scale, 1, tail),
-    )
-    return _together(joint, single, columns), tail
+    ratio = widened * upper / median if median > 0 else 1.0
+    if ratio <= _ratio(stats.chi2(dof)) * _scatter(squared):
+        return float("inf"), max(float(median / stats.chi2.ppf(0.5, dof)), 1.0)
+    tail = next((each for each in TAILS if ratio <= _ratio(stats.f(dof, each))), TAILS[-1])
+    return tail, float(median / (dof * stats.f.ppf(0.5, dof, tail)))
 
 
-def _together(joint: FloatArray, single: FloatArray, columns: int) -> FloatArray:
-    """The smaller of the joint and the single-column p-value, corrected for the number of tests."""
-    return np.minimum(2.0 * np.minimum(joint, 2.0 * columns * single), 1.0)
+def _scatter(squared: FloatArray) -> float:
+    """One plus the relative scatter of the ratio of the upper 5 % point to the median of n values."""
+    return 1.0 + 2.0 / float(np.sqrt(len(squared)))
+
+
+def _exceeded(squared: FloatArray, dof: int, tail: float, scale: float) -> FloatArray:
+    """Probability of a larger squared distance under the distribution of `_tail_of`."""
+    stats: Any = scipy_part("stats")
+    scaled = squared / scale
+    found = stats.f.sf(scaled / dof, dof, tail) if np.isfinite(tail) else stats.chi2.sf(scaled, dof)
+    return np.asarray(found)
 
 
 def _ratio(distribution: Any) -> float:
