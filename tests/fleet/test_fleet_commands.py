@@ -151,6 +151,19 @@ def test_gap(tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_certificate_as_pdf(store, tmp_path, capsys, monkeypatch):
+    page = tmp_path / "unit.pdf"
+    words = ["fleet", "certificate", str(store), "U00000", "-o", str(page)]
+    if shutil.which("chromium") or shutil.which("google-chrome"):
+        assert main(words) == 0
+        assert page.read_bytes().startswith(b"%PDF-")
+        page.unlink()
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(words) == 1
+    assert "write unit.html, open it, and choose Print > Save as PDF" in capsys.readouterr().err
+    assert not page.exists()
+
+
 def test_report_and_certificate(store, tmp_path, capsys):
     assert main(["fleet", "report", str(store), "-o", str(tmp_path / "fleet.html")]) == 0
     assert "2.0 MB" in capsys.readouterr().out or (tmp_path / "fleet.html").stat().st_size < 5e6

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from imucal.document.atomic import write_text
 from imucal.limits.limits import Limits
+from imucal.report.printed import write_pdf
 from imucal.report.tables import figures_table, rounded_to, table
 from imucal.units import datasheet
 
@@ -34,12 +35,12 @@ def write_certificate(
     limits: Limits | None = None,
     conditions: Mapping[str, str] | None = None,
 ) -> None:
-    """Write the certificate of a unit as one HTML page, atomically.
+    """Write the certificate of a unit as one page, atomically; as PDF if the name ends in .pdf, else as HTML.
 
     limits       limits against which the unit is judged
     conditions   further lines, such as the station and the operator
 
-    Raises InputError if the file cannot be written.
+    Raises InputError if the file cannot be written, or if no browser is installed that prints a PDF.
     """
     judgement = None if limits is None else limits.judge(calibration)
     verdict, reasons = calibration.judged
@@ -64,7 +65,8 @@ def write_certificate(
         ),
         hash=calibration_hash(calibration),
     )
-    write_text(Path(path), page)
+    write = write_pdf if Path(path).suffix.lower() == ".pdf" else write_text
+    write(Path(path), page)
 
 
 def calibration_hash(calibration: Calibration) -> str:

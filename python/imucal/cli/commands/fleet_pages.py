@@ -51,7 +51,7 @@ def report(
 def certificate(
     store: StorePath,
     serial: Annotated[str, argument(metavar="SERIAL", help="Serial number of the unit.")],
-    output: Annotated[Path, writing_option("HTML page to write.", metavar="PAGE")],
+    output: Annotated[Path, writing_option("Page to write, HTML or PDF.", metavar="PAGE")],
     limits: Annotated[
         Path | None, option("--limits", metavar="LIMITS", help="Limits against which the unit is judged.")
     ] = None,
@@ -59,7 +59,8 @@ def certificate(
 ) -> None:
     """Write the certificate of one unit: figures with standard deviations, conditions, limits, verdict, hash.
 
-    The page fills one sheet. The browser prints it, or saves it as PDF.
+    The page fills one sheet. If the name ends in .pdf, an installed browser (Chromium, Chrome or Edge) prints
+    it without a window.
 
     Example: imucal fleet certificate units.sqlite 0042 --limits limits.json -o 0042.html
     """
