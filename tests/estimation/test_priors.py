@@ -143,6 +143,21 @@ def test_the_refusal_offers_a_model_that_works(
     assert "held by the prior" in capsys.readouterr().out
 
 
+def test_the_offered_command_replaces_the_model_that_was_given(tmp_path, capsys) -> None:
+    table = tmp_path / "six.csv"
+    table.write_text(
+        "accel_x_mps2,accel_y_mps2,accel_z_mps2\n"
+        "-0.06,0.00,8.44\n-0.01,-0.07,-11.57\n10.16,-0.16,-0.03\n"
+        "-9.27,-0.10,-0.18\n0.07,9.55,-0.10\n0.04,-9.93,-0.05\n"
+    )
+    for given in (["--model", "orthogonal"], ["--model=orthogonal"]):
+        assert main(["calibrate", str(table), "--means", *given]) == 1
+        command = re.search(r"imucal (calibrate .*)", capsys.readouterr().err)[1]
+        assert command.count("--model") == 1
+        assert main([*shlex.split(command), "-o", str(tmp_path / "unit.json")]) == 0
+        capsys.readouterr()
+
+
 def test_unknown_names_and_forms_name_the_possible_ones(recording: imucal.Recording) -> None:
     with pytest.raises(imucal.InputError, match=r"accel_misalignment \(_xy, _xz, _yz\)"):
         imucal.calibrate(recording, hold=["misalignment"])

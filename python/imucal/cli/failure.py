@@ -46,7 +46,10 @@ def command_offered(error: BaseException, arguments: Sequence[str]) -> str:
     offered = OFFERED.search(str(error)) if isinstance(error, NotEnoughMotionError) else None
     if offered is None or not arguments or arguments[0] not in WITH_MODEL:
         return ""
-    return f": imucal {shlex.join([arguments[0], '--model', offered[1], *arguments[1:]])}"
+    others = list(arguments[1:])
+    for at in reversed([i for i, argument in enumerate(others) if argument.startswith("--model")]):
+        del others[at : at + (1 if "=" in others[at] else 2)]
+    return f": imucal {shlex.join([arguments[0], '--model', offered[1], *others])}"
 
 
 def is_fault(error: BaseException) -> bool:
