@@ -986,6 +986,29 @@ def test_the_advice_has_the_rate_that_stands_above_the_header(tmp_path, above, r
         imucal.read(write(tmp_path, "MT.txt", above, "\t".join(names), rows))
 
 
+@pytest.mark.parametrize("names", ["p q r", "roll_rate pitch_rate yaw_rate"])
+def test_columns_of_rates_without_names_of_axes_are_offered(tmp_path, names):
+    header = ["timestamps", *(f"acc_{a} (m/s2)" for a in "xyz"), *(f"{n} (deg/s)" for n in names.split())]
+    path = write(tmp_path, "a.csv", ",".join(header), lines(1_767_268_800 + TIME_S, FORCE, RATE / DEG))
+    with pytest.raises(imucal.FormatError, match=r"--columns '([^']*)'") as caught:
+        imucal.read(path)
+    recording = imucal.read(path, columns=re.search(r"--columns '([^']*)'", str(caught.value))[1])
+    np.testing.assert_allclose(recording.angular_rate, RATE, atol=1e-12)
+    assert recording.rate_hz == pytest.approx(RATE_HZ)
+
+
+def test_columns_with_equal_names_are_named_in_their_order(tmp_path):
+    path = write(tmp_path, "a.csv", "time,x,y,z,x,y,z", lines(TIME_S, FORCE, RATE))
+    with pytest.raises(imucal.FormatError, match=r"x, y, z occur more than once .* --format columns"):
+        imucal.read(path)
+    columns = [
+        "time_s",
+        *(f"{what}_{a}_{unit}" for what, unit in (("accel", "mps2"), ("gyro", "radps")) for a in "xyz"),
+    ]
+    recording = imucal.read(path, columns=columns, format="columns")
+    np.testing.assert_array_equal(recording.angular_rate, RATE)
+
+
 def test_two_files_without_header_may_have_the_time_last(tmp_path):
     pair = [write(tmp_path, f"{n}.csv", lines(v, NS)) for n, v in (("accel", FORCE), ("gyro", RATE))]
     recording = imucal.read(*pair)

@@ -296,6 +296,13 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
                 "export the accelerometer with gravity, or correct the unit in the header"
             )
     shown = ", ".join(layout.names or [])
+    plain = header.plain[0][0].columns if header.plain and not (header.accel or header.gyro) else ()
+    if plain and all((layout.names or []).count(name) > 1 for name in plain):
+        return (
+            f"{text.name}: the columns {', '.join(plain)} occur more than once ({shown[:200]}): name every "
+            "column in its order (--columns time_s,accel_x_g,... --format columns), '-' for a column to "
+            f"ignore; names are {NAMES}"
+        )
     is_known = (header.accel or header.linear) and header.gyro
     lead = (
         "the header does not give every unit"

@@ -14,6 +14,7 @@ from imucal.io.dates import is_date_column
 from imucal.io.header import Header, Triad, header_of, names_sensor
 from imucal.io.names import is_canonical
 from imucal.io.scale import Reading, accel_reading, gyro_reading, time_reading
+from imucal.io.unit_words import split_unit
 
 __all__ = ["columns_suggested", "suggestion"]
 
@@ -35,7 +36,7 @@ def suggestion(
     numbers   the first numbers of a column
     preamble  lines before the header
     """
-    header = _with_gravity(header, numbers)
+    header = _with_rates(_with_gravity(header, numbers), list(cells))
     if not (header.accel and header.gyro):
         return _of_several_sensors(cells) or _without_a_sensor(header)
     accel, gyro = header.accel[0], header.gyro[0]
@@ -47,6 +48,8 @@ def suggestion(
         guessed.append((triad, what, unit))
     time, sentence = _time(header, cells, numbers)
     sentences += sentence
+    if accel in header.linear:
+        sentences.append("linear acceleration is without gravity in most apps, but these values include it")
     others = [t.columns[0] for t in (*header.accel[1:], *header.gyro[1:])]
     if others:
         sentences.append(f"there are further sensors ({', '.join(others)}, ...): choose one")
@@ -80,6 +83,15 @@ def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
     if likely not in ("mps2", "g", "mg") or triad.unit not in (None, likely):
         return header
     return replace(header, accel=[triad])
+
+
+def _with_rates(header: Header, names: Sequence[str]) -> Header:
+    """The header; the only three columns in a unit of angular rate are those of the gyroscope: p, q, r."""
+    units = {name: unit for name in names if (unit := split_unit(name)[1]) is not None and unit[0] == "gyro"}
+    if header.gyro or len(units) != 3 or len(set(units.values())) > 1:
+        return header
+    x, y, z = units
+    return replace(header, gyro=[Triad((x, y, z), units[x][1])])
 
 
 def _rate_in(preamble: Sequence[str]) -> str:
