@@ -1071,6 +1071,12 @@ def test_a_data_frame_is_read_by_names_with_units():
         imucal.read(bare)
 
 
+def test_a_data_frame_given_as_times_is_named():
+    frame = pa.table({"time_s": TIME_S, **{f"accel_{a}_mps2": FORCE[:, i] for i, a in enumerate("xyz")}})
+    with pytest.raises(imucal.InputError, match=r"give one \(imucal.read converts a Table\)"):
+        imucal.Recording(frame)
+
+
 def test_a_time_column_alone_does_not_make_the_other_names_canonical(tmp_path):
     names = ["time_us", *(f"acc[{i}] (g)" for i in range(3)), *(f"gyro[{i}] (deg/s)" for i in range(3))]
     us = np.round(TIME_S * 1e6).astype(int)

@@ -113,7 +113,11 @@ class Recording:
         printable = shown(name)
 
         if specific_force is None and angular_rate is None:
-            raise InputError(f"{printable}: there is neither a specific_force nor an angular_rate: give one")
+            kind = type(time_s).__name__
+            frame = f" (imucal.read converts a {kind})" if hasattr(time_s, "__arrow_c_stream__") else ""
+            raise InputError(
+                f"{printable}: there is neither a specific_force nor an angular_rate: give one{frame}"
+            )
 
         def samples(values: ArrayLike | None, what: str, rows: int) -> SampleArray | None:
             return None if values is None else as_samples(values, f"{printable}: {what}", rows)
