@@ -4,22 +4,18 @@ Reasons of a verdict are read from the docstring of `imucal.stand.verdict`, whic
 format of a page is read by `PacketFormat`.
 """
 
-import math
-import os
 import re
 import shutil
 import subprocess
 import sys
-from decimal import Decimal
 from pathlib import Path
 
 import pytest
 
-from children import HANGS_S
 from imucal.stand.packet import PacketFormat
+from page_steps import assert_prints, run_page
 
 ROOT = Path(__file__).resolve().parents[2]
-BLOCK = re.compile(r"^```(console|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?://)([^)#]+)[^)]*\)")
 PAGES = [
     "README.md",
@@ -27,70 +23,6 @@ PAGES = [
     "CHANGELOG.md",
     *(str(path.relative_to(ROOT)) for path in sorted((ROOT / "docs").rglob("*.md"))),
 ]
-
-
-def steps(markdown):
-    """Argument list and lines shown below it, per `$` line and per python block."""
-    for language, text in BLOCK.findall(markdown):
-        if language == "python":
-            yield [sys.executable, "-c", text], []
-            continue
-        command, shown = None, []
-        for line in text.splitlines():
-            if line.startswith("$ "):
-                if command is not None:
-                    yield ["sh", "-c", command], shown
-                command, shown = line.removeprefix("$ "), []
-            else:
-                shown.append(line)
-        yield ["sh", "-c", command], shown
-
-
-def run_page(page, folder):
-    """Run a page's steps in `folder`; returns how many there were."""
-    environment = {**os.environ, "PATH": str(Path(sys.executable).parent) + os.pathsep + os.environ["PATH"]}
-    ran = 0
-    for step, shown in steps((ROOT / page).read_text(encoding="utf-8")):
-        done = subprocess.run(
-            step, cwd=folder, env=environment, capture_output=True, text=True, timeout=HANGS_S
-        )
-        assert done.returncode == 0, f"{step[-1]}\n{done.stdout}\n{done.stderr}"
-        assert_prints(done.stdout, shown, f"{page}: {step[-1]}")
-        ran += 1
-    return ran
-
-
-def assert_prints(printed, shown, where):
-    """Each line shown is printed, in order; `...` stands for any lines, nothing else may be left out."""
-    lines = [line for line in printed.splitlines() if line.strip()]
-    at, skip = 0, not shown
-    for line in shown:
-        if line.strip() == "...":
-            skip = True
-            continue
-        while skip and at < len(lines) and not alike(lines[at], line):
-            at += 1
-        assert at < len(lines), f"{where} does not print\n{line}\nbut\n{printed}"
-        assert alike(lines[at], line), f"{where} prints\n{lines[at]}\nand not\n{line}"
-        at, skip = at + 1, False
-    assert skip or at == len(lines), f"{where} also prints\n" + "\n".join(lines[at:])
-
-
-def alike(printed, shown):
-    """The same words, and nearly the same numbers: another processor may round the last digit differently."""
-    words, expected = printed.split(), shown.split()
-    return len(words) == len(expected) and all(map(word_alike, words, expected))
-
-
-def word_alike(word, expected):
-    """Equal, or numbers that differ by a thousandth or by one unit of the last digit shown."""
-    if word == expected:
-        return True
-    try:
-        unit = float(Decimal((0, (1,), Decimal(expected).as_tuple().exponent)))
-        return math.isclose(float(word), float(expected), rel_tol=1e-3, abs_tol=1.01 * unit)
-    except (ArithmeticError, ValueError):
-        return False
 
 
 @pytest.mark.slow

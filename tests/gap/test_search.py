@@ -53,7 +53,7 @@ def test_a_real_unit_is_named_and_its_gap_shrinks(data_file, tmp_path, command):
     ("unit", "verdict", "not_there"),
     [
         # Something turns with gravity at twice the Earth's rate.
-        ("imu0", "unknown", "the Earth's rate is 7.292e-05 rad/s"),
+        ("imu0", "unknown", "the Earth's rate is 0.004178 deg/s"),
         # The bias wanders, and a drift does not say where to.
         ("imu1", "stochastic", "gyro_bias_drift fits these recordings"),
     ],
@@ -73,7 +73,7 @@ def test_what_turns_three_times_as_fast_as_the_earth_is_not_it_and_one_search_sa
     stages = []
     gap = imucal.find_gap(run.recording, stage=stages.append)
     assert "earth_rate" not in [effect["name"] for effect in gap.effects]
-    assert any(note.startswith("earth_rate fits these recordings with 0.0002") for note in gap.notes)
+    assert any(note.startswith("earth_rate fits these recordings with 0.012") for note in gap.notes)
     assert sum(stage.startswith("scoring") for stage in stages) == 1
     assert not any("earth_rate" in stage for stage in stages)
 

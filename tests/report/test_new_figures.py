@@ -358,6 +358,12 @@ def test_noise_figures_are_marked_on_their_slopes():
     stars = {trace.name: trace for trace in shown.data if trace.marker.symbol == "star"}
     assert len(stars) == 9
     assert stars["K of z"].y[0] == pytest.approx(np.degrees(walk) * 3600.0)
+    # Each letter stands once, also where the x axis lacks a figure.
+    lacking = replace(made[0], bias_instability=replace(made[0].bias_instability, value=None))
+    axes = dict(zip(("gyro_x", "gyro_y", "gyro_z"), (lacking, *made[1:]), strict=True))
+    shown = plot.allan(replace(noise, axes={**noise.axes, **axes}), "gyro")
+    letters = [trace.text[0] for trace in shown.data if trace.marker.symbol == "star"]
+    assert sorted(filter(None, letters)) == ["B", "K", "N"]
 
 
 def test_a_soak_is_drawn_over_temperature_and_time():

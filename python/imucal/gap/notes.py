@@ -11,7 +11,7 @@ from imucal.effects.table import find
 from imucal.estimation.result import CalibrationResult
 from imucal.gap.question import Question
 from imucal.gap.remainder import SessionStep
-from imucal.gap.sizes import for_people
+from imucal.gap.sizes import for_people, p_text
 
 __all__ = [
     "above_noise_of",
@@ -38,6 +38,8 @@ ABOVE_NOISE: Final = 4.0
 # Ratio to its typical size above which a temperature coefficient is implausible.
 MOST_TIMES_TYPICAL: Final = 5.0
 
+# Blocks of generic hypotheses that are biases, with their SI unit.
+BIASES: Final = {"gyro_bias": "rad/s", "accel_bias": "m/s^2"}
 # Phrases that describe how a bias or a scale varies, by the kernel of the generic hypothesis.
 PATTERNS: Final = {
     "random_walk": "as a random walk in time",
@@ -102,7 +104,7 @@ def _refused(analysis: _core.GapAnalysis) -> Iterator[str]:
         if chance is not None:
             yield (
                 f"{name} was selected but rejected: its parameters do not differ significantly from zero "
-                f"beside the other effects (p {chance:.2g})"
+                f"beside the other effects ({p_text(chance)})"
             )
         elif chi2 is None:
             yield f"{name} was selected but cannot be fitted: {error}"
@@ -113,10 +115,13 @@ def _refused(analysis: _core.GapAnalysis) -> Iterator[str]:
             )
     if analysis.not_the_earth is not None:
         size_radps, sigma_radps = analysis.not_the_earth
-        known = find("earth_rate").parameters[0].typical
+        known_radps = find("earth_rate").parameters[0].typical
+        (size, unit), (sigma, _), (known, _) = (
+            for_people(value, "rad/s") for value in (size_radps, sigma_radps, known_radps)
+        )
         yield (
-            f"earth_rate fits these recordings with {size_radps:.3g} ± {sigma_radps:.1g} rad/s, but the "
-            f"Earth's rate is {known:.4g} rad/s: the cause is another effect, or the recordings do not "
+            f"earth_rate fits these recordings with {size:.4g} ± {sigma:.2g} {unit}, but the "
+            f"Earth's rate is {known:.4g} {unit}: the cause is another effect, or the recordings do not "
             "determine the rate"
         )
 
@@ -144,14 +149,17 @@ def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
     # For gyroscope scales and rate-dependent accelerometer biases, the listed rests are the starts of the
     # moves in which the variation acts.
     inside = found.block == "gyro_scale" or (found.block, found.kernel) == ("accel_bias", "rate")
-    unit = {"gyro_bias": " rad/s", "accel_bias": " m/s^2"}.get(found.block, "")
+    rms, unit = found.rms, ""
+    if found.block in BIASES:
+        rms, name = for_people(found.rms, BIASES[found.block])
+        unit = f" {name}"
     places = ("moves after the rests " if inside else "rests ") + ", ".join(map(str, found.rests))
     return {
         "block": found.block,
         "kernel": found.kernel,
         "log_bayes_factor": found.log_bayes_factor,
         "description": f"{found.block} on axis {'xyz'[found.axis]} varies {PATTERNS[found.kernel]}, "
-        f"{found.rms:.2g}{unit} rms, most in the {places}",
+        f"{rms:.2g}{unit} rms, most in the {places}",
     }
 
 
@@ -227,13 +235,13 @@ def scatter_of(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
             "block": block,
             "kernel": "contradiction",
             "description": "effects of the sensors estimated with and without the stand's angles differ by "
-            f"{factor:.2g} standard deviations (p {chance:.1g})",
+            f"{factor:.2g} standard deviations ({p_text(chance)})",
         }
     return {
         "block": block,
         "kernel": "white",
         "description": f"{residual} scatters from rest to rest by {factor:.2g} times its noise "
-        f"(p {chance:.1g}) and is not correlated with time, gravity direction or motion",
+        f"({p_text(chance)}) and is not correlated with time, gravity direction or motion",
     }
 
 

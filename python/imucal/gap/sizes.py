@@ -6,10 +6,17 @@ from typing import Final
 
 from imucal.units import SHOWN
 
-__all__ = ["for_people"]
+__all__ = ["for_people", "p_text"]
 
 # Upper limit, s, of times that are shown in ms; longer times are shown in s.
 DELAY_S: Final = 0.1
+# Probability below which text gives only this bound.
+LEAST_P: Final = 1e-12
+
+
+def p_text(p_value: float) -> str:
+    """A probability as text. Values near the rounding error of its calculation are only bounded."""
+    return f"p {p_value:.2g}" if p_value > LEAST_P else f"p below {LEAST_P:g}"
 
 
 def for_people(value: float, unit: str) -> tuple[float, str]:

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from imucal.estimation.result import CalibrationResult
 from imucal.gap.fields import GapFields
-from imucal.gap.sizes import for_people
+from imucal.gap.sizes import for_people, p_text
 
 __all__ = ["explanation", "sentences"]
 
@@ -134,7 +134,7 @@ def _remainder(gap: GapFields) -> Iterator[str]:
     has_effects = bool(gap.laws) or any(effect["parameters"] for effect in gap.effects)
     if remainder.kind == "nothing" and has_effects:
         where = "control recordings" if gap.control_set is not None else "held-out rests and moves"
-        yield f"remainder: nothing; residuals of {where}: p {remainder.p_value:.2g}"
+        yield f"remainder: nothing; residuals of {where}: {p_text(remainder.p_value)}"
     elif remainder.description is not None:
         prefix = f"remainder: {remainder.kind}: " if has_effects else ""
         yield f"{prefix}{remainder.description}"
@@ -341,5 +341,5 @@ def explanation(gap: GapFields, name: str) -> Iterator[str]:
 def _evidence(score: Mapping[str, Any]) -> str:
     return (
         f"log Bayes factor {score['log_bayes_factor']:.1f}, chi2 {score['statistic']:.1f} with "
-        f"{score['dof']} degrees of freedom, p {score['p_value']:.2g}"
+        f"{score['dof']} degrees of freedom, {p_text(score['p_value'])}"
     )

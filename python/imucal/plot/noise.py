@@ -89,6 +89,7 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
                 x=at, y=factor * values, name=words, mode="lines", hoverinfo="skip",
                 line={"color": GREY, "width": 1.5, "dash": dash},
             )  # fmt: skip
+    lettered: set[str] = set()
     for (axis, colour, symbol), of_axis in zip(LOOKS, axes, strict=True):
         error = {
             "type": "data",
@@ -110,11 +111,12 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
         for letter, (tau, value) in marks(of_axis).items():
             figure.add_scatter(
                 x=[tau], y=[factor * value], name=f"{letter} of {axis}", mode="markers+text",
-                # Only the x axis has a letter, because the stars of the three axes often overlap.
-                text=[letter if axis == "x" else ""], textposition="top right", textfont={"size": 14},
+                # Only the first star has a letter, because the stars of the three axes often overlap.
+                text=["" if letter in lettered else letter], textposition="top right", textfont={"size": 14},
                 marker={"color": colour, "symbol": "star", "size": 13, "line": {"color": INK, "width": 1}},
                 showlegend=False, hovertemplate=f"{letter} of {axis}<extra></extra>",
             )  # fmt: skip
+            lettered.add(letter)
     # The range of the axis is determined by the points without their intervals, because the intervals at the
     # longest averaging times are very wide.
     everything = factor * np.concatenate([axis.deviations for axis in axes])

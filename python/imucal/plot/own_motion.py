@@ -71,11 +71,12 @@ def move_signals(signals: MoveSignals, *, has_effects: bool = True, is_hand_move
     axis = int(np.argmax(np.abs(signals.residual_before[after_move].mean(axis=0))))
     kept = evenly(len(signals.time_s), SAMPLES)
     time = signals.time_s[kept]
+    without = " without effects" if has_effects else ""
     curves = [
         ("measured", signals.measured_after, BLUE, "solid", 1),
-        ("predicted without effects", signals.predicted_before, VERMILION, "dot", 1),
+        (f"predicted{without}", signals.predicted_before, VERMILION, "dot", 1),
     ]
-    residuals = [("residual without effects", signals.residual_before, VERMILION, "solid", 2)]
+    residuals = [(f"residual{without}", signals.residual_before, VERMILION, "solid", 2)]
     if has_effects:
         curves.append(("predicted with effects", signals.predicted_after, GREEN, "dash", 1))
         residuals.append(("residual with effects", signals.residual_after, GREEN, "solid", 2))

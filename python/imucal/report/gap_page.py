@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import imucal.plot as plot
 import imucal.report.sentences as sentences
 from imucal.gap.own_motion import own_motion
-from imucal.gap.sizes import for_people
+from imucal.gap.sizes import for_people, p_text
 from imucal.plot.evidence import channel_name
 from imucal.plot.style import shown_unit
 from imucal.report.blocks import finding_texts
@@ -107,8 +107,11 @@ def _left(gap: Gap) -> Iterator[str]:
         return
     yield heading("Remaining residuals")
     words = gap.remainder.description or "noise explains the residuals"
+    if gap.remainder.session is not None:
+        # The verdict contains the whole description.
+        words = "the biases moved between the sessions"
     kind = gap.remainder.kind.capitalize()
-    yield paragraph(f"{kind}: {words} (p {gap.remainder.p_value:.2g}).")
+    yield paragraph(f"{kind}: {words} ({p_text(gap.remainder.p_value)}).")
     if gap.remainder.session is not None:
         yield _session_table(gap.remainder.session)
     found = bool(gap.effects or gap.laws)

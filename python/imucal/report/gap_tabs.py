@@ -137,7 +137,7 @@ def evidence(gap: Gap) -> Iterator[Shown | str]:
             f"{round(score['log_bayes_factor'], 1) + 0.0:.1f}",
             f"{score['statistic']:.1f}",
             str(score["dof"]),
-            f"{score['p_value']:.2g}",
+            f"{score['p_value']:.2g}" if score["p_value"] else "< 1e-300",
         ]
         for score in gap.ranking
     ]

@@ -112,7 +112,9 @@ def of_gap(gap: Gap) -> Verdict:
     mood, sentence = NO_NAME[gap.verdict]
     if gap.remainder is not None and gap.remainder.pattern == "between_sessions":
         sentence = "The biases changed between the calibration recordings and the control recordings."
-    if gap.generic is not None:
+        changed = str(gap.remainder.description)
+        beside = f"{changed[:1].upper()}{changed[1:]}. {beside}"
+    elif gap.generic is not None:
         beside = f"{gap.generic['description']}. {beside}"
     elif gap.verdict == "data_fault":
         beside = f"{names}. {beside}"

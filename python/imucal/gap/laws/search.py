@@ -43,8 +43,8 @@ LEAST_CLOSED: Final = 0.3
 NO_LAW: Final = ("between_sessions", "contradiction")
 # Maximum number of field values in one linearisation. It limits memory to 400 MB.
 MOST_VALUES: Final = 5e7
-# Number of points at which the curve of a law is computed.
-POINTS: Final = 41
+# Number of points at which the curve of a law is computed, so that corners of a law are visible.
+POINTS: Final = 201
 
 
 def with_laws(question: Question, first: Gap) -> Gap:
