@@ -78,6 +78,11 @@ def test_the_screen_shows_the_pose_the_hold_the_refusal_and_what_is_added(tmp_pa
                 assert app.query_one("#pose").size.height > 20
                 panel = app.query_one("#messages")
                 assert max(len(line.text.rstrip()) for line in panel.lines) <= panel.scrollable_size.width
+                assert {key.description for key in app.query("FooterKey")} == {
+                    "drop the last pose",
+                    "end and calibrate",
+                    "interrupt, to continue later",
+                }
                 # Letters of six lines.
                 assert text_of(app, "#large").count("\n") >= 5
                 await pilot.press("u")
