@@ -109,7 +109,7 @@ def _left(gap: Gap) -> Iterator[str]:
     words = gap.remainder.description or "noise explains the residuals"
     if gap.remainder.session is not None:
         # The verdict contains the whole description.
-        words = "the biases moved between the sessions"
+        words = "the biases changed between the sessions"
     kind = gap.remainder.kind.capitalize()
     yield paragraph(f"{kind}: {words} ({p_text(gap.remainder.p_value)}).")
     if gap.remainder.session is not None:
