@@ -24,6 +24,7 @@
 #   make test-firmware  faults of a stand on a simulator of GRBL or grblHAL: GRBL_SIM=path, see docs/stand.md
 #   make fleet     a simulated fleet, its speed, store and kills, to docs/results/fleet.md; PARTS=kills runs one part
 #                  accuracy, gap-benchmark and plan go on where they were killed; SCHEDULER=tcp://HOST:8786 for Dask
+#   make test-vectors  README and tutorial with the arithmetic of AVX2 and of AVX-512, also on a processor without it
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
@@ -113,6 +114,15 @@ wheel-manylinux: $(VENV)/.tools
 	$(OTHER_PYTHON) -m venv --clear $(CARGO_TARGET_DIR)/manylinux-venv
 	$(CARGO_TARGET_DIR)/manylinux-venv/bin/python -m pip install --quiet dist/manylinux/*.whl
 	$(CARGO_TARGET_DIR)/manylinux-venv/bin/python tests/package/wheel_smoke.py
+
+# The library with this feature is larger by half, so it is built beside that of the wheel.
+.PHONY: test-vectors
+test-vectors: $(VENV)/.installed
+	$(call say,Compare the digits of AVX2 and AVX-512)
+	@rm -rf dist/vectors $(CARGO_TARGET_DIR)/vectors
+	$(BIN)/maturin build --release --locked --features emulate-avx512 --interpreter $(PY) --out dist/vectors
+	$(PY) -m pip install --quiet --no-deps --target $(CARGO_TARGET_DIR)/vectors dist/vectors/*.whl
+	PYTHONPATH=$(CARGO_TARGET_DIR)/vectors $(PY) -m pytest -q tests/docs/test_processors.py
 
 # --- lint --------------------------------------------------------------------------------------------------------
 

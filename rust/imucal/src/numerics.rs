@@ -5,6 +5,7 @@ pub(crate) mod aligned;
 pub(crate) mod derivative;
 pub(crate) mod fit_report;
 pub(crate) mod gaussian;
+pub(crate) mod instructions;
 pub(crate) mod lsq;
 pub(crate) mod robust;
 pub mod stats;

@@ -37,9 +37,9 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::recording::{Recording, Samples};
 
+pub use crate::numerics::instructions::Instructions;
 pub(crate) use attitudes::attitudes;
 pub(crate) use interpolation::{Interpolation, are_equal_steps};
-pub use lanes::Instructions;
 #[cfg(test)]
 pub(crate) use rate_segment::STEPS_TAKEN;
 pub use rate_segment::{RateSegment, SampleTimes};

@@ -3,7 +3,7 @@
 //! Each check has a small accumulator. The recording is divided into short blocks. All accumulators process one block
 //! before the next, so that the block remains in the processor's cache.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::clock::Steps;
 use super::part::{PART, Part};
@@ -12,6 +12,7 @@ use super::runs::Runs;
 use super::units::Lengths;
 use super::values::{Extremes, NotFinite};
 use crate::cancellation::checkpoint;
+use crate::numerics::instructions::Instructions;
 use crate::recording::Recording;
 
 /// Accumulated data of a recording, from which the checks derive their findings.
@@ -27,7 +28,7 @@ pub(super) struct Survey {
 impl Survey {
     /// Processes all samples in one pass. All columns must have the same length.
     pub(super) fn of(recording: &Recording<'_>) -> Self {
-        Arch::new().dispatch(Surveying(recording))
+        Instructions::Best.run(Surveying(recording))
     }
 }
 

@@ -5,11 +5,12 @@
 //! its upper half as negative would create jumps at the middle. Therefore the jumps of both interpretations are
 //! compared.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::survey::Survey;
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
+use crate::numerics::instructions::Instructions;
 use crate::recording::{RawUnit, Recording, SIDE_BY_SIDE, Samples, each_step};
 
 /// Possible word lengths of converters and registers, bits.
@@ -56,7 +57,7 @@ fn finding(
     if !(0..3).any(crosses) {
         return None;
     }
-    let jumps = Arch::new().dispatch(Jumps { rows, numbers });
+    let jumps = Instructions::Best.run(Jumps { rows, numbers });
     let at_zero = |axis: &usize| jumps[*axis][0] >= FEWEST_JUMPS && LEFT * jumps[*axis][1] <= jumps[*axis][0];
     let jumping: Vec<usize> = (0..3).filter(|axis| crosses(*axis)).filter(at_zero).collect();
     if jumping.is_empty() {

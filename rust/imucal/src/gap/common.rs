@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::evidence::{Column, Gram};
 use super::weighing::{Aside, Columns, Swept, Weighing};
+use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
 /// Gram matrices of a model with many candidate columns. Only the rows of the model's columns are stored. Products of
@@ -38,7 +39,7 @@ impl<'a> Common<'a> {
     /// Eliminates the model's parameters at these noise scales s_g^2; `None` if the normal matrix of the model is
     /// singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
-        Arch::new().dispatch(SweepCommon(self, scales))
+        Instructions::Best.run(SweepCommon(self, scales))
     }
 
     /// The Gram matrices of the model with the candidate columns `own`.
@@ -61,7 +62,7 @@ impl<'a> Common<'a> {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);
         let [_, own, last] = runs;
-        Arch::new().dispatch(SweepAs { weighing, common: swept, known, columns: own.chain(last).collect() })
+        Instructions::Best.run(SweepAs { weighing, common: swept, known, columns: own.chain(last).collect() })
     }
 
     /// Index ranges of three sets of columns: the model's columns, the candidate columns `own`, and the residual.

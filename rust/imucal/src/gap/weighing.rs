@@ -16,9 +16,10 @@ mod left;
 
 use std::ops::Range;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::evidence::{Column, Evidence, Gram, RIDGE};
+use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
 pub(crate) use left::Left;
@@ -128,7 +129,7 @@ impl<'a> Weighing<'a> {
     /// Eliminates the model's parameters at these noise scales s_g^2; `None` if the normal matrix of the model is
     /// singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<Swept> {
-        Arch::new().dispatch(Sweep(self, scales))
+        Instructions::Best.run(Sweep(self, scales))
     }
 
     /// The Schur complement of the additional columns, in units of their typical sizes.
@@ -150,7 +151,7 @@ impl<'a> Weighing<'a> {
     /// sizes. The iteration starts at the scales of `swept`. The second result is the eliminated normal matrix at the
     /// converged scales. Returns `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
-        Arch::new().dispatch(Settle(self, width, swept))
+        Instructions::Best.run(Settle(self, width, swept))
     }
 
     /// The sum of the Gram matrices divided by their scales, before any elimination. Only rows from row `from` on are

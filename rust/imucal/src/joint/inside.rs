@@ -16,13 +16,13 @@ pub(super) mod filter;
 
 use faer::Mat;
 use nalgebra::Vector3;
-use pulp::Arch;
 
 use super::lanes::Lanes;
 use super::move_ends::AtMove;
 use super::pass::planes::Planes;
 use crate::joint::inside::filter::{Gain, WalkFilter};
 use crate::joint::pass::Pass;
+use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
@@ -80,8 +80,8 @@ impl<'a> Rows<'a> {
         }
         let seen = Derivatives { inside, planes, toward: &toward, at_edges: &at_edges };
         match &mut self.target {
-            Target::Columns(matrix) => Arch::new().dispatch(IntoColumns { seen, matrix, first: self.next }),
-            Target::Lanes(lanes) => Arch::new().dispatch(IntoLanes { seen, lanes, place: self.place }),
+            Target::Columns(matrix) => Instructions::Best.run(IntoColumns { seen, matrix, first: self.next }),
+            Target::Lanes(lanes) => Instructions::Best.run(IntoLanes { seen, lanes, place: self.place }),
         }
         self.place += width;
     }

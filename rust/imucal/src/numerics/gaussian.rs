@@ -1,11 +1,13 @@
 //! Vectorised evaluation of Gaussian kernels.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
+
+use crate::numerics::instructions::Instructions;
 
 /// Replaces each square `x^2` by `exp(-x^2 / 2)` with a relative error of at most 4e-16. Results below 1e-300 are not
 /// accurate, but remain below 1e-300.
 pub(crate) fn gaussian_kernels(squares: &mut [f64]) {
-    Arch::new().dispatch(Kernels(squares));
+    Instructions::Best.run(Kernels(squares));
 }
 
 /// The squares to replace, processed with the widest vector instructions of the processor.

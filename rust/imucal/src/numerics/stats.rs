@@ -2,7 +2,9 @@
 
 use std::cmp::Ordering;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
+
+use crate::numerics::instructions::Instructions;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Probability that a chi2 variable with `dof` degrees of freedom exceeds `statistic`. It is 1 for zero degrees of
@@ -75,7 +77,7 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     let low = if q <= margin { f64::NEG_INFINITY } else { at(q - margin) };
     let high = if q >= 1.0 - margin { f64::INFINITY } else { at(q + margin) };
     let Census { below, up_to_low, up_to_high, all, mut inside } =
-        Arch::new().dispatch(Counting { count, write: &write, low, high });
+        Instructions::Best.run(Counting { count, write: &write, low, high });
     let position = q * all.saturating_sub(1) as f64;
     let rank = position.floor() as usize;
     if rank < below || rank + 1 >= up_to_high {

@@ -5,11 +5,12 @@
 //! follows. A second pass computes all attitudes.
 
 use nalgebra::{UnitQuaternion, Vector3};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::lanes::{Lanes, MOST_LANES, Quaternions, lane_start, three};
 use super::rotate_by;
 use super::step::{half_turn, is_within_range, times_quaternion};
+use crate::numerics::instructions::Instructions;
 
 /// Number of rotations per block. A block fits into the L1 cache and is so short that the norm of the unnormalised
 /// quaternions stays near one.
@@ -23,7 +24,7 @@ pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> V
     for turns in turns.chunks(AT_ONCE) {
         let before = all[all.len() - 1];
         if turns.iter().all(is_within_range) {
-            Arch::new().dispatch(InLanes { before, turns, to: &mut all });
+            Instructions::Best.run(InLanes { before, turns, to: &mut all });
         } else {
             scalar_steps(before, turns, &mut all);
         }

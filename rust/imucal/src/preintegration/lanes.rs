@@ -4,64 +4,13 @@
 use std::ops::{Add, Div, Mul, Sub};
 
 use nalgebra::{Quaternion, UnitQuaternion};
+use pulp::Simd;
 use pulp::bytemuck::cast;
-use pulp::{Arch, Simd, WithSimd};
 
 use crate::numerics::aligned::WIDEST;
 
 /// Maximum number of lanes of any instruction set.
 pub(super) const MOST_LANES: usize = WIDEST;
-
-/// Instruction set of a kernel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Instructions {
-    /// The widest vectors of this processor.
-    Best,
-    /// 512-bit vectors.
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
-    /// 256-bit vectors with fused multiply-add.
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    /// One number per instruction, on any processor.
-    Scalar,
-}
-
-impl Instructions {
-    /// All instruction sets of this processor, and [`Best`](Self::Best).
-    pub fn available() -> Vec<Self> {
-        let mut all = vec![Self::Best];
-        #[cfg(target_arch = "x86_64")]
-        {
-            all.extend(pulp::x86::V4::try_new().map(|_| Self::Avx512));
-            all.extend(pulp::x86::V3::try_new().map(|_| Self::Avx2));
-        }
-        all.push(Self::Scalar);
-        all
-    }
-
-    /// Runs `work` with these instructions. If the processor lacks them, the best available instructions are used.
-    pub(super) fn run<W: WithSimd>(self, work: W) -> W::Output {
-        match self {
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => {
-                if let Some(simd) = pulp::x86::V4::try_new() {
-                    return Simd::vectorize(simd, work);
-                }
-            }
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => {
-                if let Some(simd) = pulp::x86::V3::try_new() {
-                    return Simd::vectorize(simd, work);
-                }
-            }
-            Self::Scalar => return work.with_simd(pulp::Scalar),
-            Self::Best => {}
-        }
-        Arch::new().dispatch(work)
-    }
-}
 
 /// One number per lane.
 #[derive(Clone, Copy)]

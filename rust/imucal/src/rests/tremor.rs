@@ -13,9 +13,10 @@
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::numerics::fit_report::significance_limit;
+use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::{median, quantile, random_effects_mean, sample_interval_s};
 use crate::numerics::workers::{in_order, threads_for};
 use crate::recording::{Recording, Samples};
@@ -295,7 +296,7 @@ fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
     let squares = |k: usize| {
         let rows = rows.part(rests[k].first..rests[k].end);
         let count = (rows.len() + 1).saturating_sub(DIFFERENCE.len()) as f64;
-        (Arch::new().dispatch(SquaredDifferences(&rows)), count)
+        (Instructions::Best.run(SquaredDifferences(&rows)), count)
     };
     let of_rests = in_order(threads_for(rows.len()), rests.len(), squares);
     let (sum, count) =

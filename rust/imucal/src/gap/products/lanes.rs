@@ -4,11 +4,12 @@ use std::iter::once;
 use std::ops::Range;
 
 use faer::Mat;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::asked::Asked;
 use super::{Rows, in_parts};
 use crate::joint::{Insides, Lanes};
+use crate::numerics::instructions::Instructions;
 use crate::numerics::workers::{in_order, processors};
 
 /// Number of moves per partial sum. It is constant, so that rounding does not depend on the number of threads.
@@ -88,7 +89,7 @@ impl Plan {
     /// Plans three sets of products: the model's columns with all columns, each block of candidate columns with itself,
     /// and the residual with each block and with itself.
     fn new(lanes: &Lanes, order: &[usize], asked: &Asked<'_>) -> Self {
-        let register = Arch::new().dispatch(Register);
+        let register = Instructions::Best.run(Register);
         let places: Vec<Option<usize>> = order.iter().map(|column| lanes.place(*column)).collect();
         let mut columns = vec![None; lanes.width()];
         let seen = places.iter().enumerate().filter_map(|(column, place)| Some((column, (*place)?)));
@@ -126,7 +127,7 @@ impl Plan {
 
     /// Adds the products in the given rows to the sums of all jobs.
     fn add<'r>(&self, rows: impl Iterator<Item = &'r [f64]> + Clone, sums: &mut [f64]) {
-        Arch::new().dispatch(Add { plan: self, rows, sums });
+        Instructions::Best.run(Add { plan: self, rows, sums });
     }
 
     /// Adds the sums of the jobs to the requested entries of the Gram matrix `to`.

@@ -1,8 +1,9 @@
 //! Schur complement of additional columns of a linear model, after elimination of the model's own columns.
 
 use nalgebra::DMatrix;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
+use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
 /// Upper bound of the rounding error of a column's squared length after the projection, as a share of the squared
@@ -25,7 +26,7 @@ impl Left {
     /// The prior width, in typical sizes, that gives the largest increase of the log evidence, and the increase in
     /// nats. `None` if the normal matrix is singular for all widths.
     pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
-        Arch::new().dispatch(BestWidth(self, widths))
+        Instructions::Best.run(BestWidth(self, widths))
     }
 
     /// Increase of the log evidence for a prior width, nats. `sums` is working memory.
@@ -45,7 +46,7 @@ impl Left {
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
         // Fast path: a factorisation tests whether all eigenvalues exceed the threshold, which is usually the case.
-        if Arch::new().dispatch(AreAllAbove(self, least)) {
+        if Instructions::Best.run(AreAllAbove(self, least)) {
             return self.columns();
         }
         let normal = DMatrix::from_fn(self.columns(), self.columns(), |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);

@@ -1,7 +1,9 @@
 //! Kalman filter for a random walk and constant states that are measured with white noise. The innovations of the
 //! filter are white.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
+
+use crate::numerics::instructions::Instructions;
 
 /// Covariance of the filter states. State 0 is a random walk; all others are constant.
 pub(crate) struct WalkFilter<const N: usize> {
@@ -60,7 +62,7 @@ impl<const N: usize> Filter<N> {
     /// deviation.
     pub(crate) fn innovate(&mut self, seen: &mut [f64], observation: [f64; N], white_variance: f64) {
         let gain = self.walk.update(observation, white_variance);
-        Arch::new().dispatch(Innovate { states: &mut self.states, seen, observation, gain });
+        Instructions::Best.run(Innovate { states: &mut self.states, seen, observation, gain });
     }
 }
 

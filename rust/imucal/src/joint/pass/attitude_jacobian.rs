@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use imucal_core::effects::Need;
 use nalgebra::{Matrix3, Vector3};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::corrected::Corrected;
 use super::planes::Changes;
@@ -24,6 +24,7 @@ use crate::joint::model::{Model, force_by_parameters};
 use crate::joint::pass::planes::Planes;
 use crate::joint::terms::SideBySide;
 use crate::numerics::aligned::{Aligned, WIDEST};
+use crate::numerics::instructions::Instructions;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
 /// Accumulates attitude and force Jacobians inside a move, block by block. The Jacobians have the sign of an effect.
@@ -142,7 +143,7 @@ impl<'a> Turns<'a> {
         self.changes.force.next();
         for k in self.next..self.next + self.of_block {
             self.look_to(k + 2);
-            Arch::new().dispatch(NextStretch(self, k));
+            Instructions::Best.run(NextStretch(self, k));
         }
         self.next += self.of_block;
     }
@@ -212,14 +213,14 @@ impl Turned {
     pub(super) fn push(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         let (to, sum) = (self.last.of_mut(self.count % KEPT), &mut *self.sum);
-        Arch::new().dispatch(Push::<true> { columns, matrix, to, sum });
+        Instructions::Best.run(Push::<true> { columns, matrix, to, sum });
         self.count += 1;
     }
 
     /// Adds the products of `matrix` and each vector in `columns` to the sum only. The products are not kept.
     pub(super) fn add(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
-        Arch::new().dispatch(Push::<false> { columns, matrix, to: &mut [], sum: &mut self.sum });
+        Instructions::Best.run(Push::<false> { columns, matrix, to: &mut [], sum: &mut self.sum });
     }
 
     /// Number of segments appended so far.

@@ -5,10 +5,11 @@
 //! follow. One SIMD instruction processes as many parameters as a register has lanes.
 
 use nalgebra::Vector3;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::joint::pass::Range;
 use crate::numerics::aligned::{Aligned, WIDEST};
+use crate::numerics::instructions::Instructions;
 
 /// Jacobian columns (3-vectors) of several parameters in a sequence of states.
 pub(crate) struct Planes {
@@ -171,7 +172,7 @@ impl Changes {
 
     /// For each parameter, adds the derivative of the component along `d` of a block's mean force to `lanes`.
     pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
-        Arch::new().dispatch(AddAlong { changes: self, block, force, d, lanes });
+        Instructions::Best.run(AddAlong { changes: self, block, force, d, lanes });
     }
 }
 

@@ -7,7 +7,9 @@
 //! Each error of a rest affects only the residuals of that rest and of its adjacent moves, so C and L are banded.
 
 use faer::Mat;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
+
+use crate::numerics::instructions::Instructions;
 
 /// Dependence of one residual on errors that also affect other residuals. For each error: its index, and its standard
 /// deviation times the derivative of the residual.
@@ -60,7 +62,7 @@ impl Whitening {
 
     /// Computes `L^-1 M` in place, for a matrix M stored row by row.
     pub(crate) fn apply_to_rows(&self, rows: &mut [f64]) {
-        Arch::new().dispatch(Apply(self, rows));
+        Instructions::Best.run(Apply(self, rows));
     }
 }
 

@@ -6,8 +6,9 @@ use std::iter::StepBy;
 use std::ops::Range;
 
 use nalgebra::{SMatrix, Vector3, Vector4};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
+use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::sample_interval_s;
 
 /// Number of boxes of a stencil. Five means determine a polynomial of fourth degree.
@@ -160,7 +161,7 @@ impl Stencil {
         slopes.extend(one_by_one(0..inside.start));
         // For all samples of this range, the weights of the centred stencil are equal.
         let boxes = self.at(time_s, inside.start);
-        Arch::new().dispatch(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
+        Instructions::Best.run(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
         slopes.extend(one_by_one(inside.end..n));
         slopes
     }
@@ -219,7 +220,7 @@ impl Stencil {
             let range = inside.start + part * inside.len() / count..inside.start + (part + 1) * inside.len() / count;
             let (squares, explained) = match &of_even {
                 Some((runs, noise)) => {
-                    let (squares, looks) = Arch::new().dispatch(Squares { sums, runs, places: range.step_by(apart) });
+                    let (squares, looks) = Instructions::Best.run(Squares { sums, runs, places: range.step_by(apart) });
                     (squares, looks as f64 * noise)
                 }
                 None => {

@@ -2,9 +2,10 @@
 
 use imucal_core::rest::BlockSums;
 use nalgebra::{Vector3, Vector6};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::WINDOW_BLOCKS;
+use crate::numerics::instructions::Instructions;
 use crate::numerics::workers::{share_out, threads_for};
 use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 
@@ -56,10 +57,10 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blo
         steps,
     });
     let jobs = jobs.collect();
-    share_out(threads_for(recording.len()), jobs, |job: Summing<'_>| Arch::new().dispatch(job));
+    share_out(threads_for(recording.len()), jobs, |job: Summing<'_>| Instructions::Best.run(job));
     if averaged == 1 {
         let to = variances.each_mut().map(Vec::as_mut_slice);
-        Arch::new().dispatch(Windows { blocks: &samples, to });
+        Instructions::Best.run(Windows { blocks: &samples, to });
     }
     let of_channel =
         |channel: usize| steps.iter().flat_map(move |of| of[channel / 3].iter().skip(channel % 3).step_by(3));
@@ -281,7 +282,7 @@ mod tests {
         for count in [0_usize, 9, 10, 11, 19, 20, 21, 47] {
             let mut found = [(); 6].map(|()| vec![0.0; (count + 1).saturating_sub(WINDOW_BLOCKS)]);
             let to = found.each_mut().map(Vec::as_mut_slice);
-            Arch::new().dispatch(Windows { blocks: &blocks[..count], to });
+            Instructions::Best.run(Windows { blocks: &blocks[..count], to });
             let expected: Vec<_> = blocks[..count].windows(WINDOW_BLOCKS).map(|w| merge(w).variance()).collect();
             assert!(found.iter().all(|of_channel| of_channel.len() == expected.len()));
             for (k, expected) in expected.iter().enumerate() {

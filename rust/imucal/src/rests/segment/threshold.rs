@@ -3,10 +3,11 @@
 use std::ops::Range;
 
 use nalgebra::Vector6;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::WINDOW_BLOCKS;
 use super::edges::trim;
+use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::quantile_of;
 use crate::rounding::LEAST_SCATTER;
 
@@ -43,7 +44,7 @@ pub(super) fn window_statistic(
     // The floor of each channel is estimated from the windows that are quiet in all channels together. Four iterations
     // are sufficient.
     for _ in 0..4 {
-        Arch::new().dispatch(Ratios { variances, floor: &floor, statistic: &mut statistic });
+        Instructions::Best.run(Ratios { variances, floor: &floor, statistic: &mut statistic });
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
         let limit = 2.0 * quantile_of(statistic.len(), write, 0.05);
         let quiet = runs_up_to(&statistic, limit);
