@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import imucal._core as _core
 from imucal.calibration.figures import poor_figures
@@ -50,6 +50,8 @@ PATTERNS: Final = {
     "rate": "with the angular rate",
     "force": "with the specific force",
     "between_sessions": "from one recording to the next",
+    "time": "smoothly with time",
+    "switching": "between two levels",
 }
 
 
@@ -169,7 +171,14 @@ def session_of(found: _core.SessionStep | None) -> SessionStep | None:
         return None
     x = found.accelerometer_mps2, found.gyroscope_radps
     force, rate = (None if change is None else (change[0], change[1], change[2]) for change in x)
-    return SessionStep(force, rate, found.p_value, found.temperature_change_k, *found.chi2)
+    change_k = found.temperature_change_k
+    if change_k is None:
+        cause = "not_known"
+    else:
+        needed = _coefficients(force, rate, change_k) if abs(change_k) >= LEAST_CHANGE_K else []
+        is_usual = needed and all(own.value < MOST_TIMES_TYPICAL * own.typical for own in needed)
+        cause = "temperature" if is_usual else "switch_on"
+    return SessionStep(force, rate, found.p_value, change_k, cause, *found.chi2)
 
 
 def session_in_words(step: SessionStep) -> str:
@@ -205,22 +214,36 @@ def _three(values: Sequence[float], unit: str) -> str:
     return f"{', '.join(f'{value:.3g}' for value, _ in shown)} {shown[0][1]}"
 
 
+class _Coefficient(NamedTuple):
+    """The largest temperature coefficient that would explain a change of biases, and its typical size, SI."""
+
+    effect: str
+    unit: str
+    value: float
+    typical: float
+
+
+def _coefficients(
+    force: Sequence[float] | None, rate: Sequence[float] | None, change_k: float
+) -> list[_Coefficient]:
+    rows = (("gyro_bias_temperature", rate, "rad/s"), ("accel_bias_temperature", force, "m/s^2"))
+    return [
+        _Coefficient(name, unit, max(map(abs, change)) / abs(change_k), find(name).parameters[0].typical)
+        for name, change, unit in rows
+        if change is not None
+    ]
+
+
 def _per_kelvin(step: SessionStep, change_k: float) -> str:
     """Text on the temperature coefficients that would explain the step, as multiples of typical ones."""
-    rows = (
-        ("gyro_bias_temperature", step.gyroscope_radps, "rad/s"),
-        ("accel_bias_temperature", step.accelerometer_mps2, "m/s^2"),
-    )
     words = []
-    for name, change, unit in rows:
-        if change is not None:
-            value, shown = for_people(max(map(abs, change)) / abs(change_k), unit)
-            typical, _ = for_people(find(name).parameters[0].typical, unit)
-            is_usual = value < MOST_TIMES_TYPICAL * typical
-            words.append(
-                f"{value:.2g} {shown} per K of {name} (typical {typical:.2g}: "
-                f"{'temperature explains it' if is_usual else 'time or a switch-on is more likely'})"
-            )
+    for name, unit, size, usual in _coefficients(step.accelerometer_mps2, step.gyroscope_radps, change_k):
+        (value, shown), (typical, _) = for_people(size, unit), for_people(usual, unit)
+        is_usual = size < MOST_TIMES_TYPICAL * usual
+        words.append(
+            f"{value:.2g} {shown} per K of {name} (typical {typical:.2g}: "
+            f"{'temperature explains it' if is_usual else 'time or a switch-on is more likely'})"
+        )
     return " and ".join(words)
 
 
@@ -245,18 +268,32 @@ def scatter_of(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
     }
 
 
-def not_confirmed_of(scores: Sequence[_core.EffectScore]) -> dict[str, Any] | None:
-    """Description of significant effects that do not improve the prediction of unseen data."""
+def not_confirmed_of(analysis: _core.GapAnalysis) -> dict[str, Any] | None:
+    """Significant effects that were rejected, with the reason why they do not explain unseen data."""
+    scores = analysis.not_confirmed
     if not scores:
         return None
     names = " and ".join(score.name for score in scores)
+    reason = next((_why(own) for own in analysis.refused if own[0] == scores[0].name), "")
     return {
         "block": "accel" if scores[0].name.startswith("accel") else "gyro",
         "kernel": "not_confirmed",
-        "description": f"{names} fits these recordings (log Bayes factor "
-        f"{scores[0].log_bayes_factor:.0f} nats) but does not improve the prediction of unseen data: "
-        "record more rests and moves",
+        "description": f"{names} fits these recordings best of all effects (log Bayes factor "
+        f"{scores[0].log_bayes_factor:.0f} nats), but it does not describe the unit{reason}",
     }
+
+
+def _why(refused: tuple[str, str | None, Sequence[float] | None, float | None]) -> str:
+    """The reason why a selected effect was rejected."""
+    _, error, chi2, chance = refused
+    if chance is not None:
+        return f": its parameters do not differ significantly from zero (p {chance:.2g})"
+    if chi2 is None:
+        return f": a model with it cannot be fitted or evaluated: {error}"
+    return (
+        f": chi2 per degree of freedom of unseen data is {chi2[0]:.4g} without it and {chi2[1]:.4g} with it, "
+        "so the cause has another form, or varies between the recordings"
+    )
 
 
 def above_noise_of(found: _core.Remainder, result: CalibrationResult) -> dict[str, Any]:

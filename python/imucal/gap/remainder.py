@@ -17,6 +17,9 @@ class SessionStep:
     p_value                 the smaller p-value of the two changes
     temperature_change_k    mean temperature of the control recordings minus mean temperature of the
                             calibration recordings, K; None without temperatures
+    cause                   "temperature" if temperature coefficients of usual sizes explain the change,
+                            "switch_on" if they do not (time or a switch-on), "not_known" without
+                            temperatures
     chi2_per_dof            chi2 per degree of freedom of the control recordings without effects
     chi2_per_dof_own        chi2 per degree of freedom of the control recordings with biases fitted to them
     """
@@ -25,6 +28,7 @@ class SessionStep:
     gyroscope_radps: tuple[float, float, float] | None
     p_value: float
     temperature_change_k: float | None
+    cause: str
     chi2_per_dof: float
     chi2_per_dof_own: float
 
@@ -36,8 +40,8 @@ class Remainder:
     kind           "nothing", "unknown" or "stochastic"
     block          the part of the model or of the data that varies, for example gyro_bias; None if nothing
                    remains
-    pattern        the pattern of its variation, for example attitude, random_walk, white or between_sessions;
-                   None if nothing remains
+    pattern        the pattern of its variation, for example attitude, random_walk, time, switching or
+                   between_sessions; None if nothing remains
     description    a sentence with sizes and places; None if nothing remains
     p_value        p-value of the pattern under noise alone; without a pattern, p-value of the residuals on
                    control or held-out data under noise and the uncertainty of the calibration

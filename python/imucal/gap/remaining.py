@@ -38,7 +38,7 @@ def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Describe
         }
         reasons = []
     if generic is None and found.pattern == "not_confirmed":
-        generic = notes.not_confirmed_of(analysis.not_confirmed)
+        generic = notes.not_confirmed_of(analysis)
     if generic is None and found.pattern == "contradiction" and reasons:
         generic, reasons = notes.contradiction_of(reasons), []
     if generic is None and found.pattern == "above_noise":

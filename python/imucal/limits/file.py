@@ -16,6 +16,7 @@ from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES
 from imucal.calibration.verdict import Verdict, verdict_of
 from imucal.document.json_document import Node
 from imucal.effects.definition import UserEffect, definitions
+from imucal.effects.table import has_parameter
 from imucal.errors import FormatError, InputError
 from imucal.limits.limit import COUNTS, FIGURES, FigureLimit, ParameterLimit
 
@@ -159,7 +160,7 @@ def _require_passable(
 def _is_permitted(parameter: str, effects: Sequence[str]) -> bool:
     """Whether a calibration whose only effects are `effects` can have the parameter."""
     is_of_triad = re.fullmatch("(accel|gyro)_(bias_[xyz]|sensitivity_[xyz]{2})", parameter) is not None
-    return is_of_triad or any(parameter.startswith(f"{effect}_") for effect in effects)
+    return is_of_triad or any(has_parameter(effect, parameter) for effect in effects)
 
 
 def _possible(parameter: str, unit: str) -> tuple[float, float]:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from imucal.effects.table import has_parameter
+
 __all__ = ["GROUPS", "PlannedParameter", "Size", "is_of", "worst_of"]
 
 # SI unit of each group. The name of the group is the prefix of the names of its parameters.
@@ -42,7 +44,7 @@ def is_of(name: str, group: str) -> bool:
     """
     if group in GROUPS:
         return re.fullmatch(f"{group}_[xyz]+", name) is not None
-    return name.startswith(f"{group}_")
+    return has_parameter(group, name)
 
 
 def worst_of(parameters: Sequence[PlannedParameter], effects: Sequence[str]) -> dict[str, Size | None]:
