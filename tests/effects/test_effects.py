@@ -132,7 +132,7 @@ def test_a_name_that_is_nearly_right_is_guessed():
         effects.find("gyro_g_sens")
     with pytest.raises(imucal.InputError, match="no effect 'xyz': `imucal effects` lists them"):
         effects.find("xyz")
-    with pytest.raises(imucal.InputError, match="gyro_saturation is a fault: it has no field"):
+    with pytest.raises(imucal.InputError, match="gyro_saturation is a fault: it has no parameter"):
         effects.find("gyro_saturation")
 
 
