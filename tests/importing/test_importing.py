@@ -6,9 +6,11 @@ fails. Each formula names the file and function of the other program.
 
 import dataclasses
 import json
+import struct
 import subprocess
 import sys
 from pathlib import Path
+from zlib import crc32
 
 import jsonschema
 import numpy as np
@@ -152,6 +154,58 @@ def test_kalibr_noise_alone(tmp_path):
     assert {"accel_scale", "gyro_misalignment"} <= set(calibration.provenance.imported.missing)
 
 
+# --- OpenVINS -------------------------------------------------------------------------------------
+
+# The upper triangle of the inverse is not the inverse of the upper triangle, so only full matrices show which
+# of them is used.
+TRIANGLES = {"kalibr": np.tril, "calibrated": np.tril, "rpng": np.triu}
+
+
+def openvins_block(**changes):
+    return {
+        "T_i_b": np.eye(4).tolist(),
+        "accelerometer_noise_density": 0.0028,
+        "gyroscope_random_walk": 2.2e-5,
+        "rostopic": "/imu0",
+        "model": "kalibr",
+        "Tw": S_GYRO.tolist(),
+        "R_IMUtoGYRO": ROTATION.tolist(),
+        "Ta": S_ACCEL.tolist(),
+        "R_IMUtoACC": ROTATION.T.tolist(),
+        "Tg": (1e-2 * S_ACCEL).tolist(),
+        **changes,
+    }
+
+
+def openvins_corrected(block, force_bias, rate_bias):
+    """VioManagerOptions.h: triangles of the inverses; Propagator.cpp: R_ACCtoIMU Da (a - b_a), then
+    R_GYROtoIMU Dw (w - b_w - Tg a)."""
+    triangle = TRIANGLES[block["model"]]
+    of_accel, of_gyro = (triangle(np.linalg.inv(np.array(block[name]))) for name in ("Ta", "Tw"))
+    force = np.array(block["R_IMUtoACC"]).T @ of_accel @ (FORCE - force_bias).T
+    rate = np.array(block["R_IMUtoGYRO"]).T @ of_gyro @ ((RATE - rate_bias).T - np.array(block["Tg"]) @ force)
+    return rate.T, force.T
+
+
+@pytest.mark.parametrize("model", TRIANGLES)
+def test_openvins(model, tmp_path):
+    block = openvins_block(model=model)
+    # As the files of OpenVINS begin; OpenCV accepts the comment.
+    text = f"%YAML:1.0 # need to specify the file type at the top!\n\n{yaml.dump({'imu0': block})}"
+    path = written(tmp_path, "kalibr_imu_chain.yaml", text)
+    calibration = same_after_a_file(imucal.read_calibration(path), tmp_path)
+    assert calibration.provenance.imported.format == "openvins"
+    assert_same(calibration, *openvins_corrected(block, np.zeros(3), np.zeros(3)))
+    assert calibration.noise == {
+        "accel_noise_density_mps2_per_sqrt_hz": 0.0028,
+        "gyro_random_walk_radps2_per_sqrt_hz": 2.2e-5,
+    }
+    missing = calibration.provenance.imported.missing
+    assert {"accel_bias", "gyro_bias", "covariance"} <= set(missing) and "noise" not in missing
+    known = imucal.read_calibration(path, accel_bias=B_ACCEL, gyro_bias=B_GYRO)
+    assert_same(known, *openvins_corrected(block, B_ACCEL, B_GYRO))
+
+
 # --- Basalt ---------------------------------------------------------------------------------------
 
 
@@ -234,6 +288,60 @@ def test_realsense_imu_info(files, tmp_path):
     )
 
 
+def realsense_table(accel, gyro, valid=1):
+    """get_IMU_Calib_Table, get_calibration_table and get_eeprom of rs-imu-calibration.py."""
+
+    def table(version, kind, content):
+        return (
+            version + struct.pack("<HII", kind, len(content), 2**32 - 1) + struct.pack("<I", crc32(content))
+        ) + content
+
+    numbers = [np.concatenate((matrix.T.ravel(), bias)) for matrix, bias in (accel, gyro)]
+    content = bytes([0, valid, 0, 0]) + b"\xff" * 48 + np.concatenate(numbers).astype("<f4").tobytes()
+    module = table(b"\x02\x01", 0x20, content + b"\xff" * 96) + b"\xff" * 32
+    image = table(b"\x02\x00", 0x20, module)
+    return table(b"\x01\x01", 0x09, image + b"\xff" * (504 - len(image)))
+
+
+def test_realsense_table(tmp_path):
+    path = tmp_path / "eeprom.bin"
+    path.write_bytes(realsense_table((S_ACCEL, B_ACCEL), (S_GYRO, np.degrees(B_GYRO))))
+    calibration = same_after_a_file(imucal.read_calibration(path), tmp_path)
+    # get_intrinsic multiplies the bias of the gyroscope in the table, float32, by pi / 180.
+    singles = [np.float64(np.float32(part)) for part in (S_GYRO, np.degrees(B_GYRO), S_ACCEL, B_ACCEL)]
+    assert_same(
+        calibration,
+        realsense_corrected(singles[0], singles[1] * np.pi / 180, RATE),
+        realsense_corrected(singles[2], singles[3], FORCE),
+    )
+    assert calibration.provenance.imported.format == "realsense-table"
+    assert not any("rad/s" in note for note in calibration.provenance.imported.notes)
+
+
+def test_a_realsense_table_of_the_tool_has_a_note(tmp_path):
+    """It has the bias of the gyroscope in rad/s, and the camera takes deg/s."""
+    path = tmp_path / "eeprom.bin"
+    path.write_bytes(realsense_table((np.eye(3), B_ACCEL), (np.eye(3), [0.004, -0.002, 0.001])))
+    assert "corrects only 1/57" in imucal.read_calibration(path).provenance.imported.notes[-1]
+
+
+def test_a_damaged_realsense_table_is_named(tmp_path):
+    whole = realsense_table((S_ACCEL, B_ACCEL), (S_GYRO, B_GYRO))
+    changed = whole[:150] + bytes([whole[150] ^ 1]) + whole[151:]
+    cases = {
+        whole[:-8]: "has 512 bytes: a table has 520",
+        changed: "the CRC is wrong",
+        realsense_table((S_ACCEL, B_ACCEL), (S_GYRO, B_GYRO), valid=0): "no valid intrinsics",
+        realsense_table((S_ACCEL, B_ACCEL), (S_GYRO, B_GYRO * np.nan)): "a number is not finite",
+        realsense_table((S_ACCEL * 0, B_ACCEL), (S_GYRO, B_GYRO)): "a matrix is singular",
+    }
+    path = tmp_path / "eeprom.bin"
+    for data, message in cases.items():
+        path.write_bytes(data)
+        with pytest.raises(imucal.FormatError, match=message):
+            imucal.read_calibration(path)
+
+
 # --- ROS imu_calib --------------------------------------------------------------------------------
 
 
@@ -249,6 +357,69 @@ def test_ros_imu_calib(tmp_path):
     with_mean = imucal.read_calibration(tmp_path / "imu_calib.yaml", gyro_bias=B_GYRO)
     np.testing.assert_allclose(with_mean.apply(RATE, FORCE)[0], RATE - B_GYRO, rtol=0, atol=1e-15)
     assert "gyro_scale" in with_mean.provenance.imported.missing
+
+
+# --- INAV -----------------------------------------------------------------------------------------
+
+INAV_SETTINGS = {
+    **dict(zip((f"acczero_{axis}" for axis in "xyz"), (31, -24, 96), strict=True)),
+    **dict(zip((f"accgain_{axis}" for axis in "xyz"), (4180, 4016, 4137), strict=True)),
+    "init_gyro_cal": "OFF",
+    **dict(zip((f"gyro_zero_{axis}" for axis in "xyz"), (17, -45, 51), strict=True)),
+}
+COUNTS = (np.rint(RATE * 940), np.rint(FORCE * 209))
+
+
+def inav_text(**changes):
+    settings = INAV_SETTINGS | changes
+    lines = [f"set {name} = {value}" for name, value in settings.items() if value is not None]
+    # A dump also has lines that are no settings of a calibration.
+    return "\n".join(
+        ["# dump all", "# INAV/MATEKF405 7.1.2", "feature TX", *lines, "set acc_lpf_hz = 15", ""]
+    )
+
+
+def inav_corrected(per_g, per_dps, *, zero=(17, -45, 51), gain=(4180, 4016, 4137)):
+    """accUpdate without its truncation, g to m/s^2, and gyroUpdateAndCalibrate, deg/s to rad/s."""
+    force = (COUNTS[1] - [31, -24, 96]) * np.array(gain) / 4096 / per_g * 9.80665
+    return np.deg2rad((COUNTS[0] - zero) / per_dps), force
+
+
+@pytest.mark.parametrize(("per_g", "per_dps"), [(None, None), (1365.0, 16.384)])
+def test_inav(per_g, per_dps, tmp_path):
+    path = written(tmp_path, "dump.txt", inav_text())
+    calibration = imucal.read_calibration(path, accel_lsb_per_g=per_g, gyro_lsb_per_dps=per_dps)
+    same_after_a_file(calibration, tmp_path)
+    assert_same(calibration, *inav_corrected(per_g or 2048, per_dps or 16.4), raw=COUNTS)
+    assert (calibration.accel_unit, calibration.gyro_unit, calibration.frame) == ("lsb", "lsb", "symmetric")
+    imported = calibration.provenance.imported
+    assert f"acc_1G is taken as {per_g or 2048:g} counts per g" in imported.notes[0]
+    assert {"accel_misalignment", "gyro_scale"} <= set(
+        imported.missing
+    ) and "gyro_bias" not in imported.missing
+
+
+def test_inav_measures_the_zero_of_the_gyroscope_at_its_start(tmp_path):
+    path = written(tmp_path, "dump.txt", inav_text(init_gyro_cal="ON"))
+    calibration = imucal.read_calibration(path)
+    assert_same(calibration, *inav_corrected(2048, 16.4, zero=(0, 0, 0)), raw=COUNTS)
+    imported = calibration.provenance.imported
+    assert "gyro_bias" in imported.missing and "at each start" in imported.notes[-1]
+
+
+def test_inav_settings_that_diff_does_not_list_are_defaults(tmp_path):
+    path = written(tmp_path, "diff.txt", inav_text(accgain_y=None))
+    calibration = imucal.read_calibration(path)
+    assert_same(calibration, *inav_corrected(2048, 16.4, gain=(4180, 4096, 4137)), raw=COUNTS)
+    assert any(note.startswith("accgain_y not in the file") for note in calibration.provenance.imported.notes)
+
+
+def test_the_resolution_is_for_inav_only(tmp_path):
+    path = written(tmp_path, "calibration.json", REALSENSE)
+    with pytest.raises(imucal.InputError, match="realsense does not use the resolution"):
+        imucal.read_calibration(path, accel_lsb_per_g=2048)
+    with pytest.raises(imucal.InputError, match="accel_lsb_per_g is -1"):
+        imucal.read_calibration(written(tmp_path, "dump.txt", inav_text()), accel_lsb_per_g=-1)
 
 
 # --- imu_tk ---------------------------------------------------------------------------------------
@@ -534,12 +705,12 @@ UNIT = imucal.Calibration(
 )
 
 
-@pytest.mark.parametrize("name", ["kalibr", "basalt", "realsense", "ros"])
+@pytest.mark.parametrize("name", ["kalibr", "openvins", "basalt", "realsense", "ros"])
 def test_an_export_is_read_back(name, tmp_path):
     exported = imucal.export(UNIT, name)
     path = tmp_path / "exported"
     exported.save(path)
-    biases = {"accel_bias": B_ACCEL, "gyro_bias": B_GYRO} if name == "kalibr" else {}
+    biases = {"accel_bias": B_ACCEL, "gyro_bias": B_GYRO} if name in ("kalibr", "openvins") else {}
     found = imucal.read_calibration(path, **biases)
     rate, force = exported.same_as.apply(RATE, FORCE)
     if name == "ros":
@@ -547,6 +718,29 @@ def test_an_export_is_read_back(name, tmp_path):
         np.testing.assert_allclose(found.apply(None, FORCE)[1], force, rtol=0, atol=1e-11)
         return
     assert_same(found, rate, force)
+
+
+def test_a_realsense_table_is_read_back(tmp_path):
+    exported = imucal.export(UNIT, "realsense-table")
+    exported.save(tmp_path / "eeprom.bin")
+    found = imucal.read_calibration(tmp_path / "eeprom.bin").apply(RATE, FORCE)
+    # The numbers are float32.
+    for values, expected in zip(found, exported.same_as.apply(RATE, FORCE), strict=True):
+        np.testing.assert_allclose(values, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+def test_inav_commands_are_read_back(tmp_path):
+    counts = dataclasses.replace(
+        UNIT,
+        accelerometer=imucal.Triad(np.diag([204.0, 211.0, 209.0]), [31.2, -24.4, 95.9]),
+        gyroscope=imucal.Triad(np.diag([938.0, 941.0, 940.0]), [17.3, -44.8, 51.0]),
+        frame="symmetric",
+        accel_unit="lsb",
+        gyro_unit="lsb",
+    )
+    exported = imucal.export(counts, "inav")
+    exported.save(tmp_path / "inav.txt")
+    assert_same(imucal.read_calibration(tmp_path / "inav.txt"), *exported.same_as.apply(*COUNTS), raw=COUNTS)
 
 
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])
@@ -664,6 +858,18 @@ DAMAGED = {
         ARDUPILOT_TEXT + "\nINS_ACCOFFS_X,0.5",
         "INS_ACCOFFS_X is -0.42 and 0.5",
     ),
+    "openvins without a matrix": (
+        yaml.dump({"imu0": {k: v for k, v in openvins_block().items() if k != "Tg"}}),
+        r"\$\.imu0\.Tg is missing",
+    ),
+    "openvins with a rotation that is none": (
+        yaml.dump({"imu0": openvins_block(R_IMUtoGYRO=S_GYRO.tolist())}),
+        "R_IMUtoGYRO is no rotation",
+    ),
+    "openvins singular": (yaml.dump({"imu0": openvins_block(Ta=np.ones((3, 3)).tolist())}), "singular"),
+    "inav twice": (inav_text() + "set acczero_x = 30\n", "acczero_x is 31 and 30"),
+    "inav with a fraction": (inav_text(acczero_y=2.5), "acczero_y is '2.5': a whole number"),
+    "inav not calibrated": (inav_text(accgain_z=0), "the sensor is not calibrated"),
     "ardupilot with text": (with_entry(ARDUPILOT_TEXT, "SCAL_Z,1.12", "SCAL_Z,nan"), "a finite number"),
     "imu_tk with 20 numbers": (
         "1 0 0 0 1 0 0 0 1\n1 0 0 0 1 0 0 0 1\n0 0\n",
@@ -686,11 +892,12 @@ def test_a_damaged_file_is_named(case, tmp_path):
     assert "acc.txt" in str(raised.value)
 
 
-@pytest.mark.parametrize("name", ["kalibr", "basalt", "realsense", "ardupilot", "imu_tk"])
+@pytest.mark.parametrize("name", ["kalibr", "openvins", "basalt", "realsense", "ardupilot", "imu_tk"])
 def test_a_file_that_is_cut_off_or_lacks_a_line_is_read_or_refused(name, tmp_path):
     """Never another exception than those of the package, wherever the file ends."""
     text = {
         "kalibr": yaml.dump({"imu0": kalibr_block()}),
+        "openvins": yaml.dump({"imu0": openvins_block()}),
         "basalt": json.dumps({"calib_accel_bias": [0.1] * 9, "calib_gyro_bias": [0.1] * 12}),
         "realsense": json.dumps(REALSENSE, indent=1),
         "ardupilot": ARDUPILOT_TEXT,

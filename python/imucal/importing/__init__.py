@@ -1,4 +1,4 @@
-"""Import of calibrations from Kalibr, Basalt, RealSense, ROS, PX4, ArduPilot, imu_tk and Ferraris.
+"""Import of calibrations of other programs: estimators, cameras, autopilots and calibration packages.
 
     calibration = imucal.read_calibration("imu.yaml")
     calibration.provenance.imported.missing      # what the file does not state
@@ -29,9 +29,12 @@ from imucal.importing.basalt import BASALT
 from imucal.importing.content import content_of
 from imucal.importing.ferraris import FERRARIS
 from imucal.importing.imu_tk import IMU_TK
+from imucal.importing.inav import INAV
 from imucal.importing.kalibr import KALIBR
+from imucal.importing.openvins import OPENVINS
 from imucal.importing.px4 import PX4
 from imucal.importing.realsense import IMU_INFO, REALSENSE
+from imucal.importing.realsense_table import REALSENSE_TABLE
 from imucal.importing.ros import ROS
 from imucal.importing.source_format import Content, Found, Reader, Wanted
 
@@ -39,7 +42,20 @@ __all__ = ["READERS", "Reader", "read_calibration", "readers_markdown"]
 
 READERS: Final[dict[str, Reader]] = {
     reader.name: reader
-    for reader in (KALIBR, BASALT, REALSENSE, IMU_INFO, ROS, PX4, ARDUPILOT, IMU_TK, FERRARIS)
+    for reader in (
+        KALIBR,
+        OPENVINS,
+        BASALT,
+        REALSENSE,
+        REALSENSE_TABLE,
+        IMU_INFO,
+        ROS,
+        PX4,
+        ARDUPILOT,
+        INAV,
+        IMU_TK,
+        FERRARIS,
+    )
 }
 
 
@@ -52,6 +68,8 @@ def read_calibration(
     accel_bias: ArrayLike | None = None,
     gyro_bias: ArrayLike | None = None,
     temperature_degc: float | None = None,
+    accel_lsb_per_g: float | None = None,
+    gyro_lsb_per_dps: float | None = None,
     serial_number: str | None = None,
 ) -> Calibration:
     """Read a calibration of another program, or a calibration file of imucal.
@@ -63,6 +81,8 @@ def read_calibration(
     accel_unit, gyro_unit   raw units, for imu_tk and Ferraris: m/s^2, g, mg, rad/s, deg/s, mdeg/s or lsb
     accel_bias, gyro_bias   (3,) biases in raw units, for files without biases, such as those of Kalibr
     temperature_degc        evaluate the thermal terms of PX4 and ArduPilot at this temperature
+    accel_lsb_per_g, gyro_lsb_per_dps   resolution of INAV's driver of the sensor, counts per g and per deg/s;
+                            default: 2048 and 16.4
     serial_number           serial number of the unit
 
     The result has no covariance, and `provenance.imported` lists all that the files do not state.
@@ -76,11 +96,18 @@ def read_calibration(
         raise InputError(f"instance is {instance!r}: a whole number from 0 is needed")
     if temperature_degc is not None and not np.isfinite(temperature_degc):
         raise InputError(f"temperature_degc is {temperature_degc}: a finite number is needed")
+    for name, value in (("accel_lsb_per_g", accel_lsb_per_g), ("gyro_lsb_per_dps", gyro_lsb_per_dps)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value}: a positive number is needed")
     contents = tuple(map(content_of, paths))
     if format is None and len(paths) == 1 and "schema" in contents[0].fields:
         return Calibration.load(paths[0])
     reader = _reader(contents, format)
-    wanted = Wanted(instance, accel_unit, gyro_unit, temperature_degc)
+    if not reader.scaled and (accel_lsb_per_g is not None or gyro_lsb_per_dps is not None):
+        raise InputError(
+            f"{reader.name} does not use the resolution: remove accel_lsb_per_g and gyro_lsb_per_dps"
+        )
+    wanted = Wanted(instance, accel_unit, gyro_unit, temperature_degc, accel_lsb_per_g, gyro_lsb_per_dps)
     names = " and ".join(content.name for content in contents)
     try:
         found = reader.read(contents, wanted)
@@ -114,6 +141,12 @@ def _reader(contents: Sequence[Content], format: str | None) -> Reader:
             raise InputError(
                 f"{contents[0].name} may be of {' or '.join(r.name for r in fitting)}: give "
                 f"format={fitting[0].name!r}"
+            )
+        if not fitting and not contents[0].text:
+            raise FormatError(
+                f"{contents[0].name} is no text and no calibration table of a RealSense camera: give the "
+                "text file of the calibration, such as calibration.json instead of calibration.bin of "
+                "rs-imu-calibration"
             )
         if not fitting:
             raise FormatError(

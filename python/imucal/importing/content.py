@@ -10,6 +10,7 @@ from typing import Any, Final
 from imucal.document.json_document import Node, read_json
 from imucal.document.source import open_file, parsing
 from imucal.errors import FormatError
+from imucal.importing.inav import has_settings
 from imucal.importing.parameters import has_parameters
 from imucal.importing.source_format import Content
 from imucal.io.extra import library
@@ -26,10 +27,10 @@ EXPONENT_ONLY: Final = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
 
 def content_of(path: str | os.PathLike[str]) -> Content:
-    """The content of a file.
+    """The content of a file. A binary file has an empty text.
 
-    Raises InputError if the file cannot be read, FormatError if it is binary or damaged, and ImucalError if
-    it is YAML and PyYAML is not installed.
+    Raises InputError if the file cannot be read, FormatError if it is damaged, and ImucalError if it is YAML
+    and PyYAML is not installed.
     """
     file = open_file(path)
     name = file.source.path
@@ -41,18 +42,15 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     try:
         text = file.content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise FormatError(
-            f"{name} is no text: give the text file of the calibration, such as calibration.json instead of "
-            "calibration.bin of a RealSense camera"
-        ) from None
+        return Content(name, "", None, file.source, file.content)
     document = None
     if text.lstrip().startswith("{"):
         document = read_json(path)
-    # Parameter files are not parsed as YAML, although consoles of autopilots write lines above the parameters
-    # that look like YAML.
-    elif YAML_FIELD.search(text) and not has_parameters(text):
+    # Files with parameters or settings are not parsed as YAML, although consoles of autopilots write lines
+    # above them that look like YAML.
+    elif YAML_FIELD.search(text) and not has_parameters(text) and not has_settings(text):
         document = Node(_yaml(text, name), "$", name)
-    return Content(name, text, document, file.source)
+    return Content(name, text, document, file.source, file.content)
 
 
 def _yaml(text: str, name: str) -> Any:
@@ -70,7 +68,7 @@ def _yaml(text: str, name: str) -> Any:
             return super().construct_mapping(node, deep)
 
     # OpenCV writes a directive that PyYAML does not accept.
-    text = re.sub(r"\A\s*%YAML:1\.0\s*\n(---)?", "", text)
+    text = re.sub(r"\A\s*%YAML:1\.0[^\n]*\n(---)?", "", text)
     with parsing(name, "YAML", "export or copy it again"):
         found = [document for document in yaml.load_all(text, Once) if document is not None]
         # The conversion to JSON and back replaces dates by texts and YAML aliases by copies.

@@ -11,40 +11,31 @@ IccScaledMisalignedSizeEffectImu. `imucal.exporting.kalibr` writes these files.
 
 from __future__ import annotations
 
-import re
 from typing import Final
 
 import numpy as np
 
-from imucal.arrays import FloatArray
 from imucal.calibration.triad import Triad
 from imucal.document.json_document import Node
 from imucal.effects.effect import EffectValues
-from imucal.errors import FormatError, InputError
 from imucal.exporting.kalibr import G_SENSITIVITY
+from imucal.importing.imu_blocks import NOISE, block_of, imu_blocks, noise_of, rotation_in
+from imucal.importing.openvins import OPENVINS
 from imucal.importing.source_format import Content, Found, Reader, Wanted
 
 __all__ = ["KALIBR"]
 
 MODELS: Final = ("calibrated", "scale-misalignment", "scale-misalignment-size-effect")
-# Kalibr's names of noise figures (continuous time), and the names in a calibration file.
-NOISE: Final = {
-    "accelerometer_noise_density": "accel_noise_density_mps2_per_sqrt_hz",
-    "accelerometer_random_walk": "accel_random_walk_mps3_per_sqrt_hz",
-    "gyroscope_noise_density": "gyro_noise_density_radps_per_sqrt_hz",
-    "gyroscope_random_walk": "gyro_random_walk_radps2_per_sqrt_hz",
-}
-# Largest accepted deviation of C_gyro_i from a rotation. The matrix is written with seven digits or more.
-ROTATION_ROUNDING: Final = 1e-6
 
 
 def recognises(content: Content) -> bool:
-    """Whether a file is a result of Kalibr with blocks imu0, imu1, ..., or an imu.yaml."""
-    return bool(_blocks(content)) or _is_imu(content.fields)
+    """Whether a file is a result of Kalibr with blocks imu0, imu1, ..., or an imu.yaml.
 
-
-def _blocks(content: Content) -> list[str]:
-    return sorted(name for name in content.fields if re.fullmatch(r"imu\d+", name))
+    Files of OpenVINS have such blocks, too.
+    """
+    if OPENVINS.recognises(content):
+        return False
+    return bool(imu_blocks(content)) or _is_imu(content.fields)
 
 
 def _is_imu(fields: object) -> bool:
@@ -56,26 +47,9 @@ def _is_imu(fields: object) -> bool:
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     """The calibration in one block of the file."""
     (content,) = contents
-    if content.document is None:
-        raise FormatError(f"{content.name} is no YAML document")
-    block, notes = content.document, []
-    if blocks := _blocks(content):
-        name = f"imu{wanted.instance}"
-        if name not in blocks:
-            raise InputError(
-                f"{content.name} has {', '.join(blocks)}, but no {name}: give instance={blocks[0][3:]}"
-            )
-        if len(blocks) > 1:
-            notes.append(f"{name} was read; the file also has {', '.join(b for b in blocks if b != name)}")
-        block = content.document.get(name)
-    fields = block.mapping()
+    block, notes = block_of(content, wanted.instance)
+    fields, noise = block.mapping(), noise_of(block)
     model = block.get("model").text(MODELS) if "model" in fields else None
-    noise = {ours: block.get(name).number() for name, ours in NOISE.items() if name in fields}
-    if "T_i_b" in fields and not np.allclose(rotation := block.get("T_i_b").array(4, 4)[:3, :3], np.eye(3)):
-        notes.append(
-            f"corrected samples are in the frame of this IMU; T_i_b, with the rotation {rotation.tolist()} "
-            "from the frame of imu0, is not applied"
-        )
     if model is None and not {"accelerometers", "gyroscopes"} & fields.keys():
         notes.append("the file contains noise figures and no correction: samples remain as they are")
     elif model == "calibrated":
@@ -93,7 +67,7 @@ def _corrected(block: Node, noise: dict[str, float], notes: tuple[str, ...]) -> 
     """The calibration of a block with the model scale-misalignment or scale-misalignment-size-effect."""
     accelerometers, gyroscopes = block.get("accelerometers"), block.get("gyroscopes")
     from_body = accelerometers.get("M").array(3, 3)
-    rotation = _rotation(gyroscopes.get("C_gyro_i"))
+    rotation = rotation_in(gyroscopes.get("C_gyro_i"))
     gyro_from_body = gyroscopes.get("M").array(3, 3) @ rotation
     accelerometer, gyroscope = (Triad(matrix, np.zeros(3)) for matrix in (from_body, gyro_from_body))
     effects = []
@@ -123,13 +97,6 @@ def _size_effect(accelerometers: Node) -> list[EffectValues]:
     if (relative := np.concatenate((y - x, z - x))).any():
         effects.append(EffectValues("accel_size_effect", relative))
     return effects
-
-
-def _rotation(node: Node) -> FloatArray:
-    matrix = node.array(3, 3)
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_ROUNDING or np.linalg.det(matrix) < 0:
-        raise FormatError(f"{node.file}: {node.path} is no rotation: the file is damaged, export it again")
-    return matrix
 
 
 def _without(noise: dict[str, float]) -> tuple[str, ...]:

@@ -23,15 +23,17 @@ class Content:
     """The contents of one file.
 
     name      the path as it was given
-    text      the text of the file
+    text      the text of the file; empty for a binary file
     document  the root of a JSON or YAML document; None for other text
     source    the path and the hash
+    data      the bytes of the file
     """
 
     name: str
     text: str
     document: Node | None
     source: Source
+    data: bytes
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -47,12 +49,15 @@ class Wanted:
     instance      index of the sensor in a file with several sensors, from 0
     accel_unit, gyro_unit   units of the raw samples, for formats that do not define them
     temperature_degc        temperature at which thermal terms are evaluated, None to keep the terms
+    accel_lsb_per_g, gyro_lsb_per_dps   resolution of the sensor, counts per g and per deg/s, for INAV
     """
 
     instance: int = 0
     accel_unit: str | None = None
     gyro_unit: str | None = None
     temperature_degc: float | None = None
+    accel_lsb_per_g: float | None = None
+    gyro_lsb_per_dps: float | None = None
 
 
 @dataclass(frozen=True)
@@ -95,6 +100,7 @@ class Reader:
     recognises  function that tests whether a file has this format
     read        function that returns the calibration in the contents
     without     the parts that files of this format never state, for the table of formats
+    scaled      whether the correction depends on the resolution of the sensor's driver
     """
 
     name: str
@@ -106,6 +112,7 @@ class Reader:
     read: Callable[[tuple[Content, ...], Wanted], Found]
     without: str
     files: tuple[int, int] = (1, 1)
+    scaled: bool = False
 
 
 def corrected_by(matrix: FloatArray, bias: FloatArray) -> Triad:

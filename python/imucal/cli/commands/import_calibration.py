@@ -61,6 +61,14 @@ def import_calibration(
             help="PX4, ArduPilot: evaluate the thermal terms at this temperature.",
         ),
     ] = None,
+    accel_lsb_per_g: Annotated[
+        float | None,
+        option("--accel-lsb-per-g", metavar="X", help="INAV: acc_1G of the sensor's driver; default 2048."),
+    ] = None,
+    gyro_lsb_per_dps: Annotated[
+        float | None,
+        option("--gyro-lsb-per-dps", metavar="X", help="INAV: counts per deg/s of the driver; default 16.4."),
+    ] = None,
     serial_number: Annotated[str | None, option("--serial-number", help="Serial number of the unit.")] = None,
     show_formats: Annotated[
         bool, option("--list", help="List the formats with their formulas and what they do not state.")
@@ -100,6 +108,8 @@ def import_calibration(
         accel_bias=_vector("--accel-bias", accel_bias),
         gyro_bias=_vector("--gyro-bias", gyro_bias),
         temperature_degc=temperature_degc,
+        accel_lsb_per_g=accel_lsb_per_g,
+        gyro_lsb_per_dps=gyro_lsb_per_dps,
         serial_number=serial_number,
     )
     imported = calibration.provenance.imported
