@@ -42,6 +42,8 @@ class Coupled:
 
     def __init__(self, device, unit, seed):
         self.device, self.unit = device, unit
+        # Angular rate per specific force that the gyroscope shows in addition, rad/s per m/s^2.
+        self.from_force = next(e.values for e in unit.effects if e.name == "gyro_g_sensitivity").reshape(3, 3)
         self.random = np.random.default_rng(seed)
         self.angle, self.rate = np.zeros(3), np.zeros(3)
         self.time_s, self.taken = 0.0, deque()
@@ -80,6 +82,7 @@ class Coupled:
             rate[axis] += self.rate[axis]
             rotation = rotation @ rotation_about(axis, self.angle[axis])
         force = rotation.T @ np.array([0.0, 0.0, imucal.units.STANDARD_GRAVITY_MPS2])
+        rate = rate + self.from_force @ force
         out = []
         for sensor, true in ((self.unit.accelerometer, force), (self.unit.gyroscope, rate)):
             noise = sensor.noise_density * np.sqrt(UNIT_HZ / 2) * self.random.normal(size=3)
@@ -134,7 +137,8 @@ def main() -> None:
     simulated = imucal.calibrate(
         imucal.simulate(order.program, seed=SEED, unit=UNIT, rate_hz=UNIT_HZ).recording
     )
-    PAGE.write_text(page(Path(path).name, outcome, result, simulated, truth), encoding="utf-8")
+    slowest = firmware.slowest()
+    PAGE.write_text(page(Path(path).name, outcome, result, simulated, truth, slowest), encoding="utf-8")
     print(PAGE.relative_to(ROOT))
 
 
@@ -143,20 +147,29 @@ def pulls(result, truth):
     return {p.name: (p.value - truth[p.name]) / p.std for p in result.parameters if p.name in truth}
 
 
-def page(firmware, outcome, result, simulated, truth):
+def counted(events):
+    """Messages of events by code: the first one, and the number of events."""
+    by_code = {}
+    for event in events:
+        by_code.setdefault(event["code"], []).append(event["message"])
+    return [f"{code} {len(texts)}: {texts[0]}" for code, texts in by_code.items()]
+
+
+def page(firmware, outcome, result, simulated, truth, slowest):
     reasons = "; ".join(f"`{reason.code}`: {reason.message}" for reason in outcome.reasons) or "none"
     runs = "".join(
-        f"| {name} | {done.state} | {done.samples} | {', '.join(e['code'] for e in done.events)} |\n"
+        f"| {name} | {done.state} | {done.samples} | {'; '.join(counted(done.events)) or 'none'} |\n"
         for name, done in outcome.runs.items()
     )
     found = {"firmware": result, "simulation": simulated}
-    rows, errors = "", {}
+    rows, errors, verdicts = "", {}, ""
     for name, one in found.items():
         if one is None:
             continue
         errors[name] = pulls(one, truth)
         sizes = np.abs(list(errors[name].values()))
         rms = np.sqrt(np.mean(sizes**2))
+        verdicts += f"* {name}: {one.verdict}. {'; '.join(one.reasons)}\n"
         rows += f"| {name} | {one.verdict} | {len(sizes)} | {rms:.2f} | {sizes.max():.2f} |\n"
     each = "".join(
         f"| `{name}` | {' | '.join(f'{errors[of].get(name, np.nan):+.2f}' for of in errors)} |\n"
@@ -170,6 +183,9 @@ seed {CONTROL_SEED} and {CONTROL_MOVES} moves. The unit is `{UNIT}` at {UNIT_HZ:
 that the firmware reports, through an elastic coupling. The simulation has the same unit and program without
 a controller.
 
+In the slowest second of uniform motion, the time of the simulator passed at {100 * slowest:.0f} % of real
+time, by the rates and positions in its reports.
+
 The verdict of `stand calibrate` is **{outcome.verdict}**. Reasons: {reasons}.
 
 | run | ended as | samples | events |
@@ -178,6 +194,9 @@ The verdict of `stand calibrate` is **{outcome.verdict}**. Reasons: {reasons}.
 | motion from | verdict of the calibration | parameters | rms of error / std | largest |
 |---|---|---|---|---|
 {rows}
+The verdicts of both calibrations with their reasons:
+
+{verdicts}
 The errors of the parameters over their standard deviations:
 
 | parameter | {" | ".join(errors)} |

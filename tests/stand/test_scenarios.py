@@ -18,6 +18,7 @@ ON_HAL = (
     "power cycle in a move",
     "power cycle in a hold, welcome lost",
     "killed in a move, resumed",
+    "killed in a hold, resumed",
 )
 
 

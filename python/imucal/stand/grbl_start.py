@@ -107,6 +107,10 @@ def prepared(session: GrblSession, consent: Consent, blocks: Sequence[Block]) ->
             raise ImucalError("the controller reports inches for some of the axes ($13=1): set $13=0")
         session.parser.in_inches = True
     session.starting = False
+    is_hal = any(number >= FIRST_OF_HAL for number in settings)
+    if is_hal:
+        # grblHAL keeps the tool offset of an interrupted run over a reset. Targets are set by this offset.
+        yield from session.command("G49")
     position, offset = yield from _coordinates(session)
     yield from session.measure_delay()
     _require_travel(settings, axes[6:], blocks, letters)
@@ -115,7 +119,7 @@ def prepared(session: GrblSession, consent: Consent, blocks: Sequence[Block]) ->
     limits = MotorLimits(
         (rates[0], rates[1], rates[2]), (accelerations[0], accelerations[1], accelerations[2])
     )
-    return Ready(position, offset, limits, any(number >= FIRST_OF_HAL for number in settings))
+    return Ready(position, offset, limits, is_hal)
 
 
 def require_zero(position_deg: Triple, consent: Consent) -> None:
@@ -169,7 +173,7 @@ def _unlocked(session: GrblSession, consent: Consent) -> Waiting:
 
 def _coordinates(session: GrblSession) -> Waiting:
     """Machine position and work offset."""
-    session.report = None
+    session.report = session.offset_deg = None
     found = yield from session.until(
         lambda: (
             session.report is not None

@@ -14,6 +14,7 @@ import imucal.units as units
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
+from imucal.stand.continuation import WRAP_SHARE, Continuation
 from imucal.stand.driver import Event
 from imucal.stand.journal import Logged
 from imucal.stand.link import Link, LinkLostError
@@ -26,8 +27,6 @@ REOPEN_S: Final = 0.3
 TICKS_PER_S: Final = {f"time_{unit}": ticks for unit, ticks in units.TICKS_PER_S.items()}
 # Column name of a packet counter.
 SEQUENCE: Final = "sequence"
-# A counter counts as wrapped if it jumps from above this share of its range to below 1 minus this share.
-WRAP_SHARE: Final = 0.9
 
 
 class Decoder(Protocol):
@@ -84,18 +83,14 @@ class StreamSource:
         if rate_hz is not None and not rate_hz > 0:
             raise InputError(f"the sample rate is {rate_hz}: give a positive number, Hz")
         self._rate_hz = rate_hz
-        # The column from which the time is computed, and its ticks per second.
-        timing = (
-            (self._time, TICKS_PER_S[names[self._time]])
-            if self._time is not None
-            else (self._sequence, rate_hz)
-        )
+        # The column from which the time is computed, if there is one, and its counts per second.
+        self._counter = self._sequence if self._time is None else self._time
+        self._per_s = TICKS_PER_S[names[self._time]] if self._time is not None else rate_hz or 1.0
         self._check = (
-            TimeCheck(timing[0], timing[1])
-            if timing[0] is not None
-            and timing[1] is not None
+            TimeCheck(self._counter, self._per_s)
+            if self._counter is not None
             and not decoder.is_checked
-            and decoder.wraps_at[timing[0]] is None
+            and decoder.wraps_at[self._counter] is None
             else None
         )
         self._kept = [i for i in range(len(names)) if i != self._sequence]
@@ -103,8 +98,8 @@ class StreamSource:
         self._before: tuple[float, ...] | None = None
         self._last_sample_s = 0.0
         self._numbered = 0
-        # Time of the last sample of an interrupted run, and its host time, s.
-        self._resumed: tuple[float, float] | None = None
+        # Samples after an interruption whose time is not known yet.
+        self._continuation: Continuation | None = None
         self._shift = [0.0] * len(names)
         self._count = {
             "samples": 0,
@@ -142,15 +137,17 @@ class StreamSource:
                     # If the time is computed from the sample number, it is advanced by the duration of the
                     # gap.
                     if arrived.code == "unit_link_back" and self._numbered and self._sequence is None:
-                        self._resumed = ((self._numbered - 1) / (self._rate_hz or 1.0), self._last_sample_s)
+                        self._interrupt((self._numbered - 1) / self._per_s, self._last_sample_s)
                 else:
                     self.bytes_received += len(arrived)
                     for raw in self._decoder.feed(arrived):
                         self._take(self._checked(raw, at_s), rows)
                 at_s, arrived = self._arrived.get_nowait()
         except queue.Empty:
+            now_s = self._clock.now_s()
             if self._check is not None:
-                self._take(self._check.overdue(self._clock.now_s()), rows)
+                self._take(self._check.overdue(now_s), rows)
+            self._continue(now_s, rows)
         self._count["samples"] += len(rows)
         return np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
 
@@ -162,7 +159,7 @@ class StreamSource:
     def continue_after(self, row: FloatArray, host_s: float) -> None:
         """Continue the time after an earlier sample, (columns,), that arrived at this time of the host, s."""
         name = "time_s" if self._time is None else self._decoder.columns[self._time]
-        self._resumed = (float(row[self.columns.index(name)]), host_s)
+        self._interrupt(float(row[self.columns.index(name)]) / TICKS_PER_S[name], host_s)
 
     def arrivals(self) -> FloatArray:
         """Host time of arrival of each sample of the last `read`, (N,), s."""
@@ -232,9 +229,20 @@ class StreamSource:
     def _take(self, timed: Sequence[Timed], rows: list[list[float]]) -> None:
         """Add the samples of rows, and their arrivals."""
         for raw, arrived_s in timed:
-            if row := self._sample(raw, arrived_s):
-                rows.append(row)
-                self._arrivals.append(arrived_s)
+            if not self._are_finite(raw):
+                self._count["counters_not_finite"] += 1
+            elif self._continuation is not None:
+                waiting = len(self._continuation.waiting)
+                count = float(waiting) if self._counter is None else raw[self._counter]
+                self._continuation.add((raw, arrived_s), count)
+                self._continue(arrived_s, rows)
+            else:
+                self._add(raw, arrived_s, rows)
+
+    def _add(self, raw: tuple[float, ...], arrived_s: float, rows: list[list[float]]) -> None:
+        if row := self._sample(raw, arrived_s):
+            rows.append(row)
+            self._arrivals.append(arrived_s)
 
     def _checked(self, raw: tuple[float, ...], at_s: float) -> Sequence[Timed]:
         """Rows now known to be undamaged, with host times of arrival. The row `raw` may have to wait."""
@@ -252,13 +260,11 @@ class StreamSource:
             )
         return passed
 
+    def _are_finite(self, raw: tuple[float, ...]) -> bool:
+        return all(math.isfinite(raw[i]) for i in (self._time, self._sequence) if i is not None)
+
     def _sample(self, raw: tuple[float, ...], now_s: float) -> list[float] | None:
-        """A sample with unwrapped counters; None for a repeated packet, or if a counter is NaN."""
-        if not all(math.isfinite(raw[i]) for i in (self._time, self._sequence) if i is not None):
-            self._count["counters_not_finite"] += 1
-            return None
-        if self._resumed is not None:
-            self._begin_after(*self._resumed, raw, now_s)
+        """A sample with unwrapped counters; None for a repeated packet."""
         row = list(raw)
         for i in (self._time, self._sequence):
             if i is not None:
@@ -275,27 +281,32 @@ class StreamSource:
             return kept
         number = self._numbered if self._sequence is None else row[self._sequence]
         self._numbered += 1
-        return [number / self._rate_hz, *kept]
+        return [number / self._per_s, *kept]
 
-    def _begin_after(self, last: float, last_s: float, raw: tuple[float, ...], now_s: float) -> None:
-        """Shift the counters so that the first sample follows the last one of an interrupted run."""
-        self._resumed = None
-        elapsed_s = max(now_s - last_s, 0.0)
-        if self._rate_hz is not None:
-            following = round((last + elapsed_s) * self._rate_hz)
-            self._numbered = following
-            if self._sequence is not None:
-                self._shift[self._sequence] = following - raw[self._sequence]
+    def _interrupt(self, last_s: float, host_s: float) -> None:
+        """Let samples wait until the time since the last sample is known, which arrived at `host_s`."""
+        self._continuation = Continuation(
+            last_s,
+            host_s,
+            per_s=self._per_s,
+            turn=None if self._counter is None else self._decoder.wraps_at[self._counter],
+            is_clock=self._time is not None,
+        )
+
+    def _continue(self, now_s: float, rows: list[list[float]]) -> None:
+        """Add the waiting samples once the time since the last sample is known."""
+        found = self._continuation
+        if found is None or (shift := found.shift(now_s)) is None:
             return
-        if self._time is None:
-            return
-        ticks = TICKS_PER_S[self._decoder.columns[self._time]]
-        expected = last + elapsed_s * ticks
-        turn = self._decoder.wraps_at[self._time]
-        # Determine whether the clock of the unit has continued, with any number of wraps, or has restarted.
-        shift = 0.0 if turn is None else turn * round((expected - raw[self._time]) / turn)
-        goes_on = abs(raw[self._time] + shift - expected) < (1.0 + 1e-3 * elapsed_s) * ticks
-        self._shift[self._time] = shift if goes_on else expected - raw[self._time]
+        self._continuation = None
+        if self._time is not None:
+            self._shift[self._time] = shift
+        elif self._sequence is not None:
+            self._shift[self._sequence] = round(shift)
+        else:
+            self._numbered = round(shift)
+        for raw, arrived_s in found.waiting:
+            self._add(raw, arrived_s, rows)
 
     def _continued(self, i: int, raw: float, now_s: float) -> float:
         """The value of a counter, continued across wraps and restarts of the unit."""
