@@ -98,8 +98,8 @@ by more than {AT_REST_DEG:g} deg at rest or {IN_MOVES_DEG:g} deg in moves, if a 
 {SILENT_S:g} s without a word, or if it ends in another state than expected. The program has five poses, with
 moves at up to 60 deg/s. The imitation runs in virtual time. Firmware is compiled for the computer and runs
 in real time. Its simulator ran on one processor, and the driver on another one with the priority of real-time
-processes (`chrt -r 2`). Other programs kept both processors busy during the runs. The simulator of grblHAL
-computed frames of 2 ms instead of 20 ms (see [Checked on firmware](../stand.md#faults-during-a-run)).
+processes (`chrt -r 2`). Other programs kept both processors busy during the runs. The simulators were changed
+to follow real time ([Checked on firmware](../stand.md#faults-during-a-run)).
 
 {tables_text}
 """
