@@ -698,7 +698,7 @@ def gap_design(
     recordings: Sequence[_Recording],
     options: _Options,
     candidates: Sequence[tuple[str, bool]],
-    is_hand_moved: bool = False,
+    is_hand_moved: bool | None = None,
 ) -> GapDesign: ...
 def find_gap(
     question: _GapQuestion, stage: Callable[[Sequence[str] | None, int | None], None]

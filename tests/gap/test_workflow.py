@@ -228,13 +228,24 @@ def test_a_large_effect_is_told_from_what_resembles_it():
     assert (gap.verdict, [effect["name"] for effect in gap.effects]) == ("named", ["accel_scale_quadratic"])
 
 
-def test_effects_that_the_control_run_cannot_bear_are_a_verdict():
-    # A fifth of the force: taken away from the control run, the effect has no solution at some samples.
-    # Another effect that explains a part of it is not named instead.
+def test_an_effect_of_a_fifth_of_the_force_is_named_and_taken_away():
     run, control = pair(effects={"accel_scale_quadratic": [0.02, 0.02, 0.02]})
     gap = imucal.find_gap(run, control=control)
+    assert [effect["name"] for effect in gap.effects] == ["accel_scale_quadratic"]
+    assert (
+        gap.control_set["before"]["gravity_norm_rms_mps2"]
+        > 100 * gap.control_set["after"]["gravity_norm_rms_mps2"]
+    )
+
+
+def test_effects_that_the_control_run_cannot_bear_are_a_verdict():
+    # Half of the force: near -1 g two forces have the same reading, so the effect cannot be taken away from
+    # some samples of the control run. Another effect that explains a part of it is not named instead.
+    run, control = pair(effects={"accel_scale_quadratic": [0.05, 0.05, 0.05]})
+    gap = imucal.find_gap(run, control=control)
     assert (gap.verdict, gap.effects) == ("unknown", ())
-    assert any("too large there to be undone" in note for note in gap.notes)
+    assert "too large there to be undone" in gap.remainder.description
+    assert "record more" not in gap.summary()
 
 
 def test_a_run_by_hand_beside_one_on_a_stand_is_told_from_it():

@@ -33,6 +33,8 @@ __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "tak
 # Convergence criterion: largest change of a sample in an iteration, relative to the magnitude of its terms.
 # The value is 16 rounding errors of float64.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
+# Maximum number of iterations for user-defined effects, which are evaluated on whole recordings.
+MOST_PASSES: Final = 32
 
 # Inputs of a field besides rate and force, each with the column of a recording from which it is computed.
 COLUMNS: Final = {"time": "time_s", "angular_acceleration": "time_s", "temperature": "temperature_degc"}
@@ -212,7 +214,7 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     start = State.of(recording, rate, force)
     acceleration = start.angular_acceleration
     measured = np.isfinite(np.hstack((rate, force)))
-    for _ in range(_core.MAX_PASSES):
+    for _ in range(MOST_PASSES):
         on_rate, on_force = _added(own, State.of(recording, rate, force, acceleration, start.rest_s))
         without = replace(
             recording,
@@ -229,7 +231,7 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     names = ", ".join(effect.name for effect, _ in own)
     raise InputError(
         f"{recording.name}: {names} cannot be corrected: at sample {unsettled.any(axis=1).argmax()} the "
-        f"correction has not converged in {_core.MAX_PASSES} iterations, because the effect is too large "
+        f"correction has not converged in {MOST_PASSES} iterations, because the effect is too large "
         "relative to the rate or force on which it depends"
     )
 

@@ -358,13 +358,13 @@ pub(crate) struct GapDesign {
 /// Linearises the model without effects. The result has columns for the candidate effects and for the user fields in
 /// the options.
 #[pyfunction]
-#[pyo3(signature = (recordings, options, candidates, is_hand_moved = false))]
+#[pyo3(signature = (recordings, options, candidates, is_hand_moved = None))]
 pub(crate) fn gap_design(
     py: Python<'_>,
     recordings: Vec<RecordingColumns<'_>>,
     options: CalibrateOptions<'_>,
     candidates: Vec<(String, bool)>,
-    is_hand_moved: bool,
+    is_hand_moved: Option<bool>,
 ) -> PyResult<GapDesign> {
     let mut options = options.options(py)?;
     let user_fields = std::mem::take(&mut options.user_fields);

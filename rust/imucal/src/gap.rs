@@ -7,6 +7,7 @@
 //! * `forward_search`, `score`, `revise`: steps of the forward search.
 //! * `generic`, `pattern`: hypotheses about variations of a bias or scale that no effect of the catalogue describes.
 //!   These hypotheses compete with the selected effects.
+//! * `time_course`: whether a variation in time is a random walk, smooth, or a switch between two levels.
 //! * `predict`: cross-validation of a candidate on held-out rests and moves.
 //! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
 //! * `forward_search::beside_patterns`: scores effects of the catalogue with generic hypotheses in the model. Effects
@@ -56,6 +57,7 @@ mod shares;
 mod smooth;
 mod stage;
 mod start;
+mod time_course;
 mod verdict;
 mod weighing;
 

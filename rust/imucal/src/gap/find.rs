@@ -330,8 +330,9 @@ impl Fit {
     /// Magnitude of `earth_rate` in this fit and its standard deviation, rad/s; `None` if the effect is not in the
     /// model.
     fn earth_rate(&self) -> Option<NotTheEarth> {
-        let values = &self.outcome.effects.iter().find(|effect| effect.name == earth::NAME)?.values;
-        let first = self.outcome.names.iter().position(|name| name.starts_with("earth_rate_"))?;
+        let TermEstimate { values, parameter_names, .. } =
+            self.outcome.effects.iter().find(|effect| effect.name == earth::NAME)?;
+        let first = self.outcome.names.iter().position(|name| parameter_names.first() == Some(name))?;
         let size_radps = values.iter().map(|value| value * value).sum::<f64>().sqrt();
         let term = |(i, j): (usize, usize)| values[i] * values[j] * self.outcome.covariance[first + i][first + j];
         let pairs = (0..values.len()).flat_map(|i| (0..values.len()).map(move |j| (i, j)));

@@ -14,6 +14,7 @@ use self::beside_patterns::KnownEffects;
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::earth;
+use super::kernel::Kernel;
 use super::pattern::{BestGeneric, Pattern};
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, FitKey, Member, Stage};
@@ -50,7 +51,8 @@ pub fn search(
     user_fields: &[UserField<'_>],
     is_hand_moved: bool,
 ) -> Result<Search, Error> {
-    let (mut search, open) = ForwardSearch::new(checked, candidates, user_fields, is_hand_moved);
+    let known = is_hand_moved.then_some(true);
+    let (mut search, open) = ForwardSearch::new(checked, candidates, user_fields, known);
     let temperatures_degc = centred_temperatures(checked.recordings());
     checked.prepare(&temperatures_degc, search.kinds, |prepared, accelerometer, gyroscope| {
         search.run(prepared, [accelerometer, gyroscope], open)
@@ -58,7 +60,9 @@ pub fn search(
 }
 
 /// Whitened residuals of the model without effects, and their Jacobian. Other methods of model selection can be
-/// compared with [`search`] on this input. `is_hand_moved` is as in [`search`].
+/// compared with [`search`] on this input. `is_hand_moved` is the result of an earlier search
+/// ([`Search::is_hand_moved`]). If it is `None`, hand motion is tested here. The test depends on the candidates, so
+/// linearisations with different candidates have the same rows only if the result is given.
 ///
 /// # Errors
 /// As [`search`].
@@ -67,7 +71,7 @@ pub fn linearise(
     options: &Options<'_>,
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
-    is_hand_moved: bool,
+    is_hand_moved: Option<bool>,
 ) -> Result<Linearised, Error> {
     let checked = Checked::try_new(recordings, options)?;
     at_start(&checked, candidates, user_fields, is_hand_moved, |_, stage| {
@@ -100,7 +104,7 @@ pub fn smallest_visible(
     candidates: &[EffectChoice],
     is_hand_moved: bool,
 ) -> Result<Visible, Error> {
-    at_start(checked, candidates, &[], is_hand_moved, |mut search, stage| {
+    at_start(checked, candidates, &[], is_hand_moved.then_some(true), |mut search, stage| {
         let judged = judge(stage);
         search.left_out.extend(judged.blind);
         (judged.visible, search.left_out)
@@ -113,7 +117,7 @@ fn at_start<T>(
     checked: &Checked<'_>,
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
-    is_hand_moved: bool,
+    is_hand_moved: Option<bool>,
     work: impl FnOnce(ForwardSearch<'_>, &Stage) -> T,
 ) -> Result<T, Error> {
     let (mut search, open) = ForwardSearch::new(checked, candidates, user_fields, is_hand_moved);
@@ -151,8 +155,8 @@ fn is_warmed(recordings: &[Recording<'_>]) -> bool {
 /// The state of a search.
 pub(super) struct ForwardSearch<'a> {
     pub(super) kinds: Kinds,
-    /// Whether the unit is known to have been moved by hand.
-    pub(super) is_hand_moved: bool,
+    /// Whether the unit was moved by hand; `None` if this is not known yet.
+    pub(super) is_hand_moved: Option<bool>,
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
@@ -171,14 +175,14 @@ impl<'a> ForwardSearch<'a> {
         checked: &Checked<'_>,
         candidates: &[EffectChoice],
         user_fields: &'a [UserField<'a>],
-        is_hand_moved: bool,
+        is_hand_moved: Option<bool>,
     ) -> (Self, Vec<EffectChoice>) {
         let recordings = checked.recordings();
         let encoders = recordings.iter().all(Recording::has_stand)
             && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
         let mut search = Self {
             kinds: Kinds { in_motion: true, encoders },
-            is_hand_moved: is_hand_moved || checked.is_held() || checked.has_coarse_accelerometer(),
+            is_hand_moved: (checked.is_held() || checked.has_coarse_accelerometer()).then_some(true).or(is_hand_moved),
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
@@ -266,8 +270,11 @@ impl<'a> ForwardSearch<'a> {
             true => pattern.instead().or(pattern.besides()).map(BestGeneric::finding),
             false => pattern.besides().map(BestGeneric::finding),
         };
-        let generic =
+        let mut generic =
             patterns.iter().filter_map(winner).max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
+        if let Some(found) = generic.as_mut().filter(|found| found.kernel == Kernel::RandomWalk) {
+            found.kernel = self.course(prepared, triads, &open, &stage.members, found.block)?;
+        }
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));

@@ -39,7 +39,7 @@ impl Block {
     /// Typical deviation of the parameter, SI units. Prior widths of hypotheses are multiples of it. The values are
     /// 0.02 deg/s for gyroscope bias, 0.5 mg for accelerometer bias, 0.2 % for gyroscope scale, and 0.1 % for
     /// accelerometer scale.
-    fn typical(self) -> f64 {
+    pub(super) fn typical(self) -> f64 {
         match self {
             Self::GyroscopeBias => 3.5e-4,
             Self::AccelerometerBias => 5e-3,

@@ -22,6 +22,10 @@ pub enum Kernel {
     Force,
     /// Deviations are constant within a recording and differ from one recording to the next.
     Session,
+    /// Deviations are a smooth function of time.
+    Time,
+    /// Deviations switch between two levels.
+    Switching,
 }
 
 impl Kernel {
@@ -36,6 +40,8 @@ impl Kernel {
             Self::Rate => "rate",
             Self::Force => "force",
             Self::Session => "between_sessions",
+            Self::Time => "time",
+            Self::Switching => "switching",
         }
     }
 }

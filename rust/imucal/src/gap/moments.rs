@@ -1,5 +1,6 @@
 //! The times at which generic hypotheses are evaluated, and the whitened columns of a hypothesis.
 
+use std::cmp::Ordering::Equal;
 use std::sync::Arc;
 
 use faer::Mat;
@@ -10,6 +11,7 @@ use super::design::axes_of;
 use super::generic::{Block, Hypothesis, hypotheses};
 use super::kernel::Kernel;
 use super::shares::{Moment, Moments, Place};
+use super::time_course::Epoch;
 use crate::error::Error;
 use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, move_segments};
 use crate::numerics::stats::dot;
@@ -18,6 +20,9 @@ use crate::rests::moves::Move;
 /// Step between the blocks inside a move at which a hypothesis is evaluated if accelerometer samples inside moves are
 /// not used. Every fifth block is sufficient, because biases vary slowly.
 const EVERY: usize = 5;
+/// Minimum angular rate about an axis, rad/s, for a motion to have a sign. Slower motions leave the sign of the last
+/// motion unchanged. It exceeds the noise of a consumer gyroscope.
+const LEAST_RATE_RADPS: f64 = 0.05;
 
 /// A linearisation with the quantities that kernels depend on, at rests and inside moves.
 pub(crate) struct Setting<'a> {
@@ -69,6 +74,51 @@ impl<'a> Setting<'a> {
         self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
+    /// The rests and moves in which a block may deviate, and whitened columns with one deviation per epoch. The columns
+    /// for the x axis come first, then those for y and z. An accelerometer is only observed at rests, and a gyroscope
+    /// scale only in moves.
+    pub(crate) fn by_epoch(&self, block: Block) -> (Vec<Epoch>, Mat<f64>) {
+        let Moments { used, rests, moves } = &self.moments;
+        let has_rests = block != Block::GyroscopeScale;
+        let has_moves = block.sensor() == Sensor::Gyroscope;
+        let middle = |way: &Vec<Moment>| way.get(way.len() / 2).map(|at| (at.recording, at.time_s));
+        // Recording and time of each epoch, and whether it is a move, with its index.
+        let of_rests = rests.iter().map(|at| (at.recording, at.time_s)).enumerate().filter(|_| has_rests);
+        let of_moves = moves.iter().enumerate().filter(|_| has_moves).filter_map(|(k, way)| Some((k, middle(way)?)));
+        let mut epochs: Vec<(Epoch, bool, usize)> = of_rests
+            .map(|own| (own, false))
+            .chain(of_moves.map(|own| (own, true)))
+            .map(|((k, (recording, time_s)), is_move)| (Epoch { recording, time_s }, is_move, k))
+            .collect();
+        epochs
+            .sort_by(|(a, ..), (b, ..)| (a.recording, a.time_s).partial_cmp(&(b.recording, b.time_s)).unwrap_or(Equal));
+        let (n, sensor) = (epochs.len(), block.sensor());
+        let width = 3 * n;
+        let mut field = Field {
+            sensor,
+            width,
+            rests: vec![0.0; self.prepared.rests.len() * width],
+            moves: moves.iter().map(|way| vec![0.0; way.len() * width]).collect(),
+        };
+        let input = |at: &Moment| match block {
+            Block::GyroscopeScale => at.rate,
+            Block::AccelerometerScale => at.up * self.prepared.gravity_mps2,
+            Block::GyroscopeBias | Block::AccelerometerBias => Vector3::repeat(1.0),
+        };
+        for (place, (_, is_move, k)) in epochs.iter().enumerate() {
+            let (all, first, moments) = match is_move {
+                true => (&mut field.moves[*k], 0, &moves[*k][..]),
+                false => (&mut field.rests, used[*k], &rests[*k..=*k]),
+            };
+            for (row, at) in moments.iter().enumerate() {
+                let input = input(at);
+                (0..3).for_each(|axis| all[(first + row) * width + axis * n + place] = input[axis]);
+            }
+        }
+        let columns = self.problem.by_field(&self.linear, &self.segments, &field);
+        (epochs.into_iter().map(|(epoch, ..)| epoch).collect(), columns)
+    }
+
     /// Deviation on each axis for the given coefficients of a hypothesis, with the index of the rest. A hypothesis
     /// about rests gives one deviation for each rest that the fit uses. A hypothesis about moves gives one deviation in
     /// the middle of each move, with the index of the rest before the move.
@@ -100,11 +150,13 @@ fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) 
     for ((m, at_move), segment) in prepared.moves.iter().zip(linear.moves.iter()).zip(segments) {
         let quaternion = |m: &_| UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*m));
         let whole = quaternion(&at_move.pass.rotation);
-        let (start, turn) = (arrived[m.from].map_or(attitude, |(attitude, _)| attitude), whole.scaled_axis());
+        let (start, mut signs) = arrived[m.from].unwrap_or((attitude, Vector3::zeros()));
         let recording = &prepared.recordings[m.recording];
         let rate_and_time = |k: usize| (segment.stretches[k].rate, segment.stretches[k].time_s);
-        let moment = |k: usize| {
+        let mut moment = |k: usize| {
             let stretch = &segment.stretches[k];
+            signs = signs
+                .zip_map(&stretch.rate, |sign, rate| if rate.abs() > LEAST_RATE_RADPS { rate.signum() } else { sign });
             let here = quaternion(&stretch.attitude);
             let ((w0, t0), (w1, t1)) =
                 (rate_and_time(k.saturating_sub(1)), rate_and_time((k + 1).min(segment.stretches.len() - 1)));
@@ -114,19 +166,19 @@ fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) 
                 up: here.inverse() * at_move.before.up,
                 ahead: (start * here).inverse() * Vector3::x(),
                 temperature_degc: recording.temperature_degc.map(|t| t[stretch.sample]).filter(|t| t.is_finite()),
-                turn,
+                signs,
                 rate: stretch.rate,
                 acceleration: if t1 > t0 { (w1 - w0) / (t1 - t0) } else { Vector3::zeros() },
             }
         };
-        moves.push((0..segment.stretches.len()).map(moment).collect());
+        moves.push((0..segment.stretches.len()).map(&mut moment).collect());
         attitude = start * whole;
-        arrived[m.to] = Some((attitude, turn));
+        arrived[m.to] = Some((attitude, signs));
     }
     let at_rest = |k: usize, up: &Vector3<f64>| {
         let rest = &prepared.rests[k];
         let recording = &prepared.recordings[rest.recording];
-        let (attitude, turn) = arrived[k].unwrap_or((UnitQuaternion::identity(), Vector3::zeros()));
+        let (attitude, signs) = arrived[k].unwrap_or((UnitQuaternion::identity(), Vector3::zeros()));
         let range = rest.rest.first..rest.rest.end;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         Moment {
@@ -135,7 +187,7 @@ fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) 
             up: *up,
             ahead: attitude.inverse() * Vector3::x(),
             temperature_degc: recording.temperature_degc.map(|t| mean(&t[range])).filter(|t| t.is_finite()),
-            turn,
+            signs,
             rate: Vector3::zeros(),
             acceleration: Vector3::zeros(),
         }

@@ -18,8 +18,8 @@ pub(crate) struct Moment {
     /// A fixed horizontal world direction in the body frame, propagated with the gyroscope.
     pub(crate) ahead: Vector3<f64>,
     pub(crate) temperature_degc: Option<f64>,
-    /// Rotation vector of the last move, rad.
-    pub(crate) turn: Vector3<f64>,
+    /// Sign of the current or, at rest, the last rotation about each axis; 0 before the first rotation.
+    pub(crate) signs: Vector3<f64>,
     pub(crate) rate: Vector3<f64>,
     pub(crate) acceleration: Vector3<f64>,
 }
@@ -58,8 +58,6 @@ pub(super) struct Shares {
 
 /// Correlation length of the kernels of directions and attitudes, as a distance between unit vectors.
 const LENGTH: f64 = 0.6;
-/// Minimum rotation angle about an axis, rad, for a rotation to have a sign. Smaller rotations have the sign zero.
-const LEAST_TURN_RAD: f64 = 0.01;
 /// Maximum number of eigenfunctions per axis for a random walk. They resolve periods down to a tenth of the recording's
 /// duration.
 const MOST_WAVES: usize = 20;
@@ -115,13 +113,12 @@ fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
     match kernel {
-        Kernel::RandomWalk => {
+        // Whether a variation in time is smooth, or switches, is examined only if a random walk explains it.
+        Kernel::RandomWalk | Kernel::Time | Kernel::Switching => {
             each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });
         }
         Kernel::Session => each(to, others, |b| if a.recording == b.recording { 1.0 } else { 0.0 }),
-        Kernel::LastMotion => {
-            each(to, others, |b| (0..3).map(|axis| direction(a.turn[axis]) * direction(b.turn[axis])).sum());
-        }
+        Kernel::LastMotion => each(to, others, |b| a.signs.dot(&b.signs)),
         Kernel::Heading => {
             let own = side(a);
             each(to, others, |b| a.ahead.dot(&b.ahead) + own.dot(&side(b)));
@@ -144,9 +141,4 @@ fn each(to: &mut [f64], others: &[Moment], of: impl Fn(&Moment) -> f64) {
 fn near(to: &mut [f64], others: &[Moment], length: f64, square: impl Fn(&Moment) -> f64) {
     each(to, others, |other| square(other) / (length * length));
     gaussian_kernels(to);
-}
-
-/// Sign of a rotation angle; zero if its magnitude is below [`LEAST_TURN_RAD`].
-fn direction(turn_rad: f64) -> f64 {
-    if turn_rad.abs() < LEAST_TURN_RAD { 0.0 } else { turn_rad.signum() }
 }

@@ -33,8 +33,12 @@ impl ForwardSearch<'_> {
         triads: [&Triad<f64>; 2],
         mut open: Vec<EffectChoice>,
     ) -> Result<(Stage, Vec<EffectChoice>), Error> {
-        if self.is_hand_moved || self.seems_hand_moved(prepared, triads, &open)? {
-            self.is_hand_moved = true;
+        let is_hand_moved = match self.is_hand_moved {
+            Some(known) => known,
+            None => self.seems_hand_moved(prepared, triads, &open)?,
+        };
+        self.is_hand_moved = Some(is_hand_moved);
+        if is_hand_moved {
             self.kinds.in_motion = false;
             open.retain(|choice| {
                 let blind = is_unobservable_hand_held(choice.effect.name);

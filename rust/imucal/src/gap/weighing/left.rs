@@ -1,5 +1,6 @@
 //! Schur complement of additional columns of a linear model, after elimination of the model's own columns.
 
+use faer::Mat;
 use nalgebra::DMatrix;
 use pulp::{Simd, WithSimd};
 
@@ -19,6 +20,14 @@ pub(crate) struct Left {
 }
 
 impl Left {
+    /// The quadratic log likelihood of the parameters of the additional columns, in typical sizes: `slope . x - 1/2 x^T
+    /// information x`.
+    pub(crate) fn information(&self) -> (Mat<f64>, Vec<f64>) {
+        let k = self.columns();
+        let matrix = Mat::from_fn(k, k, |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
+        (matrix, (0..k).map(|a| -self.sums.row(a)[k - a]).collect())
+    }
+
     fn columns(&self) -> usize {
         self.sums.size() - 1
     }

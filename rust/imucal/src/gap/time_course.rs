@@ -1,0 +1,422 @@
+//! Tells a random walk from variations in time that are not random.
+//!
+//! A generic hypothesis with the kernel of a random walk explains any slow variation. If it has the largest evidence,
+//! the deviation x of the varying parameter is therefore examined epoch by epoch. An epoch is a rest or a move. The
+//! residuals determine x up to their noise, after the parameters of the model are eliminated:
+//!
+//! ```text
+//! log likelihood of x = eta^T x - 1/2 x^T Lambda x + constant
+//!
+//! walk        x ~ N(0, a_i^2 min(t, t') / T)                    a_i the size on axis i, T the duration
+//! smooth      x ~ N(0, a_i^2 exp(-(t - t')^2 / 2 l^2))          l between 1/40 and 1/5 of T
+//! switching   x = s v,   s of 0 or 1 in each epoch, v ~ N(0, a^2)
+//! ```
+//!
+//! Every course also contains white scatter from epoch to epoch. The evidence of each course is maximised over the
+//! sizes. The evidence of a switching course is that of its most likely states s, reduced by the information that the
+//! states contain: the number of changes, their places, and the share of an epoch in which a change lies.
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Vector3};
+use statrs::function::factorial::ln_binomial;
+
+use super::forward_search::ForwardSearch;
+use super::generic::Block;
+use super::kernel::Kernel;
+use super::moments::Setting;
+use super::stage::{Beside, Member};
+use super::weighing::Weighing;
+use crate::calibrate::EffectChoice;
+use crate::error::Error;
+use crate::joint::{Kinds, Prepared, Terms};
+
+/// Minimum difference of log evidence, nats, from the random walk for another course to replace it. 8 nats are odds of
+/// 3000 to 1.
+const LEAST: f64 = 8.0;
+/// Minimum number of epochs for the courses to be told apart.
+const LEAST_EPOCHS: usize = 8;
+/// Trial sizes of the deviation, in multiples of an estimate for each axis.
+const SIZES: [f64; 5] = [0.5, 0.7, 1.0, 2.0, 4.0];
+/// Trial standard deviations of white scatter from epoch to epoch, in typical sizes of the block.
+const SCATTERS: [f64; 4] = [1e-3, 0.1, 0.3, 1.0];
+/// Trial correlation lengths of a smooth course, as shares of the duration.
+const LENGTHS: [f64; 4] = [0.025, 0.05, 0.1, 0.2];
+/// Trial states of an epoch in which a switch happens. Other epochs have the state 0 or 1.
+const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
+/// Maximum number of passes over all epochs in the search for the most likely states.
+const MOST_PASSES: usize = 12;
+
+/// A rest or a move, in which the deviation has one value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Epoch {
+    pub(crate) recording: usize,
+    /// Time of its middle since the first sample of the recording, s.
+    pub(crate) time_s: f64,
+}
+
+impl ForwardSearch<'_> {
+    /// The kernel that describes a variation of a block which was taken for a random walk, with the effects `members`
+    /// in the model.
+    pub(super) fn course(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+        block: Block,
+    ) -> Result<Kernel, Error> {
+        let kinds = self.kinds;
+        self.kinds = Kinds { in_motion: false, encoders: false };
+        let found = self.observed(prepared, triads, open, members, block);
+        self.kinds = kinds;
+        Ok(found?.and_then(|observed| observed.kernel()).unwrap_or(Kernel::RandomWalk))
+    }
+
+    /// The information of rests and rest-to-rest moves about the deviation in each epoch. `None` if there are too few
+    /// epochs, or if the model cannot be fitted.
+    fn observed(
+        &self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+        block: Block,
+    ) -> Result<Option<Observed>, Error> {
+        let seen: Vec<EffectChoice> = open.iter().filter(|c| Kinds::needed_by(&[**c]) == self.kinds).copied().collect();
+        let is_seen = |member: &&Member| {
+            seen.iter().any(|choice| choice.effect.name == member.name)
+                || self.user_fields.iter().any(|field| field.name == member.name)
+        };
+        let members: Vec<Member> = members.iter().filter(is_seen).cloned().collect();
+        let Ok(stage) = self.stage(prepared, triads, &seen, &members, Beside::Nothing) else { return Ok(None) };
+        let (own, fields) = self.of_members(&seen, &stage.members);
+        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let setting = Setting::new(prepared, &terms, &stage.model)?;
+        if !setting.has_axes(stage.design.axes()) {
+            return Ok(None);
+        }
+        let (epochs, columns) = setting.by_epoch(block);
+        if epochs.len() < LEAST_EPOCHS {
+            return Ok(None);
+        }
+        let known = stage.design.known();
+        let gram = known.with(&known.others(&columns));
+        let first = stage.design.gram.residual;
+        let beside = (first..first + columns.ncols()).map(|place| (place, block.typical())).collect();
+        let weighing = Weighing::new(&gram, &stage.design.model, beside);
+        // Residuals are weighted by sensor noise only, because the variation itself increases the estimated scales.
+        let Some(swept) = weighing.sweep(&vec![1.0; gram.sums.len()]) else { return Ok(None) };
+        let (information, slope) = weighing.left(&swept).information();
+        Ok(Some(Observed { epochs, information, slope }))
+    }
+}
+
+/// Quadratic log likelihood of the deviation in each epoch, in typical sizes of the block. The deviations on the x axis
+/// in all epochs come first, then those on y and z.
+struct Observed {
+    epochs: Vec<Epoch>,
+    information: Mat<f64>,
+    slope: Vec<f64>,
+}
+
+impl Observed {
+    /// The kernel of a course whose evidence exceeds that of the random walk by [`LEAST`]; `None` if there is none.
+    fn kernel(&self) -> Option<Kernel> {
+        let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
+        let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
+        let rms = self.rms()?;
+        let smooth = LENGTHS.iter().filter_map(|share| {
+            let length_s = share * end_s;
+            self.best_of(rms, |a, b| (-0.5 * ((a.time_s - b.time_s) / length_s).powi(2)).exp())
+        });
+        let smooth = smooth.reduce(f64::max).map(|log| (log, Kernel::Time));
+        let switching = self.switching().map(|log| (log, Kernel::Switching));
+        let best = smooth.into_iter().chain(switching).max_by(|a, b| a.0.total_cmp(&b.0));
+        best.filter(|(log, _)| *log > walk + LEAST).map(|(_, kernel)| kernel)
+    }
+
+    /// Rms of the deviation on each axis, by a fit whose prior is independent in each epoch.
+    fn rms(&self) -> Option<[f64; 3]> {
+        let n = self.epochs.len();
+        let x = self.most_likely(1.0)?;
+        Some([0, 1, 2].map(|axis| {
+            let own = &x[axis * n..(axis + 1) * n];
+            let mean = own.iter().sum::<f64>() / n as f64;
+            (own.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n as f64).sqrt().max(1e-3)
+        }))
+    }
+
+    /// Size of a random walk on each axis: rms difference between consecutive epochs, times the square root of their
+    /// number.
+    fn steps(&self) -> Option<[f64; 3]> {
+        let n = self.epochs.len();
+        let x = self.most_likely(1.0)?;
+        Some([0, 1, 2].map(|axis| {
+            let own = &x[axis * n..(axis + 1) * n];
+            own.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>().sqrt().max(1e-3)
+        }))
+    }
+
+    /// Deviations with a prior of this standard deviation in each epoch.
+    fn most_likely(&self, width: f64) -> Option<Vec<f64>> {
+        let mut normal = self.information.clone();
+        (0..normal.nrows()).for_each(|i| normal[(i, i)] += width.powi(-2));
+        let right = Mat::from_fn(self.slope.len(), 1, |i, _| self.slope[i]);
+        let solved = normal.llt(faer::Side::Lower).ok()?.solve(&right);
+        Some(solved.col_as_slice(0).to_vec())
+    }
+
+    /// Largest log evidence of a normal process with this covariance for unit size, over trial sizes, which are
+    /// multiples of `sizes`, and over trial scatters.
+    fn best_of(&self, sizes: [f64; 3], covariance: impl Fn(&Epoch, &Epoch) -> f64) -> Option<f64> {
+        let n = self.epochs.len();
+        let unit = Mat::from_fn(n, n, |i, j| {
+            let (a, b) = (&self.epochs[i], &self.epochs[j]);
+            if a.recording == b.recording { covariance(a, b) } else { 0.0 }
+        });
+        let log = |size: f64, scatter: f64| -> Option<f64> {
+            let mut normal = self.information.clone();
+            let mut volume = 0.0;
+            for axis in 0..3 {
+                let own = Mat::from_fn(n, n, |i, j| {
+                    (size * sizes[axis]).powi(2) * unit[(i, j)] + if i == j { scatter * scatter } else { 0.0 }
+                });
+                let factor = own.llt(faer::Side::Lower).ok()?;
+                volume += log_determinant(factor.L());
+                let inverse = factor.solve(Mat::<f64>::identity(n, n));
+                for j in 0..n {
+                    (0..n).for_each(|i| normal[(axis * n + i, axis * n + j)] += inverse[(i, j)]);
+                }
+            }
+            let factor = normal.llt(faer::Side::Lower).ok()?;
+            let right = Mat::from_fn(3 * n, 1, |i, _| self.slope[i]);
+            let solved = factor.solve(&right);
+            let gain: f64 = (0..3 * n).map(|i| solved[(i, 0)] * self.slope[i]).sum();
+            Some(0.5 * (gain - volume - log_determinant(factor.L())))
+        };
+        let trials = SIZES.iter().flat_map(|size| SCATTERS.map(|scatter| (*size, scatter)));
+        trials.filter_map(|(size, scatter)| log(size, scatter)).reduce(f64::max)
+    }
+
+    /// Log evidence of the most likely switching course, over trial scatters.
+    fn switching(&self) -> Option<f64> {
+        let rms = self.rms()?;
+        let size = rms.iter().map(|rms| rms * rms).sum::<f64>().sqrt();
+        let x = self.most_likely(1.0)?;
+        let starts = starts_of(&x);
+        let log = |scatter: f64| -> Option<f64> {
+            let scattered = self.scattered(scatter)?;
+            let all = starts.iter().map(|start| scattered.most_likely_states(start, 2.0 * size));
+            all.reduce(f64::max).map(|log| log + scattered.log)
+        };
+        SCATTERS.iter().filter_map(|scatter| log(*scatter)).reduce(f64::max)
+    }
+
+    /// The information about the mean of a deviation that also scatters from epoch to epoch.
+    fn scattered(&self, scatter: f64) -> Option<Scattered> {
+        let n = self.slope.len();
+        let mut normal = self.information.clone();
+        (0..n).for_each(|i| normal[(i, i)] += scatter.powi(-2));
+        let factor = normal.llt(faer::Side::Lower).ok()?;
+        // (Lambda^-1 + w^2)^-1 = Lambda - Lambda (Lambda + w^-2)^-1 Lambda
+        let information = &self.information - &self.information * factor.solve(&self.information);
+        let right = Mat::from_fn(n, 1, |i, _| self.slope[i]);
+        let solved = factor.solve(&right);
+        let slope = (0..n).map(|i| solved[(i, 0)] / (scatter * scatter)).collect();
+        let gain: f64 = (0..n).map(|i| solved[(i, 0)] * self.slope[i]).sum();
+        let log = 0.5 * (gain - 2.0 * n as f64 * scatter.ln() - log_determinant(factor.L()));
+        Some(Scattered { information, slope, log })
+    }
+}
+
+fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
+    2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
+}
+
+/// Start values of the states: the deviations along their principal direction, divided at three levels.
+fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
+    let n = x.len() / 3;
+    let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);
+    let mean = (0..n).map(at).sum::<Vector3<f64>>() / n as f64;
+    let spread: Matrix3<f64> = (0..n).map(|k| (at(k) - mean) * (at(k) - mean).transpose()).sum();
+    let eigen = spread.symmetric_eigen();
+    let direction = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let along: Vec<f64> = (0..n).map(|k| direction.dot(&at(k))).collect();
+    let (low, high) = along.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    let divided = |share: f64| along.iter().map(|x| f64::from(u8::from(*x > low + share * (high - low)))).collect();
+    [0.3, 0.5, 0.7].map(divided).to_vec()
+}
+
+/// The information about a deviation without its white scatter.
+struct Scattered {
+    information: Mat<f64>,
+    slope: Vec<f64>,
+    /// Log evidence of the scatter alone.
+    log: f64,
+}
+
+impl Scattered {
+    /// Information about the deviation in epoch `k` and the deviation in epoch `j`.
+    fn between(&self, k: usize, j: usize) -> Matrix3<f64> {
+        let n = self.slope.len() / 3;
+        Matrix3::from_fn(|a, b| self.information[(a * n + k, b * n + j)])
+    }
+
+    fn slope_at(&self, k: usize) -> Vector3<f64> {
+        let n = self.slope.len() / 3;
+        Vector3::from_fn(|a, _| self.slope[a * n + k])
+    }
+
+    /// Largest log evidence of a switching course relative to no course. States are changed one at a time as long as
+    /// the evidence increases.
+    fn most_likely_states(&self, states: &[f64], size: f64) -> f64 {
+        let n = states.len();
+        let mut states = states.to_vec();
+        // Sum over all epochs of the information between this epoch and the other one, times the state of the other.
+        let mut beside: Vec<Matrix3<f64>> =
+            (0..n).map(|k| (0..n).map(|j| self.between(k, j) * states[j]).sum()).collect();
+        let mut information: Matrix3<f64> = (0..n).map(|k| beside[k] * states[k]).sum();
+        let mut slope: Vector3<f64> = (0..n).map(|k| self.slope_at(k) * states[k]).sum();
+        let mut best = log_of_levels(&information, &slope, size) - cost(&states);
+        for _ in 0..MOST_PASSES {
+            let before = best;
+            for k in 0..n {
+                let (last, own) = (states[k], self.between(k, k));
+                let mut chosen = None;
+                for state in SHARES.into_iter().filter(|state| *state != last) {
+                    let change = state - last;
+                    let with = information + (beside[k] + beside[k].transpose()) * change + own * (change * change);
+                    let slope = slope + self.slope_at(k) * change;
+                    states[k] = state;
+                    let log = log_of_levels(&with, &slope, size) - cost(&states);
+                    if log > best {
+                        (best, chosen) = (log, Some((state, with, slope)));
+                    }
+                }
+                states[k] = last;
+                if let Some((state, with, with_slope)) = chosen {
+                    (states[k], information, slope) = (state, with, with_slope);
+                    (0..n).for_each(|j| beside[j] += self.between(j, k) * (state - last));
+                }
+            }
+            if best <= before {
+                break;
+            }
+        }
+        best
+    }
+}
+
+/// Log evidence of levels on the three axes whose prior has the standard deviation `size`.
+fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) -> f64 {
+    let Some(factor) = (information + Matrix3::identity() / (size * size)).cholesky() else {
+        return f64::NEG_INFINITY;
+    };
+    0.5 * (slope.dot(&factor.solve(slope)) - factor.ln_determinant()) - 3.0 * size.ln()
+}
+
+/// Information in the states, nats: the number of changes, their places, and the state of each epoch that contains a
+/// change.
+fn cost(states: &[f64]) -> f64 {
+    let n = states.len();
+    let parts = states.iter().filter(|state| state.fract() != 0.0).count();
+    // An epoch that contains a change differs from both neighbours.
+    let changes = states.windows(2).filter(|pair| pair[0] != pair[1]).count().saturating_sub(parts);
+    let places = ln_binomial(n as u64, changes as u64);
+    (n as f64).ln() + places + parts as f64 * (SHARES.len() as f64).ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    use super::*;
+
+    const EPOCHS: usize = 60;
+    const STEP_S: f64 = 5.0;
+    /// Noise of an epoch, in typical sizes of the block.
+    const NOISE: f64 = 0.15;
+
+    fn normal(random: &mut ChaCha8Rng) -> f64 {
+        random.sample(StandardNormal)
+    }
+
+    /// What residuals tell of the deviation `x`, in epochs of 5 s, whose mean is not known.
+    fn observed(x: impl Fn(usize) -> [f64; 3], random: &mut ChaCha8Rng) -> Observed {
+        let epochs = (0..EPOCHS).map(|k| Epoch { recording: 0, time_s: (k as f64 + 0.5) * STEP_S }).collect();
+        let weight = NOISE.powi(-2);
+        let mut read: Vec<f64> = (0..3 * EPOCHS).map(|i| x(i % EPOCHS)[i / EPOCHS] + NOISE * normal(random)).collect();
+        for own in read.chunks_mut(EPOCHS) {
+            let mean = own.iter().sum::<f64>() / EPOCHS as f64;
+            own.iter_mut().for_each(|x| *x -= mean);
+        }
+        let information = Mat::from_fn(3 * EPOCHS, 3 * EPOCHS, |i, j| {
+            let same_axis = if i / EPOCHS == j / EPOCHS { weight / EPOCHS as f64 } else { 0.0 };
+            if i == j { weight - same_axis } else { -same_axis }
+        });
+        Observed { epochs, information, slope: read.iter().map(|x| x * weight).collect() }
+    }
+
+    fn kernels(course: impl Fn(&mut ChaCha8Rng) -> Box<dyn Fn(usize) -> [f64; 3]>) -> Vec<Option<Kernel>> {
+        let of_seed = |seed| {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let x = course(&mut random);
+            observed(x, &mut random).kernel()
+        };
+        (0..20).map(of_seed).collect()
+    }
+
+    fn count(found: &[Option<Kernel>], wanted: Option<Kernel>) -> usize {
+        found.iter().filter(|own| **own == wanted).count()
+    }
+
+    #[test]
+    fn a_random_walk_stays_a_random_walk() {
+        let found = kernels(|random| {
+            let mut at = [0.0; 3];
+            let path: Vec<[f64; 3]> = (0..EPOCHS)
+                .map(|_| {
+                    at.iter_mut().for_each(|x| *x += 0.4 * normal(random));
+                    at
+                })
+                .collect();
+            Box::new(move |k| path[k])
+        });
+        assert!(count(&found, None) >= 19, "{found:?}");
+    }
+
+    #[test]
+    fn a_slow_swing_is_smooth() {
+        let found = kernels(|random| {
+            let (period, phase) = (random.random_range(12.0..30.0), random.random_range(0.0..6.0));
+            let size = [(); 3].map(|()| normal(random));
+            Box::new(move |k| size.map(|size| 2.0 * size * (std::f64::consts::TAU * k as f64 / period + phase).sin()))
+        });
+        // A swing of only 12 epochs may resemble a switch with intermediate states.
+        assert!(count(&found, None) == 0 && count(&found, Some(Kernel::Time)) >= 18, "{found:?}");
+    }
+
+    #[test]
+    fn a_load_that_switches_has_two_levels() {
+        let found = kernels(|random| {
+            let mut is_on = false;
+            // The share of each epoch in which the load is on.
+            let states: Vec<f64> = (0..EPOCHS)
+                .map(|_| {
+                    let changes = random.random_range(0.0..1.0) < 0.15;
+                    let before = f64::from(u8::from(is_on));
+                    is_on ^= changes;
+                    let share: f64 = random.random_range(0.0..1.0);
+                    if changes { share * before + (1.0 - share) * (1.0 - before) } else { before }
+                })
+                .collect();
+            let size = [(); 3].map(|()| normal(random));
+            Box::new(move |k| size.map(|size| 2.0 * size * states[k]))
+        });
+        assert!(count(&found, Some(Kernel::Switching)) >= 19, "{found:?}");
+    }
+}
