@@ -173,7 +173,7 @@ fn noise_of_residuals(table: &MeanReadings<'_>, fit: &AccelerometerFit, options:
     if free == 0 {
         return Err(Error::NotEnoughMotion(format!(
             "{}: {rows} rows determine the parameters exactly, so the noise of the means does not follow from the \
-             residuals: give their standard deviation, or add rows in other poses",
+             residuals: give their standard deviation (noise_mps2=..., --noise), or add rows in other poses",
             table.name
         )));
     }

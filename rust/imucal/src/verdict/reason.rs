@@ -239,7 +239,8 @@ impl fmt::Display for Reason {
             Self::NotTested { rests, noise_mps2: Some(noise), .. } => write!(
                 f,
                 "{of_calibration}: the noise of the means is not known and was estimated from the residuals of the \
-                 {rests} rests, {} mg rms, so they do not test the result: give the standard deviation of the means",
+                 {rests} rests, {} mg rms, so they do not test the result: give the standard deviation of the means \
+                 (noise_mps2=..., --noise)",
                 general(noise / STANDARD_GRAVITY_MPS2 * 1e3, 3)
             ),
             Self::NotCorrected { set, samples } => {
