@@ -247,7 +247,7 @@ def test_wrong_units_are_said_and_an_interrupt_leaves_a_recording(port, tmp_path
     wait_until(functools.partial(said.has, "pose 2 of 18 is taken"))
     process.send_signal(signal.SIGINT)
     text = said.wait()
-    assert process.wait(HANGS_S) == 130 and "the same command continues it" in text
+    assert process.wait(HANGS_S) == 130 and "the same command continues the recording" in text
     first_s = next(time_s for time_s, _, text in said.messages if "looks like m/s^2" in text)
     assert first_s <= WITHIN_S
     read = imucal.read(output)

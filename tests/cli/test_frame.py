@@ -30,7 +30,7 @@ def test_help_is_that_of_the_option(capsys):
 
 def test_help_of_an_unknown_command_is_an_error(capsys):
     assert main(["help", "fleet", "fly"]) == 1
-    assert "there is no command 'fly' of imucal fleet" in capsys.readouterr().err
+    assert "imucal fleet has no command 'fly'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("word", OTHER_WORDS)

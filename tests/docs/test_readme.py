@@ -173,8 +173,14 @@ def test_page_of_an_own_effect_is_its_example(tmp_path):
 
 def test_a_page_that_shows_something_else_is_found():
     printed = "a 1.0000 m\nb\nc\n"
-    assert_prints(printed, ["a 1.0001 m", "...", "c"], "page")
-    for shown in (["a 1.2 m", "b", "c"], ["a 1.0 n", "b", "c"], ["a 1.0 m"], ["a 1.0 m", "c"], ["...", "d"]):
+    assert_prints(printed, ["a 1.0000 m", "...", "c"], "page")
+    for shown in (
+        ["a 1.0001 m", "b", "c"],
+        ["a 1.0 n", "b", "c"],
+        ["a 1.0 m"],
+        ["a 1.0 m", "c"],
+        ["...", "d"],
+    ):
         with pytest.raises(AssertionError):
             assert_prints(printed, shown, "page")
 

@@ -127,7 +127,7 @@ def test_what_needs_a_gyroscope_says_so(call, alone, result):
 
 
 def test_sensors_may_not_be_mixed(run, alone):
-    with pytest.raises(imucal.InputError, match=r"has no gyroscope and .* has one .sensor_missing"):
+    with pytest.raises(imucal.InputError, match=r"has a gyroscope, but .* has none .sensor_missing"):
         imucal.calibrate([alone, run[1].recording])
     both = imucal.calibrate(run[0].recording).calibration
     with pytest.raises(imucal.InputError, match="there is no gyroscope in this recording"):

@@ -109,7 +109,8 @@ def test_spoilt_samples_are_said_before_what_no_effect_explains():
     drift = {"accel_bias_drift": 5e-4}
     others = ("gyro_g_sensitivity", "gyro_scale_quadratic")
     unknown = imucal.find_gap(without_encoders(run(effects=drift)), candidates=others)
-    assert unknown.verdict == "stochastic", unknown.summary()
+    # A drift is no random walk: the accelerometer's bias varies smoothly with time.
+    assert unknown.verdict == "unknown", unknown.summary()
     spoilt = without_encoders(run(effects={**drift, "samples_duplicated": 0.005}))
     gap = imucal.find_gap(spoilt, candidates=others)
     assert [effect["name"] for effect in gap.effects] == ["samples_duplicated"], gap.summary()

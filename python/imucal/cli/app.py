@@ -53,8 +53,7 @@ TASKS: Final[dict[str, dict[str, str]]] = {
         "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
         "import": "Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or "
         "ArduPilot.",
-        "compose": "Combine two calibrations of a unit into one. The second is estimated from data corrected "
-        "by the first.",
+        "compose": "Combine two calibrations of a unit into one.",
         "diff": "Compare two calibrations of a unit: difference of each parameter in standard deviations.",
     },
     "Many units": {

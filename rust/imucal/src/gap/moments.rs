@@ -11,7 +11,6 @@ use super::design::axes_of;
 use super::generic::{Block, Hypothesis, hypotheses};
 use super::kernel::Kernel;
 use super::shares::{Moment, Moments, Place};
-use super::time_course::Epoch;
 use crate::error::Error;
 use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, move_segments};
 use crate::numerics::stats::dot;
@@ -23,6 +22,14 @@ const EVERY: usize = 5;
 /// Minimum angular rate about an axis, rad/s, for a motion to have a sign. Slower motions leave the sign of the last
 /// motion unchanged. It exceeds the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
+
+/// A rest or a move, in which a deviation has one value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Epoch {
+    pub(crate) recording: usize,
+    /// Time of its middle since the first sample of the recording, s.
+    pub(crate) time_s: f64,
+}
 
 /// A linearisation with the quantities that kernels depend on, at rests and inside moves.
 pub(crate) struct Setting<'a> {

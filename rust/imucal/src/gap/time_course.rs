@@ -25,7 +25,7 @@ use statrs::function::factorial::ln_binomial;
 use super::forward_search::ForwardSearch;
 use super::generic::Block;
 use super::kernel::Kernel;
-use super::moments::Setting;
+use super::moments::{Epoch, Setting};
 use super::stage::{Beside, Member};
 use super::weighing::Weighing;
 use crate::calibrate::EffectChoice;
@@ -47,14 +47,6 @@ const LENGTHS: [f64; 4] = [0.025, 0.05, 0.1, 0.2];
 const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Maximum number of passes over all epochs in the search for the most likely states.
 const MOST_PASSES: usize = 12;
-
-/// A rest or a move, in which the deviation has one value.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Epoch {
-    pub(crate) recording: usize,
-    /// Time of its middle since the first sample of the recording, s.
-    pub(crate) time_s: f64,
-}
 
 impl ForwardSearch<'_> {
     /// The kernel that describes a variation of a block which was taken for a random walk, with the effects `members`
