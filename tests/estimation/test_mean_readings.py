@@ -95,9 +95,7 @@ def test_six_positions_need_a_smaller_model(means, truth):
 
 def test_without_noise_and_without_residuals_nothing_is_known(means):
     six = imucal.Means(specific_force=means.specific_force[:6], name="six")
-    with pytest.raises(
-        imucal.NotEnoughMotionError, match=r"standard deviation \(noise_mps2=..., --noise\)"
-    ):
+    with pytest.raises(imucal.NotEnoughMotionError, match=r"standard deviation \(noise_mps2=..., --noise\)"):
         imucal.calibrate(six, model="orthogonal")
 
 
