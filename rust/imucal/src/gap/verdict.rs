@@ -13,7 +13,6 @@ use imucal_core::effects::{Effect, Sensor};
 
 use super::clock::clock_and_noise_faults;
 use super::fits::{Control, Fit};
-use super::kernel::Kernel;
 use super::mount::{StandRest, mount_slips};
 use super::remainder::{Remainder, RemainderKind};
 use super::{Score, Search};
@@ -204,15 +203,9 @@ impl Basis<'_> {
         let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code);
         let mut faults: Vec<Finding> = before.outcome.findings.iter().filter(is_fault).cloned().collect();
         // Saturated and repeated samples disturb the noise estimates and the residuals of moves.
-        let mut are_disturbing =
-            faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
-        let is_walk = search.generic.as_ref().is_some_and(|found| found.kernel == Kernel::RandomWalk);
-        if slips.is_empty() && path.is_empty() && !are_disturbing && (search.generic.is_none() || is_walk) {
-            // Noise that is larger inside moves varies from move to move, so it is easily mistaken for a random walk.
-            let is_noise = |fault: &Finding| fault.code == "noise_grows_in_motion";
-            let found = clock_and_noise_faults(&before.outcome, recordings).into_iter();
-            faults.extend(found.filter(|fault| !is_walk || is_noise(fault)));
-            are_disturbing = is_walk && faults.iter().any(is_noise);
+        let are_disturbing = faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
+        if slips.is_empty() && path.is_empty() && search.generic.is_none() && !are_disturbing {
+            faults.extend(clock_and_noise_faults(&before.outcome, recordings));
         }
         if faults.iter().any(|fault| fault.code == "clock_irregular") {
             // If the clock is irregular, long sample intervals do not prove that samples were lost.
