@@ -14,6 +14,7 @@
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
 #   make laws-benchmark  errors that the catalogue lacks, to docs/results/laws.md; LOG=file resumes
 #   make units-benchmark strong effects, variations in time, two sessions, to docs/results/units.md; LOG=file resumes
+#   make thermal-benchmark  sensors that remember the temperature, to docs/results/thermal.md; LOG=file resumes
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
 #   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
@@ -224,7 +225,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark plan traps signals stand first-steps
+.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark thermal-benchmark plan traps signals stand first-steps
 .PHONY: docs-figures docs-pictures fleet stand-driver stand-firmware firmware comparison
 demo: $(VENV)/.installed
 	$(call say,Demo)
@@ -279,6 +280,10 @@ laws-benchmark: $(VENV)/.installed
 units-benchmark: $(VENV)/.installed
 	$(call say,Units)
 	PYTHONPATH=benches $(PY) -m gap.units $(if $(LOG),--log $(LOG))
+
+thermal-benchmark: $(VENV)/.installed
+	$(call say,Sensors that remember the temperature)
+	PYTHONPATH=benches $(PY) -m gap.thermal $(if $(LOG),--log $(LOG))
 
 first-steps: $(VENV)/.installed
 	$(call say,From a clone to a C header)

@@ -309,8 +309,8 @@ class _Search:
         if tau_s is not None:
             return self.history.lag_k(tau_s)
         if name.endswith("_rate"):
-            return self.history.rate_kps()
-        return self.history.direction() if name.endswith("_hysteresis") else self.difference
+            return self.history.rate_kps
+        return self.history.direction if name.endswith("_hysteresis") else self.difference
 
     def _fit(self, form: Form, used: Any = slice(None)) -> FloatArray:
         """The coefficients of all axes, (1 + p, 3)."""
@@ -346,7 +346,7 @@ class _Search:
     def _with_lag(self, form: Form) -> Form:
         """The form with an additional lag whose time constant gives the best prediction."""
         effects = (*form.effects, (f"{self.prefix}_lag", 3))
-        span_s = float(self.history.since[-1])
+        span_s = self.history.duration_s
         low, high = max(span_s / 300.0, 1.0), span_s / 2.0
         best = low
         for _ in range(ROUNDS):

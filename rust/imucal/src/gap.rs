@@ -119,6 +119,8 @@ pub type Scattering = (&'static str, f64, f64);
 pub struct Score {
     /// Name of the effect.
     pub name: String,
+    /// Number of parameters of the form of the effect with the largest evidence.
+    pub parameters: usize,
     /// Log Bayes factor of the model with the effect relative to the model without it, nats.
     pub log_bayes_factor: f64,
     /// Likelihood ratio statistic: twice the increase of the maximum log likelihood.

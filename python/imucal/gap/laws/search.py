@@ -18,6 +18,7 @@ from imucal.arrays import FloatArray
 from imucal.effects.definition import UserEffect
 from imucal.effects.formula_effect import FormulaEffect, formula_effects, sizes_of
 from imucal.effects.state import State
+from imucal.effects.table import find
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.options import UserField
 from imucal.gap.laws.law import Curve, Law
@@ -129,7 +130,7 @@ def columns_of(
     """Whitened residuals of corrected recordings, with columns of the named effects and of the forms."""
     states = [_state(recording) for recording in recordings]
     own = [effect for effect in question.definitions.values() if effect.name in names]
-    catalogue = [(name, False) for name in names if name not in question.definitions]
+    catalogue = [(name, find(name).plain) for name in names if name not in question.definitions]
     columns_of_all = set.intersection(*(set(recording.auxiliary) for recording in recordings))
     size = sum(len(recording) for recording in recordings) * 18
     step = max(1, int(MOST_VALUES / size))

@@ -16,11 +16,12 @@ use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Pr
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A candidate effect. An effect with a time constant gives one candidate for each trial value of the time constant.
+/// A candidate effect. An effect with several forms gives one candidate for each form, the plain form first. An effect
+/// with a time constant gives one candidate for each trial value of the time constant.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
-    /// Indices of its columns in the Gram matrices.
+    /// Indices of its columns in the Gram matrices. Candidates for the forms of one effect share columns.
     pub(crate) columns: Range<usize>,
     /// Typical size of each parameter, SI units.
     pub(crate) typical: Vec<f64>,
@@ -117,20 +118,20 @@ pub(crate) fn design(
     let of_own = of_own.into_iter().map(|places| BASE + places.start..BASE + places.end);
     let mut parts: Vec<_> = once(0..BASE).chain(of_own).chain(once(BASE + all.count..all.total())).collect();
     let mut width = own.total();
-    let mut candidates = Vec::new();
+    let (mut candidates, mut blocks) = (Vec::new(), Vec::new());
     for term in all.all.iter().filter(|term| !own.all.iter().any(|own| own.name() == term.name())) {
         parts.push(BASE + term.first..BASE + term.first + term.linear);
-        candidates.push(Candidate {
+        candidates.extend(term.forms().map(|count| Candidate {
             name: term.name().to_owned(),
-            columns: width..width + term.linear,
-            typical: term.typical()[..term.linear].to_vec(),
+            columns: width..width + count,
+            typical: term.typical()[..count].to_vec(),
             shape: term.frozen_shape(),
-        });
+        }));
+        blocks.push(width..width + term.linear);
         width += term.linear;
     }
     let order: Vec<usize> = parts.into_iter().flatten().chain([all.total()]).collect();
     let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, linear, own.kinds));
-    let blocks: Vec<Range<usize>> = candidates.iter().map(|candidate| candidate.columns.clone()).collect();
     let of_head = (&head, &groups[..head.rows()]);
     let (gram, of_insides) = Gram::beside(of_head, inside.as_ref(), &order, (own.total(), &blocks));
     let residual = head.column(all.total()).chain(of_insides).collect();

@@ -27,7 +27,13 @@ const CLOSE: f64 = 0.9;
 impl Judged {
     /// The effects `members` of a model, and this candidate as an additional effect.
     pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
-        let own = Member { name: self.score.name.clone(), width: self.width, shape: self.shape, values: Vec::new() };
+        let own = Member {
+            name: self.score.name.clone(),
+            parameters: self.score.parameters,
+            width: self.width,
+            shape: self.shape,
+            values: Vec::new(),
+        };
         members.iter().cloned().chain([own]).collect()
     }
 }
@@ -98,7 +104,7 @@ impl ForwardSearch<'_> {
                 let near = [&stage.model.accelerometer, &stage.model.gyroscope];
                 let typical = &other.effect.parameters[..other.effect.plain];
                 let mut members = stage.members.clone();
-                members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
+                members[k] = Member::plain(other.effect);
                 // The first fit determines the size of the alias. This size becomes the width of its prior in the
                 // second fit.
                 let mut fit = || {
@@ -125,6 +131,7 @@ impl ForwardSearch<'_> {
                         name: other,
                         log_bayes_factor: score.log_bayes_factor + gain,
                         statistic,
+                        parameters: typical.len(),
                         dof: typical.len(),
                         p_value: p_value(statistic, typical.len() + 1),
                         rivals: Vec::new(),
@@ -138,6 +145,46 @@ impl ForwardSearch<'_> {
             }
         }
         Ok(swapped)
+    }
+
+    /// Selects the form of each effect in the model that has several forms, such as the degree of a temperature effect.
+    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. Candidates
+    /// are scored beside a model in which other effects may be missing, so the form may change when another effect has
+    /// joined. Returns whether a form was changed.
+    pub(super) fn choose_forms(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &mut Stage,
+        path: &mut [Score],
+    ) -> Result<bool, Error> {
+        let mut changed = false;
+        for k in 0..stage.members.len() {
+            let own = stage.members[k].clone();
+            let Some(choice) = open.iter().find(|choice| choice.effect.name == own.name) else { continue };
+            let forms = (1..=choice.parameters).filter(|count| choice.effect.has_form(*count));
+            for parameters in forms.filter(|count| *count != own.parameters) {
+                let mut members = stage.members.clone();
+                // A time constant starts at its estimate.
+                let shape = own.shape.map(|shape| own.values.last().copied().unwrap_or(shape));
+                members[k] = Member { parameters, shape, values: Vec::new(), ..own.clone() };
+                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                let Ok(found) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
+                let more = if parameters > stage.members[k].parameters { RIVAL_NATS } else { 0.0 };
+                if found.evidence.log <= stage.evidence.log + more {
+                    continue;
+                }
+                if let Some(score) = path.iter_mut().find(|score| score.name == own.name) {
+                    score.log_bayes_factor += found.evidence.log - stage.evidence.log;
+                    score.statistic += stage.evidence.deviance - found.evidence.deviance;
+                    (score.parameters, score.dof) = (parameters, parameters);
+                    score.p_value = p_value(score.statistic.max(0.0), parameters);
+                }
+                *stage = found;
+                changed = true;
+            }
+        }
+        Ok(changed)
     }
 
     /// Removes an effect if its removal does not reduce the evidence, or does not reduce the likelihood significantly.

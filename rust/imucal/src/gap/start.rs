@@ -1,11 +1,12 @@
 //! The start of a search fits the model without effects and tests whether the unit was moved by hand.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
-use super::design::design;
+use super::design::{Candidate, design};
 use super::evidence::{Column, Gram};
 use super::forward_search::ForwardSearch;
 use super::stage::{Beside, NO_EVIDENCE, Stage};
@@ -86,7 +87,7 @@ impl ForwardSearch<'_> {
         self.kinds = kinds;
         let model = plain?.model;
         let prepared = &Prepared { encoders: None, block_s: STRETCH_S, ..*prepared };
-        let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
+        let none = Terms::try_new(&[], &[], self.inputs(), Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
         // Effects can only reduce the scatter. Recordings whose scatter without effects is below the threshold
@@ -104,7 +105,8 @@ impl ForwardSearch<'_> {
         self.with_candidates(prepared, &none, &model, &explaining, |all, linear| {
             let seen = design(prepared, (&none, &[]), all, linear)?;
             let with = |is_included: &dyn Fn(&str) -> bool| -> Vec<Column> {
-                let included = seen.candidates.iter().filter(|c| is_included(&c.name));
+                let is_full = |c: &Candidate| !seen.candidates.iter().any(|other| is_part(&c.columns, &other.columns));
+                let included = seen.candidates.iter().filter(|c| is_included(&c.name) && is_full(c));
                 seen.model.iter().copied().chain(included.flat_map(|c| c.columns(10.0))).collect()
             };
             let (all_columns, of_rotation) = (with(&|_| true), with(&is_unobservable_hand_held));
@@ -119,4 +121,9 @@ impl ForwardSearch<'_> {
             Ok(is_hand_moved)
         })
     }
+}
+
+/// Whether the columns of a candidate are a part of the columns of another form of the same effect.
+fn is_part(own: &Range<usize>, other: &Range<usize>) -> bool {
+    own.start == other.start && own.end < other.end
 }
