@@ -9,14 +9,16 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from rich.progress import track
+
 import imucal
+from engine import add_arguments, engine_of
 from gap.rates import Rate
 from gap.unit_cases import FAMILIES, SESSIONS, STRONG, Truth, pose
 
@@ -76,7 +78,7 @@ def is_taken_away(row: Row) -> bool:
 
 
 def is_stochastic(row: Row) -> bool:
-    """Whether what is left was called random; faults of the data are another answer."""
+    """Whether the remainder is `stochastic`. A verdict `data_fault` does not count as this answer."""
     return row["remainder"] == "stochastic" and row["verdict"] != "data_fault"
 
 
@@ -183,20 +185,14 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--cases", type=int, default=40, help="cases of each family")
     arguments.add_argument("--family", action="append", default=[], help="only this family (several times)")
-    arguments.add_argument("--log", type=Path, help="append each case; what is in it is not run again")
+    add_arguments(arguments)
     arguments.add_argument("--output", type=Path, default=REPORT)
     given = arguments.parse_args()
-    log = given.log
-    rows = [json.loads(line) for line in log.read_text().splitlines()] if log and log.is_file() else []
-    known = {(row["family"], row["index"]) for row in rows}
     # All families advance together, so that a run that is broken off has seen each of them.
-    for index in range(given.cases):
-        for family in given.family or FAMILIES:
-            if (family, index) not in known:
-                rows.append(asked(family, index))
-                if log is not None:
-                    with log.open("a") as file:
-                        file.write(json.dumps(rows[-1]) + "\n")
+    cases = [(family, index) for index in range(given.cases) for family in given.family or FAMILIES]
+    with engine_of(given, "units") as engine:
+        answers = engine.map(lambda case: asked(*case), cases, name="units", per_task=1)
+        rows = list(track(answers, "units", total=len(cases), disable=not sys.stderr.isatty()))
     order = list(FAMILIES)
     rows.sort(key=lambda row: (order.index(row["family"]), row["index"]))
     text = "\n".join(page(rows))

@@ -1,4 +1,4 @@
-//! Tells a random walk from variations in time that are not random.
+//! Distinguishes a random walk from smooth and switching variations in time.
 //!
 //! A generic hypothesis with the kernel of a random walk explains any slow variation. If it has the largest evidence,
 //! the deviation x of the varying parameter is therefore examined epoch by epoch. An epoch is a rest or a move. The
