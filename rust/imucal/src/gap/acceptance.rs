@@ -12,26 +12,27 @@ use crate::joint::is_unobservable_hand_held;
 use crate::numerics::stats::p_value;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// Relative increase of chi2 per degree of freedom on unseen data below which two predictions count as equally good.
+/// Relative increase of chi2 per degree of freedom on unseen data, dimensionless. Below this increase, two fits count
+/// as predicting the data equally well.
 const SAME: f64 = 0.005;
-/// Relative increase of chi2 per degree of freedom on unseen data above which a prediction is worse. With so few unseen
-/// rests and moves that an increase of this size is not significant, a larger threshold is used.
+/// Relative increase of chi2 per degree of freedom on unseen data above which a prediction counts as worse,
+/// dimensionless. A larger threshold applies if there are so few unseen rests and moves that noise can cause an
+/// increase of this size.
 const MAY_BE_CHANCE: f64 = 0.1;
-/// Log Bayes factor, nats, below which an effect is accepted only if it improves the prediction of unseen data. 8 nats
-/// are odds of 3000 to 1.
+/// Log Bayes factor of an effect, nats. An effect below it is accepted only if it improves the prediction of unseen
+/// data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
-/// Minimum decrease of chi2 of unseen data, in standard deviations of the decrease, that counts as an improvement of
-/// the prediction. An effect with a log Bayes factor below [`CERTAIN_NATS`] is accepted only if it reaches this
-/// decrease.
+/// Minimum decrease of chi2 of unseen data for a prediction to count as improved, in standard deviations of the
+/// decrease. It applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
 const LEAST_IMPROVEMENT: f64 = 0.5;
-/// Minimum ratio of chi2 of unseen residuals to the expected value of chi2. Below this ratio the excess over noise is
-/// too small for [`EffectShare::closed`] to be computed.
+/// Minimum ratio of chi2 of unseen residuals to its expected value. Below this ratio, the excess of chi2 over noise is
+/// too small to divide by, and [`EffectShare::closed`] is not computed.
 const LEAST_EXCESS: f64 = 1.5;
-/// p-value of an effect's parameters in the final fit above which the effect is removed. A p-value of 1 % corresponds
-/// to 2.6 standard deviations of one parameter.
+/// Maximum p-value of an effect's parameters in the final fit. An effect with a larger p-value is removed. A p-value of
+/// 1 % corresponds to 2.6 standard deviations of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
-/// Number of standard deviations, under the null hypothesis, above which an increase of chi2 of unseen data is
-/// significant.
+/// Threshold for a significant increase of chi2 of unseen data, in standard deviations of the increase under the null
+/// hypothesis.
 const SIGNIFICANT: f64 = 3.0;
 
 /// A figure of merit on unseen data: control recordings, or held-out rests and moves.
@@ -69,7 +70,7 @@ impl Metric {
     }
 }
 
-/// An effect that the search selected and that was rejected.
+/// An effect that the forward search selected and that was not accepted, with the reason.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refusal {
     /// The fit with the effect fails.
@@ -102,14 +103,15 @@ pub enum Refusal {
 pub struct EffectShare {
     /// Name of the effect.
     pub name: String,
-    /// For each kind of residual: decrease of chi2 when the effect is added to the effects accepted before it, divided
-    /// by the excess of chi2 over noise without effects. The kinds are norms at rest, gravity directions after moves,
+    /// Share of the excess chi2 that this effect removes, for each kind of unseen residual. The excess is chi2 without
+    /// effects minus its expected value from noise. The share is the decrease of chi2 when this effect is added to the
+    /// effects accepted before it, divided by the excess. The kinds are norms at rest, gravity directions after moves,
     /// and mean rates at rest. `None` if chi2 of the kind without effects is below 1.5 times its expected value, or if
     /// the kind is not evaluated.
     pub closed: [Option<f64>; 3],
 }
 
-/// Decrease of chi2 of unseen data due to effects.
+/// Decrease of chi2 of unseen data when effects are added to the model.
 pub(super) struct Removed {
     /// Decrease divided by chi2 without the effects, at most 1.
     pub(super) share: f64,
@@ -126,16 +128,16 @@ pub(super) struct Accepted {
 }
 
 impl Fits<'_> {
-    /// Accepts, one after the other, the selected effects that do not make the prediction of unseen data worse. An
-    /// effect with little evidence must improve the prediction. All selected effects are accepted if the model with all
-    /// of them predicts unseen data even better.
+    /// Tries the selected effects in order of selection. An effect is accepted if it does not make the prediction of
+    /// unseen data worse. An effect with little evidence must improve the prediction. If the model with all selected
+    /// effects predicts unseen data better than the accepted effects do, all selected effects are accepted.
     pub(super) fn accept(&mut self, before: &Rc<Fit>, selected: &[Score]) -> Result<Accepted, Error> {
         let path: Vec<String> = selected.iter().map(|score| score.name.clone()).collect();
         let path = path.as_slice();
         let must_improve = |name: &String| {
             let effect = Effect::<f64>::find(name);
-            // Effects that act only inside moves, and effects of the stand, hardly change the residuals of unseen rests
-            // and of whole moves, so these residuals cannot confirm them.
+            // Residuals of unseen rests and of whole moves confirm only effects that change these residuals. Effects of
+            // the stand, and effects that act only inside moves, hardly change them.
             let is_of_rests =
                 effect.is_none_or(|own| own.sensor != Sensor::Encoder) && !is_unobservable_hand_held(name);
             is_of_rests && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)
@@ -147,9 +149,9 @@ impl Fits<'_> {
                 Ok(fit) => fit,
                 Err(error) => {
                     accepted.refused.push(Refusal::NotFitted { name: name.clone(), error });
-                    // Each later effect of the path was selected from residuals of a model that contains the rejected
-                    // effect. In a model without the rejected effect, it could fit residuals that the rejected effect
-                    // causes. Later effects are therefore not tried.
+                    // Later effects of the path are not tried after a rejection. They were selected from the residuals
+                    // of a model that contains the rejected effect. Without that effect, a later effect could fit
+                    // residuals that the rejected effect causes.
                     break;
                 }
             };
@@ -172,8 +174,8 @@ impl Fits<'_> {
         self.significant(accepted)
     }
 
-    /// Share of the gap that each accepted effect closes. No new fits are usually needed, because the same models were
-    /// fitted when the effects were accepted.
+    /// Share of the excess chi2 of unseen data that each accepted effect removes. The same models were fitted during
+    /// the acceptance, so usually no further fits are needed.
     pub(super) fn shares(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Vec<EffectShare>, Error> {
         let sums = |fit: &Fit| fit.unseen_items().map(|items| items.into_iter().flatten().sum::<f64>());
         let counts = before.unseen_items().map(|items| items.into_iter().flatten().count());
@@ -216,15 +218,14 @@ pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<F
     }
 }
 
-/// Expected value of a metric if sensor noise is the only error, and the number of residuals from which the metric is
-/// computed.
+/// Expected value of a metric if sensor noise is the only error, and the number of residuals in the metric.
 struct Floor {
     value: f64,
     count: usize,
 }
 
 impl Fit {
-    /// chi2 per degree of freedom of unseen data. The noise densities are taken from `before`, the fit without effects.
+    /// chi2 per degree of freedom of unseen data. The noise densities are those of `before`, the fit without effects.
     pub(super) fn unseen_chi2(&self, before: &Self) -> f64 {
         if let Some(control) = &self.control {
             return control.judged().figures.chi2_per_dof;
@@ -241,8 +242,8 @@ impl Fit {
     /// The figure of merit on unseen data whose relative improvement from this fit to the fit `after` is largest.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
-            // Without accepted effects, the figure is computed with the biases of the calibration. It is not corrected
-            // for a change of the biases between the sessions.
+            // Without accepted effects, the figure uses the biases of the calibration. It contains any change of the
+            // biases between the recording sessions.
             let is_same = std::ptr::eq(own, other);
             let chi2 = |control: &Control| match is_same {
                 true => control.evaluation.figures.chi2_per_dof,
@@ -277,13 +278,14 @@ impl Fit {
             0 => 0.0,
             count => (values.iter().map(|value| value * value).sum::<f64>() / count as f64).sqrt(),
         };
-        // A direction error has two components with equal standard deviations.
+        // A direction error has two components with equal standard deviations, so its rms is sqrt(2) times that of a
+        // component.
         let direction = Floor { value: std::f64::consts::SQRT_2 * rms(&moves), count: 2 * moves.len() };
         [(Metric::HeldOutDirection, direction), (Metric::HeldOutNorm, Floor { value: rms(&rests), count: rests.len() })]
     }
 
-    /// Whether this fit predicts unseen data significantly worse than the fit `other`. The noise densities are taken
-    /// from `before`, the fit without effects.
+    /// Whether this fit predicts unseen data significantly worse than the fit `other`. The noise densities are those of
+    /// `before`, the fit without effects.
     fn is_worse_than(&self, other: &Self, before: &Self) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
         if value <= least * (1.0 + SAME) {
@@ -314,9 +316,9 @@ impl Fit {
         chi2.is_finite().then(|| p_value(chi2, count))
     }
 
-    /// Decrease of chi2 of unseen residuals due to the effects of this fit, relative to the fit `before`. The result
-    /// contains the largest share and the largest significance among all kinds of residuals. The standard deviation of
-    /// the decrease is estimated from the changes of the single rests and moves.
+    /// Decrease of chi2 of unseen residuals from the fit `before` to this fit. The share and the significance are each
+    /// the largest among all kinds of residuals. The standard deviation of the decrease is estimated from the changes
+    /// of chi2 of the single rests and moves.
     pub(super) fn removed(&self, before: &Self) -> Removed {
         let mut removed = Removed { share: 0.0, significance: 0.0 };
         for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {
@@ -333,8 +335,9 @@ impl Fit {
         removed
     }
 
-    /// p-value of the residuals of unseen data under sensor noise and the uncertainty of the calibration. It is the
-    /// smallest p-value of all kinds of residuals, corrected for the number of kinds (Bonferroni).
+    /// p-value of the residuals of unseen data under the hypothesis that sensor noise and the uncertainty of the
+    /// calibration are the only errors. It is the smallest p-value of all kinds of residuals, corrected for the number
+    /// of kinds (Bonferroni).
     pub(super) fn unseen_chance(&self, is_as_recorded: bool) -> f64 {
         if let Some(control) = &self.control {
             let evaluation = if is_as_recorded { &control.evaluation } else { control.judged() };
@@ -343,8 +346,8 @@ impl Fit {
             return (least * groups.count() as f64).min(1.0);
         }
         let kinds = self.unseen_items().map(|items| items.into_iter().flatten().collect::<Vec<f64>>());
-        // Each fold is predicted with estimated parameters, so the errors of these parameters add to the noise of the
-        // residuals.
+        // Each cross-validation fold is predicted with estimated parameters. The errors of these parameters add to the
+        // noise of the residuals.
         let residuals = self.outcome.rests.len() + 2 * self.outcome.moves.len();
         let floor = 1.0 + self.outcome.names.len() as f64 / residuals.max(1) as f64;
         let chance = |(items, size): (&Vec<f64>, usize)| p_value(items.iter().sum::<f64>() / floor, size * items.len());
@@ -352,8 +355,8 @@ impl Fit {
         (3.0 * least).min(1.0)
     }
 
-    /// The kinds of residuals that exceed noise significantly and by more than a factor of two. Only the norms at rest
-    /// and the directions after moves are tested. The residuals come from the control recordings, or from the
+    /// The kinds of residuals whose chi2 exceeds noise significantly and by more than a factor of two. Only the norms
+    /// at rest and the directions after moves are tested. The residuals are those of the control recordings, or of the
     /// calibration recordings if there are no control recordings.
     pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
         const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];

@@ -1,5 +1,5 @@
-//! Faults of the clock and excess noise inside moves, detected in fourth differences of consecutive angular rates.
-//! Motion is so smooth that it contributes almost nothing to fourth differences, so they contain only noise and timing
+//! Detection of clock faults and of excess noise inside moves. The test uses fourth differences of consecutive angular
+//! rates. Motion is smooth and contributes almost nothing to fourth differences, so they contain only noise and timing
 //! errors.
 //!
 //! ```text
@@ -19,24 +19,25 @@ use crate::recording::Recording;
 use crate::rests::noise_density::variance_by_axis;
 use crate::rounding::step::step_of;
 
-/// Minimum change of chi2, or of twice the log likelihood, for a fault to be reported. It corresponds to 5 sigma with
+/// Threshold for reporting a fault: the change of chi2, or of twice the log likelihood. It corresponds to 5 sigma with
 /// one degree of freedom.
 const SIGNIFICANT: f64 = 25.0;
-/// Errors of time stamps are ignored if they increase the noise variance of the angular rate inside moves by less than
-/// this share.
+/// Largest harmless effect of time-stamp errors: relative increase of the noise variance of the angular rate inside
+/// moves. Smaller increases are ignored.
 const HARMLESS: f64 = 0.1;
 /// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;
-/// Distance between two fourth differences, samples, at which they share no sample and are therefore independent.
+/// Distance between two independent fourth differences, samples. Two fourth differences at this distance share no
+/// sample.
 const APART: usize = 2 * REACH + 1;
-/// Norm of the weights 1, -4, 6, -4, 1 of a fourth difference. Dividing by it preserves the standard deviation of white
-/// noise.
+/// Norm of the weights 1, -4, 6, -4, 1 of a fourth difference. A fourth difference of white noise, divided by this
+/// norm, has the standard deviation of the noise.
 const FOURTH: f64 = 8.366_600_265_340_756;
 /// Median absolute value of a standard normal variable. Dividing a median of absolute values by it gives a standard
 /// deviation.
 const MEDIAN: f64 = 0.6745;
-/// Magnitude of a fourth difference, in standard deviations, above which it is excluded as an outlier of a single
-/// sample.
+/// Threshold for outliers, in standard deviations of a fourth difference. A larger fourth difference is excluded,
+/// because a single wrong sample causes it.
 const JUMP: f64 = 5.0;
 /// Smallest trial standard deviation of the time-stamp jitter, as the decimal logarithm of its ratio to the sample
 /// interval. The largest trial value is the sample interval.
@@ -44,8 +45,8 @@ const SMALLEST_JITTER: f64 = -3.0;
 /// Number of trial standard deviations of the time-stamp jitter, equally spaced on a logarithmic scale.
 const JITTERS: usize = 60;
 
-/// Faults of the clock. If the clock has no faults, the function tests for excess noise inside moves instead. `outcome`
-/// is a calibration of these recordings without effects.
+/// Faults of the clock of each recording. If the clocks have no faults, excess noise inside moves is tested instead.
+/// `outcome` is a calibration of these recordings without effects.
 pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Finding> {
     let differences: Vec<Differences> =
         (0..recordings.len()).map(|k| Differences::of(outcome, recordings, k)).collect();
@@ -62,8 +63,8 @@ pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<
     }
 }
 
-/// Fourth differences inside the moves of one recording, for all three axes, scaled to preserve the standard deviation
-/// of white noise.
+/// Fourth differences of the angular rates inside the moves of one recording, for all three axes. They are scaled so
+/// that white noise keeps its standard deviation.
 struct Differences {
     /// Fourth differences of the angular rate, divided by their standard deviation at rest; outliers are excluded.
     noise: Vec<f64>,
@@ -86,8 +87,9 @@ impl Differences {
             Some(limits) => deviations_within(&at_rest, &limits),
             None => Vector3::repeat(1.0),
         };
-        // The sensor's filter makes consecutive samples at rest nearly equal, so all are rounded to the same level and
-        // show no rounding noise. In a move, rounding is white noise, so it is added here.
+        // At rest, the sensor's filter makes consecutive samples nearly equal. Rounding then gives all of them the same
+        // error, which fourth differences do not contain. In a move, rounding errors are white noise, so their variance
+        // is added here.
         let steps = Vector3::from_fn(|axis, _| step_of(recording.angular_rate, axis).unwrap_or(0.0));
         let rounding = variance_by_axis(outcome.calibration.gyroscope.inverse(), &(steps / 12f64.sqrt()));
         let sigma = sigma.zip_map(&rounding, |sigma, variance| sigma.hypot(variance.sqrt()));
@@ -106,11 +108,11 @@ impl Differences {
         all
     }
 
-    /// Reports time stamps that differ from the true sampling instants. The evidence is that evenly spaced sampling
-    /// instants explain the angular rates better than the time stamps do.
+    /// Reports time stamps that differ from the true sampling instants. They do if evenly spaced sampling instants
+    /// explain the angular rates better than the time stamps do.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // Contribution of uneven sampling to the fourth differences, in standard deviations of the noise, if the time
-        // stamps are correct.
+        // Change of each fourth difference, in standard deviations of the noise, that uneven sampling would cause if
+        // the time stamps were correct.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;
@@ -134,8 +136,8 @@ impl Differences {
         })
     }
 
-    /// Reports why residuals of moves exceed noise although residuals at rests do not: jitter of the time stamps, or
-    /// gyroscope noise that increases in motion.
+    /// Reports why residuals of moves exceed noise while residuals of rests do not. The two tested causes are jitter of
+    /// the time stamps, and gyroscope noise that is larger in motion.
     fn noise_fault(&self, recording: &Recording<'_>, widened: f64) -> Option<Finding> {
         if self.noise.is_empty() {
             return None;
@@ -192,8 +194,8 @@ impl Differences {
 struct Rates<'a> {
     recording: &'a Recording<'a>,
     gyroscope: &'a Triad<f64>,
-    /// Mean sample interval, s. Derivatives are computed with equal intervals, because the time stamps themselves are
-    /// being tested.
+    /// Mean sample interval, s. Derivatives are computed with equal intervals, because the test is about the time
+    /// stamps.
     step_s: f64,
 }
 
@@ -214,7 +216,8 @@ impl<'a> Rates<'a> {
     }
 
     /// Angular acceleration: mean of the central differences of the angular rate at the five samples of a fourth
-    /// difference, rad/s^2. Differences near the first and last sample of the recording count as zero.
+    /// difference, rad/s^2. Central differences that do not exist, near the first and the last sample of the recording,
+    /// count as zero.
     fn smooth_slope(&self, first: usize) -> Vector3<f64> {
         let last = self.recording.len() - 1;
         let centres = (first..first + APART).filter(|k| (REACH..=last - REACH).contains(k));
@@ -233,8 +236,8 @@ fn noise_limits(differences: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let limit = |axis: usize| {
         let mut sizes: Vec<f64> = differences.iter().map(|difference| difference[axis].abs()).collect();
         let typical = median(&mut sizes) / MEDIAN;
-        // If most differences are zero, quantisation dominates, and steps of one count must not be rejected as
-        // outliers.
+        // If most fourth differences are zero, rounding to counts dominates. A step of one count is then no outlier, so
+        // the limit is infinite.
         if typical > 0.0 { JUMP * typical } else { f64::INFINITY }
     };
     (!differences.is_empty()).then(|| Vector3::from_fn(|axis, _| limit(axis)))

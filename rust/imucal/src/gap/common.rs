@@ -1,4 +1,4 @@
-//! Elimination of a model's parameters from the normal equations, done once for many candidate columns.
+//! Elimination of a model's parameters from the normal equations. It is done once and used for many candidate columns.
 
 use std::ops::Range;
 
@@ -9,19 +9,19 @@ use super::weighing::{Aside, Columns, Swept, Weighing};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Gram matrices of a model with many candidate columns. Only the rows of the model's columns are stored. Products of
-/// candidate columns are added for a few candidates at a time ([`Common::weighing`]).
+/// Gram matrices of a model and of many candidate columns. Only the products that involve a column of the model are
+/// stored. Products of two candidate columns are added by [`Common::weighing`], for a few candidates at a time.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// For each group of residuals, the rows of the normalised Gram matrix that belong to the model's columns.
+    /// For each group of residuals: the products, in the normalised Gram matrix, that involve a column of the model.
     parts: Vec<SymmetricMatrix>,
 }
 
-/// The normal matrix after elimination of the model's parameters, at given noise scales s_g^2. Only the rows of the
-/// model's columns are computed, because every candidate needs them.
+/// The normal matrix after elimination of the model's parameters, for given noise scales s_g^2 of the residual groups.
+/// Only the rows of the model's columns are computed, because these rows are needed for every candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// Sum of the Gram matrices divided by their scales: before the elimination (`whole`) and after it (`sums`).
+    /// Sums of the Gram matrices divided by their noise scales: before the elimination (`whole`) and after it (`sums`).
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -36,13 +36,13 @@ impl<'a> Common<'a> {
         Self { columns, parts }
     }
 
-    /// Eliminates the model's parameters at these noise scales s_g^2; `None` if the normal matrix of the model is
+    /// Eliminates the model's parameters with the noise scales s_g^2. `None` if the normal matrix of the model is
     /// singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
         Instructions::Best.run(SweepCommon(self, scales))
     }
 
-    /// The Gram matrices of the model with the candidate columns `own`.
+    /// Gram matrices of the model's columns and the candidate columns `own`.
     pub(crate) fn weighing(&self, own: Range<usize>) -> Weighing<'a> {
         let Columns { gram, model, ref beside, ref unit } = self.columns;
         let runs = self.runs(own.clone());
@@ -57,7 +57,7 @@ impl<'a> Common<'a> {
         Weighing { columns, parts }
     }
 
-    /// The part of the eliminated normal matrix that belongs to the candidate columns `own`.
+    /// Part of the eliminated normal matrix for the candidate columns `own`.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);
@@ -92,7 +92,7 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// The result of the shared elimination for the columns of `weighing`: the rows of the model's columns.
+    /// Rows of the model's columns after the elimination, restricted to the columns of `weighing`.
     known: SymmetricMatrix,
     /// Index of each column of `weighing` among all candidate columns.
     columns: Vec<usize>,

@@ -1,4 +1,4 @@
-//! Linearised residuals of a model, with the columns of the model and of all candidates.
+//! Linearised residuals of a model, with the Jacobian columns of the model and of all candidate effects.
 
 use std::borrow::Cow;
 use std::iter::once;
@@ -16,7 +16,7 @@ use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Pr
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A candidate effect. An effect with a time constant gives one candidate for each trial value of the time constant.
+/// A candidate effect. An effect with a time constant is entered once for each trial value of the time constant.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
@@ -31,8 +31,8 @@ pub(crate) struct Candidate {
 /// Residuals of a model, with the Jacobian columns of the model and of the candidates.
 #[derive(Clone)]
 pub(crate) struct Design {
-    /// Gram matrices by group of residuals. Products of columns of two different candidates are computed only after a
-    /// candidate has been added to the model. Until then these entries are NaN.
+    /// Gram matrices (products of Jacobian columns), one for each group of residuals. Products of columns of two
+    /// different candidates are NaN until one of these candidates has been added to the model.
     pub(crate) gram: Gram,
     /// Columns of the model, in the order base parameters, effects, stand parameters.
     pub(crate) model: Vec<Column>,
@@ -41,28 +41,29 @@ pub(crate) struct Design {
     pub(crate) rows: Arc<Rows>,
 }
 
-/// The Jacobian of one linearisation, and the group of residuals to which each row belongs.
+/// The Jacobian at one linearisation point, and the residual group of each row.
 pub(crate) struct Rows {
-    /// `None` if `columns` is already computed.
+    /// The Jacobian as computed from the samples; `None` if `columns` was given instead.
     made: Option<Made>,
-    /// All columns in one matrix, computed on first use.
+    /// All columns in one matrix; computed when first needed.
     columns: OnceLock<Mat<f64>>,
-    /// Gram matrices of all columns by group, computed on first use.
+    /// Gram matrices of all columns, one for each residual group; computed when first needed.
     products: OnceLock<Vec<Mat<f64>>>,
-    /// Group of residuals of each row.
+    /// Residual group of each row.
     groups: Vec<usize>,
-    /// Index of the rest or move of each row, in order of time.
+    /// Index of the rest or move to which each row belongs, in order of time.
     items: Vec<usize>,
-    /// Body axes that define the directions of the two tilt residuals at each rest and at each end of a move.
+    /// For each rest and each end of a move: the body axis from which the directions of its two tilt residuals are
+    /// constructed.
     axes: Vec<usize>,
 }
 
-/// Whitened Jacobian columns. The residual is stored as the last column.
+/// Whitened Jacobian columns. The last column is the residual.
 struct Made {
-    /// All rows. If `inside` is present, it contains the rows inside moves instead.
+    /// All rows. If `inside` is present: all rows except those inside moves.
     head: Lanes,
     inside: Option<Insides>,
-    /// For each column, its position within a stored row.
+    /// Position of each column within a stored row.
     order: Vec<usize>,
 }
 
@@ -91,19 +92,19 @@ impl Rows {
         self.columns.get_or_init(|| self.made.as_ref().map_or_else(|| Mat::zeros(rows, 0), |made| made.together(rows)))
     }
 
-    /// Group of residuals of each row.
+    /// Residual group of each row.
     pub(crate) fn groups(&self) -> &[usize] {
         &self.groups
     }
 
-    /// Rest or move of each row, in order of time.
+    /// Index of the rest or move of each row, in order of time.
     pub(crate) fn items(&self) -> &[usize] {
         &self.items
     }
 }
 
 /// Linearises the residuals at the parameters of a model. `own` contains the effects of the model and the precisions of
-/// their priors. `all` contains the effects of the model and the candidates.
+/// their priors. `all` contains the effects of the model and all candidates.
 pub(crate) fn design(
     prepared: &Prepared<'_>,
     (own, precisions): (&Terms<'_>, &[f64]),
@@ -145,13 +146,13 @@ pub(crate) fn design(
     })
 }
 
-/// Precisions of the priors of the base parameters, and the values of these parameters relative to their priors.
+/// Precision of the prior of each base parameter, and the difference of its value from the prior value.
 fn base_of(prepared: &Prepared<'_>, linear: &Linear) -> [(f64, f64); BASE] {
     held::precisions(prepared.held, &linear.model.parameters())
 }
 
-/// Columns of a model at the indices `places`, with the values of the model's effects. `base` contains the precisions
-/// and values of the base parameters.
+/// Columns of a model at the indices `places` of the Gram matrices. `values` are the parameters of the model's effects.
+/// `base` contains the precision and the value of each base parameter.
 fn columns_of(
     (own, precisions): (&Terms<'_>, &[f64]),
     values: &[f64],
@@ -167,17 +168,19 @@ fn columns_of(
     places.enumerate().map(column).collect()
 }
 
-/// Body axes that define the directions of the two tilt residuals (perpendicular to gravity) at each end of a move and
-/// at each rest. The residual rows of two models can be compared only if these axes are equal.
+/// For each end of a move and each rest: the body axis from which the directions of the two tilt residuals are
+/// constructed. Tilt residuals are perpendicular to gravity. The residual rows of two models can be compared only if
+/// these axes are equal.
 pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
     let ends = linear.moves.iter().flat_map(|at_move| [&at_move.before.up, &at_move.after.up]);
     ends.chain(linear.directions().map(|(_, up)| up)).map(axis_aside).collect()
 }
 
 impl Design {
-    /// This design with some candidates moved into the model, and with the residuals of that model; `None` if the rows
-    /// of the two models cannot be compared. The Jacobian is not recomputed. Its relative error equals the relative
-    /// size of the effects, typically at most 1 %. The error changes the steps of the iteration, but not the solution.
+    /// This design with some candidates moved into the model, and with the residuals of the new model. `None` if the
+    /// rows of the two models cannot be compared. The Jacobian is not recomputed. Its relative error is about the
+    /// relative size of the effects, typically at most 1 %. This error changes the steps of the iteration, but not the
+    /// solution.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,
@@ -193,7 +196,7 @@ impl Design {
             return Ok(None);
         }
         let (residual, _) = Joint::of_noise(prepared, own, Arc::clone(linear))?.whiten(linear);
-        // The design contains no rows for the priors. Each column has the precision of its prior instead.
+        // The design contains no rows for the priors. Instead, each column stores the precision of its prior.
         let residual = residual.col_as_slice(0)[..self.rows.groups.len()].to_vec();
         let places = (0..BASE).chain(joining.into_iter().flatten()).chain(BASE..self.model.len());
         let is_left = |candidate: &&Candidate| !own.all.iter().any(|term| term.name() == candidate.name);
@@ -206,7 +209,7 @@ impl Design {
         }))
     }
 
-    /// Gram matrices of all columns and the given residual.
+    /// Gram matrices of all columns, with the given vector as the residual.
     fn whole_gram(&self, residual: &[f64]) -> Gram {
         let Rows { products, groups, .. } = &*self.rows;
         self.gram.with_residual(products, self.rows.columns(), residual, groups)
@@ -219,8 +222,8 @@ impl Design {
         left
     }
 
-    /// Gram matrices in which the rows inside moves form a separate group for each recording, and the indices of these
-    /// groups.
+    /// Gram matrices in which the residual rows inside moves form one group for each recording, and the indices of
+    /// these groups.
     pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
         if prepared.recordings.len() == 1 {
             let gram = match self.candidates.is_empty() {
@@ -241,23 +244,26 @@ impl Design {
         (Cow::Owned(Gram::of(&all, &groups)), first..first + prepared.recordings.len())
     }
 
-    /// The residuals and Jacobian columns for cross-validation, in which rests and moves are held out.
+    /// Residuals and Jacobian columns for cross-validation. Each fold of the cross-validation holds out some rests and
+    /// moves.
     pub(crate) fn held(&self) -> Held<'_> {
         let Rows { groups, items, .. } = &*self.rows;
         Held { columns: self.rows.columns(), residual: &self.residual, gram: &self.gram, groups, items }
     }
 
-    /// Columns and Gram matrices of this design, to which columns of generic hypotheses can be added.
+    /// Columns and Gram matrices of this design. Columns of generic hypotheses can be added to them.
     pub(crate) fn known(&self) -> Known<'_> {
         Known::new(self.rows.columns(), &self.residual, &self.rows.groups, &self.gram)
     }
 
-    /// This design with additional columns in the model, each with the precision of its prior.
+    /// This design with additional columns in the model. `precisions` are the precisions of the priors of these
+    /// columns.
     pub(crate) fn with_columns(&self, more: &Mat<f64>, precisions: &[f64]) -> Self {
         let Rows { groups, items, axes, .. } = &*self.rows;
         let known = self.known();
         let (columns, first) = (self.rows.columns(), self.gram.residual);
-        // The new columns may have further rows, for the priors of held parameters. The design has no such rows.
+        // The new columns may have additional rows for the priors of fixed parameters. The design has no such rows, so
+        // they are dropped.
         let more = &more.subrows(0, columns.nrows()).to_owned();
         let gram = known.with(&known.others(more));
         let mut all = Mat::zeros(columns.nrows(), first + more.ncols());
@@ -277,14 +283,15 @@ impl Design {
         Self { gram, model, candidates: self.candidates.clone(), residual: self.residual.clone(), rows: Arc::new(rows) }
     }
 
-    /// Body axes that define the directions of the two tilt residuals at each rest and at each end of a move.
+    /// For each rest and each end of a move: the body axis from which the directions of its two tilt residuals are
+    /// constructed.
     pub(crate) fn axes(&self) -> &[usize] {
         &self.rows.axes
     }
 }
 
-/// Index of the rest or move of each whitened residual, in order of time. Rests have even indices, moves have odd
-/// indices.
+/// Index, in order of time, of the rest or move to which each whitened residual belongs. Rests have even indices and
+/// moves have odd indices.
 fn items_of_rows(prepared: &Prepared<'_>, linear: &Linear, kinds: Kinds) -> Vec<usize> {
     let of_move = |k: usize| 2 * prepared.moves[k].from + 1;
     let lines = linear.lines.iter().map(|line| match line.source {

@@ -4,20 +4,20 @@
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
 
-/// Nominal family-wise false alarm probability of the chi2 test of all candidates. The actual probability is about
-/// three times larger, because the noise is estimated from the same rests. The value is chosen for one false alarm in a
-/// hundred recordings without effects.
+/// Nominal probability that the chi2 test of all candidates gives a false alarm. The actual probability is about three
+/// times larger, because the noise is estimated from the same rests. It is then about 1 %: one false alarm in a hundred
+/// recordings without effects.
 pub(crate) const FALSE_ALARM: f64 = 0.003;
 /// Probability of detection that defines the detection limit.
 const POWER: f64 = 0.9;
 
-/// Initial upper bound of the non-centrality of the chi2 distribution in the search for the detection limit,
-/// dimensionless. It is doubled until the probability of detection is reached.
+/// First upper bound of the non-centrality of chi2 in the search for the detection limit, dimensionless. The bound is
+/// doubled until the probability of detection is reached.
 const FIRST: f64 = 16.0;
-/// Non-centrality at which the upper bound is no longer doubled. No effect has enough parameters for a larger detection
-/// limit.
+/// Largest upper bound of the non-centrality. The doubling ends there. No effect has enough parameters to need a larger
+/// value.
 const MOST: f64 = 1024.0;
-/// Relative change of the non-centrality below which the root search ends.
+/// Relative change of the non-centrality at which the root search ends.
 const LAST_STEP: f64 = 1e-9;
 
 /// Non-centrality at which a chi2 test with `dof` degrees of freedom detects an effect with 90 % probability. The
@@ -48,12 +48,13 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     }
 }
 
-/// Probabilities that chi2 with 0, 2, 4, ... additional degrees of freedom exceeds a limit, computed on first use.
+/// Probability that a chi2 variable exceeds the limit, for 0, 2, 4, ... degrees of freedom more than `dof`. Each value
+/// is computed when first needed.
 struct Tails {
     dof: usize,
     limit: f64,
     known: Vec<f64>,
-    /// Next tail probability minus the last computed tail probability.
+    /// Difference between the next probability and the last one computed.
     step: f64,
 }
 

@@ -1,5 +1,5 @@
-//! Test whether an estimated constant rate is the rate of the Earth. The magnitude of the Earth's rate is known, so an
-//! estimate with a different magnitude has another cause.
+//! Test whether an estimated constant rate is the rate of the Earth. The magnitude of the Earth's rate is known. An
+//! estimate with a significantly different magnitude therefore has another cause.
 //!
 //! The direction of the Earth's rate is not tested, because heading and latitude are unknown.
 
@@ -11,11 +11,11 @@ use super::stage::Stage;
 
 /// Name, in the catalogue, of the effect that describes the Earth's rate.
 pub(super) const NAME: &str = "earth_rate";
-/// Number of standard deviations for two tests. An estimate agrees with the Earth's rate if it differs by at most this
-/// number of standard deviations. It is significant if the Earth's rate is at least this number of standard deviations.
+/// Threshold of two tests, in standard deviations of the estimated rate. The estimate agrees with the Earth's rate if
+/// the difference is at most this threshold. The Earth's rate is detectable if it is at least this threshold.
 const SURE: f64 = 3.0;
-/// Factor by which the standard deviation may be wrong during the search. The search assumes constant biases, whereas
-/// the final fit estimates wandering biases, so the standard deviations of the two differ.
+/// Factor by which the standard deviation of the rate may be wrong during the search. The search assumes constant
+/// biases, but the final fit estimates slowly varying biases, so the final standard deviation differs.
 const SLACK: f64 = 2.0;
 
 /// Whether an estimated rate agrees with the Earth's rate and is significantly different from zero.
@@ -23,16 +23,16 @@ pub(super) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
     may_be(size_radps, sigma_radps, 1.0)
 }
 
-/// As [`is_earth_rate`], but for a standard deviation that may be wrong by the factor `slack`.
+/// The test of [`is_earth_rate`] for a standard deviation that may be wrong by the factor `slack`.
 fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
     let is_near = (size_radps - EARTH_RATE_RADPS).abs() <= SURE * slack * sigma_radps;
     is_near && sigma_radps <= slack * EARTH_RATE_RADPS / SURE
 }
 
 impl Stage {
-    /// Magnitude and standard deviation, rad/s, of `earth_rate` in this model; `None` if the rate may be the Earth's
-    /// rate with a standard deviation that is wrong by up to the factor [`SLACK`], or if `earth_rate` is not in the
-    /// model.
+    /// Magnitude and standard deviation, rad/s, of the effect `earth_rate` in this model if this effect is not the
+    /// Earth's rate. `None` if the effect may be the Earth's rate, with a standard deviation that is wrong by up to the
+    /// factor [`SLACK`], or if the effect is not in the model.
     pub(super) fn not_the_earth(&self) -> Option<(f64, f64)> {
         let member = self.members.iter().find(|member| member.name == NAME)?;
         let own: Vec<usize> = self.place(NAME)?.collect();
@@ -43,8 +43,8 @@ impl Stage {
         let rate = Mat::from_fn(own.len(), 1, |k, _| member.values[k]);
         let size = rate.norm_l2();
         let sigma = (rate.transpose() * covariance * &rate)[(0, 0)].sqrt() / size;
-        // If the standard deviation is not a number, this function returns `None`, and the test of the final fit
-        // decides.
+        // A standard deviation of NaN proves nothing. In this case the function returns `None`, and the rate is tested
+        // after the final fit.
         (!sigma.is_nan() && !may_be(size, sigma, SLACK)).then_some((size, sigma))
     }
 }

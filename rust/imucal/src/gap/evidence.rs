@@ -7,29 +7,29 @@
 //! ```
 //!
 //! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
-//! of real recordings exceed sensor noise by a different factor in each group. The scale s_g^2 of a group is the chi2
-//! per degree of freedom of its residuals under the evaluated model, and at least one. If the data contain only sensor
-//! noise and the model is complete, as in a simulation, all scales are one. The evidence is then the Laplace
-//! approximation with the known noise.
+//! of real recordings exceed sensor noise, by a different factor in each group. The scale s_g^2 of a group is chi2 per
+//! degree of freedom of its residuals under the evaluated model, and at least one. In a simulation with only sensor
+//! noise and with a complete model, all scales are one. The evidence is then the Laplace approximation for known noise.
 
 use std::ops::Range;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-/// Gram matrices `[J r]^T [J r]` of the groups, and the number of residuals in each group.
+/// Gram matrices `[J r]^T [J r]` of the residual groups, where J is the Jacobian and r the residual, and the number of
+/// rows in each group.
 #[derive(Clone)]
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,
     pub(crate) rows: Vec<f64>,
-    /// Number of the group of each Gram matrix. Groups without residuals have no Gram matrix.
+    /// Index of the group to which each Gram matrix belongs. A group without residuals has no Gram matrix.
     pub(crate) groups: Vec<usize>,
-    /// Index of the residual in the Gram matrices.
+    /// Row and column of the residual r in the Gram matrices.
     pub(crate) residual: usize,
 }
 
-/// One column of a model: its index in the Gram matrices, the precision of its prior (0 without prior), and the value
-/// of its parameter at the linearisation.
+/// One column of a model: its index in the Gram matrices, the precision of its prior (0 without a prior), and the value
+/// of its parameter at the linearisation point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column {
     pub(crate) place: usize,
@@ -37,14 +37,15 @@ pub(crate) struct Column {
     pub(crate) value: f64,
 }
 
-/// The evidence of a model, and the corresponding linear fit.
+/// The evidence of a model, and the linear least-squares fit from which it is computed.
 #[derive(Clone, Debug)]
 pub(crate) struct Evidence {
-    /// Natural logarithm of the evidence, nats. It omits a constant that is equal for all models of the same residuals.
+    /// Natural logarithm of the evidence, nats. A constant that is equal for all models of the same residuals is
+    /// omitted.
     pub(crate) log: f64,
-    /// -2 times the maximum log likelihood. The noise scales are also chosen to maximise it.
+    /// -2 times the log likelihood, maximised over the parameters and the noise scales.
     pub(crate) deviance: f64,
-    /// chi2 of all residuals with the standard deviations from sensor noise, without the noise scales.
+    /// chi2 of all residuals, with standard deviations from sensor noise only. The noise scales are not applied.
     pub(crate) chi2: f64,
     /// Noise scale s_g^2 of each group, dimensionless: chi2 per degree of freedom, at least one.
     pub(crate) scales: Vec<f64>,
@@ -53,13 +54,13 @@ pub(crate) struct Evidence {
 }
 
 /// Value added to the diagonal of normal matrices with normalised columns, so that they can be factorised. It is larger
-/// than rounding errors, and smaller than the eigenvalue of any observable direction.
+/// than rounding errors and smaller than the eigenvalues of observable directions.
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// Lower bound of the noise scale s_g^2 of a group for any model with these columns: the minimum chi2 of a fit to
-    /// this group only, divided by the number of its rows. `None` if the group has no rows or the normal matrix is
-    /// singular.
+    /// Lower bound of the noise scale s_g^2 of a group for all models with these columns. It is chi2 of a fit to the
+    /// residuals of this group only, divided by the number of its rows. `None` if the group has no rows or the normal
+    /// matrix is singular.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
         let place = self.groups.iter().position(|own| *own == group)?;
         let (sum, n) = (&self.sums[place], columns.len());
@@ -87,9 +88,9 @@ impl Gram {
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
     }
 
-    /// Submatrix of the sum of all Gram matrices, each divided by its noise scale s_g^2. Row i of the submatrix, for i
-    /// below `count`, is row `place(i)` of the Gram matrices, and column i is column `place(i)`. Only the columns in
-    /// the range `columns` are computed.
+    /// Rows and columns selected from the sum of all Gram matrices, each divided by its noise scale s_g^2. Index i of
+    /// the result, for i below `count`, corresponds to index `place(i)` of the Gram matrices. Only the columns in the
+    /// range `columns` are computed.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],
@@ -109,8 +110,8 @@ impl Gram {
         all
     }
 
-    /// Divisor that normalises each column: its length, or the square root of its prior precision if this root is
-    /// larger.
+    /// Divisor that normalises each column: the larger of the column's length and the square root of its prior
+    /// precision.
     pub(super) fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
         columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()

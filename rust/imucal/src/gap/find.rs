@@ -1,4 +1,5 @@
-//! The complete search for the missing effect: fit without effects, forward search, acceptance, verdict.
+//! The complete search for missing effects: fit without effects, forward search, acceptance on unseen data, and
+//! verdict.
 
 use std::rc::Rc;
 
@@ -31,7 +32,7 @@ pub struct Gap {
     pub verdict: Verdict,
     /// Faults of the data; empty unless the verdict is [`Verdict::DataFault`].
     pub faults: Vec<Finding>,
-    /// Fits and evidence; `None` if faults of the data prevented the first fit.
+    /// Fits and evidence; `None` if the data have faults that prevent a fit.
     pub analysis: Option<Analysis>,
 }
 
@@ -42,9 +43,9 @@ pub struct Analysis {
     pub before: Fit,
     /// The fit with the accepted effects; `None` if no effect was accepted.
     pub after: Option<Fit>,
-    /// Scores of the accepted effects, with their rivals.
+    /// Scores of the accepted effects. Each score lists the rivals: effects that explain nearly the same residuals.
     pub effects: Vec<Score>,
-    /// Share of the gap that each accepted effect closes.
+    /// For each accepted effect, the share of the excess chi2 of unseen data that the effect removes.
     pub shares: Vec<EffectShare>,
     /// Fits in which a rival replaces an accepted effect.
     pub rivals: Vec<RivalFit>,
@@ -52,9 +53,10 @@ pub struct Analysis {
     pub refused: Vec<Refusal>,
     /// An estimated constant rate that is not the Earth's rate; `None` if no such rate was found.
     pub not_the_earth: Option<NotTheEarth>,
-    /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
+    /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data and are therefore
+    /// not accepted.
     pub not_confirmed: Vec<Score>,
-    /// Evidence of unseen data against effects that had been accepted; `None` if no accepted effect was contradicted.
+    /// Unseen data that contradict effects which had been accepted; `None` if no accepted effect was contradicted.
     pub contradiction: Option<Contradiction>,
     /// Residuals that the accepted effects leave unexplained. If no effect was accepted, these are the residuals that
     /// the model without effects leaves unexplained.
@@ -77,7 +79,7 @@ pub struct Analysis {
     pub search: Search,
 }
 
-/// The estimate of a rival in a fit in which it replaces an accepted effect.
+/// Estimated parameters of a rival, from a fit in which the rival replaces an accepted effect.
 #[derive(Clone, Debug)]
 pub struct RivalFit {
     /// Name of the accepted effect.
@@ -98,8 +100,8 @@ pub struct NotTheEarth {
     pub sigma_radps: f64,
 }
 
-/// Compares recordings of a unit with the model, identifies the effect that the model lacks, and adds this effect to
-/// the model.
+/// Compares recordings of a unit with the sensor model without effects, identifies the effects that this model lacks,
+/// and fits the model with them.
 ///
 /// `control` are recordings that are used only for validation. Without control recordings, rests and moves are held out
 /// in three folds.
@@ -114,7 +116,8 @@ pub fn find_gap(
     gap_options: &GapOptions<'_>,
 ) -> Result<Gap, Error> {
     let refused = |faults| Ok(Gap { verdict: Verdict::DataFault, faults, analysis: None });
-    // The first fit is reported here, before the checks and the start values, because they are part of it.
+    // Progress of the first fit is reported here, because the checks and the start values that follow are part of this
+    // fit.
     gap_options.report(Progress::Fit { effects: &[] })?;
     let checked = match Checked::try_new(recordings, options) {
         Err(Error::Data(faults)) => return refused(faults),
@@ -171,7 +174,7 @@ pub fn find_gap(
     Ok(Gap { verdict: judgement.verdict, faults: judgement.faults, analysis: Some(analysis) })
 }
 
-/// Whether an effect that was selected as `earth_rate` may be the rate of the Earth.
+/// Result of the test whether the effect selected as `earth_rate` is the rate of the Earth.
 enum Earth {
     /// The estimate is compatible with the Earth's rate, or `earth_rate` was not selected.
     Possible,
@@ -182,8 +185,8 @@ enum Earth {
 }
 
 impl Fits<'_> {
-    /// Searches for effects. If `earth_rate` is selected but its estimate is not the Earth's rate, the search is
-    /// repeated without it.
+    /// Searches for effects. If `earth_rate` is selected and its estimate is not the Earth's rate, the search is
+    /// repeated without `earth_rate`.
     fn search_beyond_the_earth(&mut self, before: &Rc<Fit>) -> Result<(Search, Earth), Error> {
         let choices = self.options.choices();
         let search = self.search(before, &choices, false)?;
@@ -194,8 +197,8 @@ impl Fits<'_> {
         }
         let others: Vec<EffectChoice> =
             choices.into_iter().filter(|choice| choice.effect.name != earth::NAME).collect();
-        // The result of the hand-motion test is taken from the first search. The remaining candidates may explain less
-        // of the residuals inside moves, and a new test could mistake these residuals for hand motion.
+        // The result of the hand-motion test is taken from the first search. Without `earth_rate`, the candidates may
+        // explain less of the residuals inside moves, and a new test could attribute these residuals to hand motion.
         let again = self.search(before, &others, search.is_hand_moved)?;
         Ok((again, earth))
     }
@@ -306,7 +309,7 @@ impl Fits<'_> {
         predicted_errors(calibration, &after.outcome, recordings, Some(&user))
     }
 
-    /// For each rival of an accepted effect, fits the model in which the rival replaces that effect.
+    /// For each rival of an accepted effect, fits the model in which the rival replaces this effect.
     fn rivals(&mut self, path: &[String], rivals: &[Rivals]) -> Result<Vec<RivalFit>, Error> {
         let mut found = Vec::new();
         for Rivals { name, rivals } in rivals {

@@ -1,4 +1,4 @@
-//! Fits the models of the forward search, and linearises them together with the candidates.
+//! Fits of the models that the forward search compares, and their linearisation together with the candidates.
 
 use std::sync::Arc;
 
@@ -12,14 +12,15 @@ use crate::error::Error;
 use crate::joint::{self, Linear, Model, Prepared, SHAPE_SHARES, Term, Terms};
 use crate::parameters::BASE;
 
-/// Standard deviation of the prior of a time constant, in multiples of its typical size.
+/// Standard deviation of the prior of an effect's time constant, in multiples of the typical time constant.
 const SHAPE_WIDTH: f64 = 3.0;
 
-/// Maximum number of cached linearisations. Each linearisation needs as much memory as the Jacobian of all moves.
+/// Maximum number of linearisations kept in memory. Each linearisation needs as much memory as the Jacobian of all
+/// moves.
 const MOST_RECENT: usize = 3;
 
 impl<'a> ForwardSearch<'a> {
-    /// The catalogue effects of a model, and its user-defined effects.
+    /// Catalogue effects and user-defined effects with the names in `members`.
     pub(super) fn of_members(
         &self,
         open: &[EffectChoice],
@@ -31,8 +32,8 @@ impl<'a> ForwardSearch<'a> {
         (members.iter().filter_map(find).collect(), fields)
     }
 
-    /// Fits a model with the effects `members`, starting from the triads `near`, and linearises it together with the
-    /// columns selected by `beside`.
+    /// Fits a model with the effects `members`, with the triads `near` as start values. Then linearises the model
+    /// together with the columns selected by `beside`.
     pub(super) fn stage(
         &self,
         prepared: &Prepared<'_>,
@@ -90,7 +91,7 @@ impl<'a> ForwardSearch<'a> {
         Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// The linearisation at the solution of a fit. It is cached, because several stages use it.
+    /// The linearisation at the solution of a fit. It is kept, because several steps of the search use it.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,
@@ -117,8 +118,8 @@ impl<'a> ForwardSearch<'a> {
         Ok(linear)
     }
 
-    /// Linearises a model together with all candidates. One pass over the samples computes the columns of the model and
-    /// of the candidates, because both are evaluated at the same corrected signals.
+    /// Linearises a model together with all candidates. The columns of the model and of the candidates are evaluated at
+    /// the same corrected signals, so one pass over the samples computes both.
     pub(super) fn with_candidates<T>(
         &self,
         prepared: &Prepared<'_>,

@@ -18,8 +18,8 @@ use crate::evaluate::{Evaluation, Uncertainty, evaluate, evaluate_corrected};
 use crate::recording::Recording;
 use crate::verdict::RecordingSet;
 
-/// Number of cross-validation folds if there are no control recordings. Each fold holds out every third rest and move,
-/// and predicts them with a fit to the other rests and moves.
+/// Number of cross-validation folds if there are no control recordings. Each fold is predicted with a fit to the other
+/// two thirds of the rests and moves.
 pub const FOLDS: usize = 3;
 
 /// A model fitted to the recordings of a unit.
@@ -41,28 +41,29 @@ pub struct Control {
     /// chi2 of the mean angular rate of each rest relative to the mean over all rests of its recording, with three
     /// degrees of freedom; `None` for rests that the evaluation excludes.
     pub rate_chi2: Vec<Option<f64>>,
-    /// Significant change of the biases since the calibration recordings. `None` if the fit without effects, or this
-    /// fit, shows no such change.
+    /// Significant change of the biases from the calibration recordings to the control recordings. `None` if the fit
+    /// without effects, or this fit, has no such change.
     pub step: Option<SessionStep>,
-    /// Evaluation with the biases estimated from the control recordings; `None` if the biases have not changed.
+    /// Evaluation with the biases estimated from the control recordings; `None` if the biases did not change
+    /// significantly.
     pub with_own_biases: Option<Evaluation>,
 }
 
 impl Control {
-    /// The evaluation that decides whether effects are accepted. If the biases changed after the calibration, it uses
-    /// the changed biases, because their change is evidence neither for nor against an effect.
+    /// The evaluation on which the acceptance of effects is based. If the biases changed between the recordings, this
+    /// is the evaluation with the changed biases. A change of the biases is evidence neither for nor against an effect.
     pub fn judged(&self) -> &Evaluation {
         self.with_own_biases.as_ref().unwrap_or(&self.evaluation)
     }
 }
 
-/// The fits that have been made during a search, and the recordings that they use.
+/// All fits made so far during a search, and the recordings that they use.
 pub(super) struct Fits<'a> {
     pub(super) checked: &'a Checked<'a>,
     pub(super) control: &'a [Recording<'a>],
     pub(super) options: &'a GapOptions<'a>,
-    /// Start values from the final fit of the last search. Solutions of fits with the selected effects are close to
-    /// these values.
+    /// Start values for the next fit: the final fit of the last search. The solutions with the selected effects are
+    /// close to it.
     pub(super) warm_start: Option<WarmStart>,
     made: Vec<Rc<Fit>>,
 }
@@ -115,15 +116,15 @@ impl<'a> Fits<'a> {
             let is_finite = |recording: &Recording<'_>| {
                 recording.temperature_degc.is_none_or(|degc| degc.iter().all(|value| value.is_finite()))
             };
-            // The model without effects was evaluated on the control recordings successfully, so the effects cause the
-            // failure.
+            // The evaluation of the model without effects on the control recordings succeeded. The effects are
+            // therefore the cause of the failure.
             let effects_fail = !names.is_empty() && self.control.iter().all(is_finite);
             return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
         }
         Ok(Fit { effects: names.to_vec(), outcome, control })
     }
 
-    /// The calibration recordings corrected by a calibration; `None` if the calibration has no effects.
+    /// The calibration recordings, corrected by a calibration with effects; `None` if the calibration has no effects.
     pub(super) fn corrected(&self, outcome: &Outcome) -> Result<Option<Vec<CorrectedSamples>>, Error> {
         self.corrected_set(outcome, RecordingSet::Calibration)
     }
@@ -137,7 +138,7 @@ impl<'a> Fits<'a> {
         }
     }
 
-    /// Refuses control recordings that are copies of calibration recordings.
+    /// Returns an error if a control recording is a copy of a calibration recording.
     fn require_independent(&self, outcome: &Outcome, control: &Control) -> Result<(), Error> {
         let recordings = self.checked.recordings();
         let rests = rest_ranges(&outcome.rests, recordings.len());
@@ -145,7 +146,7 @@ impl<'a> Fits<'a> {
         require_independent((recordings, &rests), (self.control, &control_rests))
     }
 
-    /// Evaluates a calibration on the control recordings. No fit uses these recordings.
+    /// Evaluates a calibration on the control recordings, which no fit uses.
     fn judge(&self, outcome: &Outcome) -> Result<Control, Error> {
         let options = self.checked.options();
         let corrected = self.corrected_set(outcome, RecordingSet::Control)?;
@@ -163,8 +164,8 @@ impl<'a> Fits<'a> {
         let rate_chi2 = rate_chi2(&outcome.calibration, &evaluation, self.control, corrected.as_deref());
         let is_corrected = corrected.is_some();
         let sets = [self.checked.recordings(), self.control];
-        // A change of the biases between sessions is considered only if the fit without effects shows a change. A wrong
-        // effect causes errors in the control recordings that could otherwise be mistaken for a change of the biases.
+        // A change of the biases between sessions is considered only if the fit without effects also has a change. A
+        // wrong effect causes errors in the control recordings that resemble a change of the biases.
         let first = self.made.first().and_then(|fit| fit.control.as_ref());
         let step = match first.is_none_or(|control| control.step.is_some()) {
             true => SessionStep::find(outcome, &evaluation, is_corrected, sets),
@@ -175,8 +176,8 @@ impl<'a> Fits<'a> {
         Ok(Control { evaluation, rate_chi2, step, with_own_biases })
     }
 
-    /// Evaluation on the control recordings with the biases that were estimated from them; `None` if these biases are
-    /// not valid in a calibration.
+    /// Evaluation on the control recordings with biases that are estimated from these recordings. `None` if a
+    /// calibration with these biases is not valid.
     fn with_own_biases(
         &self,
         outcome: &Outcome,
@@ -239,8 +240,8 @@ pub(super) fn with_samples<'a>(recordings: &[Recording<'a>], samples: &'a [Corre
 /// chi2 of the mean angular rate at each rest of the control recordings.
 ///
 /// Some gyroscope effects, for example an isotropic g-sensitivity, are observable only in these means. The noise is
-/// estimated from the raw samples. Corrected samples would give too small a value, because the correction of a delay
-/// smooths samples without making their mean more accurate.
+/// estimated from the raw samples. The noise of corrected samples would be too small: the correction of a delay smooths
+/// the samples, but does not make their mean more accurate.
 fn rate_chi2(
     calibration: &Calibration<f64>,
     evaluation: &Evaluation,
