@@ -1,8 +1,9 @@
 //! Generic hypotheses: variations of a bias or a scale that no effect of the catalogue describes (docs/model.md (24)).
 //!
-//! A hypothesis consists of a block and a kernel. The block is the sensor parameter that varies, and the kernel is the
-//! covariance of the parameter's deviations at two times. The eigenvectors of the kernel are columns whose coefficients
-//! have independent normal priors. A hypothesis can therefore be scored like an effect.
+//! A hypothesis consists of a block and a kernel. The block is the sensor parameter that varies. The kernel is the
+//! covariance of the parameter's deviations at two times. Each eigenvector of the kernel gives one column of the linear
+//! model, and the coefficients of the columns have independent normal priors. The evidence of a hypothesis is therefore
+//! computed in the same way as the evidence of an effect.
 
 use std::sync::Arc;
 
@@ -36,9 +37,9 @@ impl Block {
         }
     }
 
-    /// Typical deviation of the parameter, SI units. Prior widths of hypotheses are multiples of it. The values are
-    /// 0.02 deg/s for gyroscope bias, 0.5 mg for accelerometer bias, 0.2 % for gyroscope scale, and 0.1 % for
-    /// accelerometer scale.
+    /// Typical deviation of the parameter, SI units. The prior widths of hypotheses are multiples of this deviation.
+    /// The values are 0.02 deg/s for gyroscope bias, 0.5 mg for accelerometer bias, 0.2 % for gyroscope scale, and 0.1
+    /// % for accelerometer scale.
     pub(super) fn typical(self) -> f64 {
         match self {
             Self::GyroscopeBias => 3.5e-4,
@@ -59,7 +60,7 @@ impl Block {
     }
 }
 
-/// Combinations of block and kernel that are tested on residuals of rests and of rest-to-rest moves.
+/// Combinations of block and kernel that are tested if accelerometer samples inside moves are not used.
 const ALL: [(Block, Kernel); 22] = {
     use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
     use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Session, Temperature};
@@ -88,8 +89,8 @@ const ALL: [(Block, Kernel); 22] = {
         (AccelerometerScale, Session),
     ]
 };
-/// Combinations that are tested if accelerometer samples inside moves are used. Motion affects the specific force
-/// inside moves, so an accelerometer bias that depends on the angular rate is tested in addition to [`ALL`].
+/// Combinations that are tested if accelerometer samples inside moves are used. Inside moves, the angular rate may
+/// change the accelerometer bias, so this combination is tested in addition to [`ALL`].
 const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     let mut all = [(Block::AccelerometerBias, Kernel::Rate); ALL.len() + 1];
     let mut k = 0;
@@ -100,7 +101,7 @@ const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     all
 };
 
-/// A generic hypothesis: the parameter that varies, and the form of its variation.
+/// A generic hypothesis: the sensor parameter that varies, and the shape of its variation.
 pub(crate) struct Hypothesis {
     pub(crate) block: Block,
     pub(crate) kernel: Kernel,
@@ -109,25 +110,25 @@ pub(crate) struct Hypothesis {
 }
 
 enum Shape {
-    /// The deviation of the parameter from its mean is a linear combination of eigenfunctions of the kernel.
+    /// The deviation of the parameter is a linear combination of eigenfunctions of the kernel.
     Varies(Arc<Shares>),
-    /// The deviation is a nonlinear function of the sensor's input. The second field is the largest magnitude of the
-    /// input. The columns are smooth functions of the input on each axis, products of the inputs on two axes and, for
-    /// the gyroscope, the angular acceleration.
+    /// The deviation is a nonlinear function of the sensor's input, angular rate or specific force. The second field is
+    /// the largest magnitude of the input. The columns are smooth functions of the input on each axis, products of the
+    /// inputs on two axes and, for the gyroscope, the angular acceleration.
     Follows(Smooth<f64>, f64),
-    /// The deviation is linear in products of two angular rates and in angular accelerations.
+    /// The deviation is linear in the products of two angular rates and in the angular accelerations.
     Turns,
 }
 
-/// Correlation length of the smooth curve along an axis, as a share of the sensor's largest input.
+/// Correlation length of the smooth function of the input on one axis, as a share of the largest input of the sensor.
 const CURVE_LENGTH: f64 = 0.5;
-/// Number of equally spaced nodes of the smooth curve along an axis, from minus to plus the sensor's largest input.
+/// Number of nodes of this smooth function. The nodes are equally spaced from minus to plus the largest input.
 const CURVE_POINTS: usize = 9;
-/// Factor, s, by which columns of the angular acceleration are multiplied. It gives their coefficients the same typical
-/// size as scale deviations.
+/// Factor, s, by which columns of the angular acceleration are multiplied. With this factor, their coefficients have
+/// the same typical size as deviations of the scale.
 const LAG_S: f64 = 0.1;
 
-/// All selected hypotheses that are observable in the recordings.
+/// All hypotheses that are selected by `asked` and observable in the recordings.
 pub(crate) fn hypotheses(
     moments: &Moments,
     inside: bool,
@@ -136,8 +137,9 @@ pub(crate) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
     let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, kernel)| asked(*block, *kernel)).collect();
-    // Kernels whose eigenfunctions are needed, and whether they are evaluated in the middle of the moves (`true`) or at
-    // the rests. Kernels of rate and force have no eigenfunctions here.
+    // Kernels whose eigenfunctions are needed. The flag is `true` if the eigenfunctions are evaluated in the middle of
+    // the moves, and `false` if they are evaluated at the rests. Hypotheses with a rate or force kernel have no
+    // eigenfunctions here.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };
@@ -177,7 +179,7 @@ impl Hypothesis {
         self.block.typical()
     }
 
-    /// Number of columns. Each of the axes x, y and z, in this order, has a third of the columns.
+    /// Number of columns. A third of the columns belongs to each axis, in the order x, y, z.
     pub(crate) fn width(&self) -> usize {
         3 * match &self.shape {
             Shape::Varies(shares) => shares.width(),
@@ -187,7 +189,7 @@ impl Hypothesis {
         }
     }
 
-    /// Error of the sensor's input for a unit coefficient of each column, at each evaluation time, SI units.
+    /// Error of the sensor's input due to each column with coefficient 1, at each evaluation time, SI units.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -228,7 +230,7 @@ impl Hypothesis {
         }
     }
 
-    /// Deviation of the parameter for a unit coefficient of each column, at each evaluation time.
+    /// Deviation of the sensor parameter due to each column with coefficient 1, at each evaluation time.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),
@@ -237,7 +239,7 @@ impl Hypothesis {
         }
     }
 
-    /// Whether the hypothesis is observable in moves rather than at rests.
+    /// Whether the hypothesis is observable only inside moves, and not at rests.
     pub(crate) fn is_of_moves(&self) -> bool {
         self.block == Block::GyroscopeScale || matches!(self.shape, Shape::Turns)
     }

@@ -1,4 +1,4 @@
-//! Compares generic hypotheses with the selected effects (docs/model.md (24)).
+//! Comparison of generic hypotheses with the selected effects (docs/model.md (24)).
 
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
@@ -15,9 +15,10 @@ use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 
 impl ForwardSearch<'_> {
-    /// Evaluates generic hypotheses alone and in addition to the selected effects. They are evaluated on rests and
-    /// rest-to-rest moves and, if the search uses samples inside moves, a second time with these samples. The second
-    /// result is present if the effects estimated with and without the stand's angles differ significantly.
+    /// Evaluates generic hypotheses in a model without effects and in a model with the selected effects. The evaluation
+    /// uses rests and rest-to-rest moves. If the search uses samples inside moves, the evaluation is repeated with
+    /// these samples. The second result is present if the estimated effects differ significantly with and without the
+    /// stand's angles.
     pub(super) fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -29,8 +30,8 @@ impl ForwardSearch<'_> {
         let (mut patterns, mut contradiction) = (Vec::new(), None);
         for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
             self.kinds = Kinds { in_motion, encoders: false };
-            // Samples inside moves determine the gyroscope scale, and effects that resemble it, better than
-            // rest-to-rest moves.
+            // Samples inside moves determine the gyroscope scale more accurately than rest-to-rest moves. If such
+            // samples are used, hypotheses about the gyroscope scale are tested only with them.
             let is_selected = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
             let found = self.pattern(prepared, triads, open, &stage.members, is_selected);
             self.kinds = kinds;
@@ -43,8 +44,8 @@ impl ForwardSearch<'_> {
         Ok((patterns, contradiction))
     }
 
-    /// Evaluates generic hypotheses on the kinds of residuals `self.kinds`. Also returns the model with those selected
-    /// effects that these residuals determine.
+    /// Evaluates generic hypotheses with the kinds of residuals in `self.kinds`. The second result is the model with
+    /// those selected effects that these residuals determine.
     fn pattern(
         &self,
         prepared: &Prepared<'_>,
@@ -58,8 +59,8 @@ impl ForwardSearch<'_> {
         let seen: Vec<EffectChoice> =
             inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
         let without = self.stage(prepared, triads, &[], &[], Beside::Nothing)?;
-        // Residuals of rest-to-rest moves may determine effects that act inside moves poorly or not at all. If the fit
-        // with these effects fails, it is repeated without them.
+        // The residuals of rest-to-rest moves may contain little information about effects that act inside moves. If
+        // the fit with these effects fails, it is repeated without them.
         let with = [inertial, seen].into_iter().find_map(|choices| {
             let own = |m: &&Member| {
                 choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)

@@ -1,7 +1,7 @@
-//! Covariance kernels of a parameter that varies (docs/model.md (24)).
+//! Covariance kernels, which describe how a sensor parameter varies (docs/model.md (24)).
 
-/// Covariance of a parameter's deviations at two times. Each kernel is a function of one quantity, for example
-/// temperature, at the two times.
+/// Covariance of a parameter's deviations at two times. Each kernel depends on one quantity at the two times, for
+/// example temperature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
     /// Deviations follow a random walk in time.
@@ -14,7 +14,8 @@ pub enum Kernel {
     Temperature,
     /// Deviations depend on the signs of the last rotation about each axis.
     LastMotion,
-    /// Deviations are linear in the body-frame components of two fixed horizontal directions of the world.
+    /// Deviations are linear in the body-frame components of two fixed horizontal world directions, which depend on
+    /// heading.
     Heading,
     /// Deviations are a function of the angular rate and the angular acceleration.
     Rate,

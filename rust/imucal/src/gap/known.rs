@@ -1,4 +1,4 @@
-//! Gram matrices, one for each group of rows, of a design to which the columns of a generic hypothesis are added.
+//! Gram matrices of a model with the additional columns of a generic hypothesis, for each group of residual rows.
 
 use faer::Mat;
 
@@ -6,21 +6,21 @@ use super::evidence::Gram;
 use super::products::{Part, Rows, square};
 use crate::numerics::stats::dot;
 
-/// Columns, residuals and Gram matrices of a design, for each group of rows.
+/// Columns, residual and Gram matrix of a design, for each group of residual rows.
 pub(crate) struct Known<'a> {
     groups: Vec<(Rows, Part<'a>, Vec<f64>)>,
     gram: &'a Gram,
 }
 
-/// Additional columns with the same rows as the design, and their Gram matrices.
+/// Additional columns with the same residual rows as the design, and their Gram matrices.
 pub(crate) struct Others<'a> {
-    /// For each group, the rows of the additional columns and their Gram matrix.
+    /// For each group: the rows of the additional columns, and the Gram matrix of these columns.
     parts: Vec<(Part<'a>, Mat<f64>)>,
     width: usize,
 }
 
 impl<'a> Known<'a> {
-    /// Prepares a design with these columns and this residual. `gram` must contain their Gram matrices.
+    /// Prepares a design with these columns and this residual. `gram` contains the Gram matrices of the columns.
     pub(crate) fn new(columns: &'a Mat<f64>, residual: &[f64], group_of_row: &[usize], gram: &'a Gram) -> Self {
         let of_group = |rows: Rows| {
             let (part, residual) = (rows.part(columns), rows.values(residual));
@@ -29,19 +29,20 @@ impl<'a> Known<'a> {
         Self { groups: Rows::of_groups(group_of_row).into_iter().map(of_group).collect(), gram }
     }
 
-    /// Splits additional columns into the groups of rows, and computes their Gram matrices.
+    /// Divides additional columns into groups of rows, and computes the Gram matrix of each group.
     pub(crate) fn others<'b>(&self, columns: &'b Mat<f64>) -> Others<'b> {
         let width = columns.ncols();
         let of_group = |(rows, ..): &(Rows, Part<'_>, Vec<f64>)| {
             let part = rows.part(columns);
-            // One thread, because several hypotheses are evaluated in parallel.
+            // One thread is used here, because several hypotheses are evaluated in parallel.
             let own = square(part.view(), 1);
             (part, own)
         };
         Others { parts: self.groups.iter().map(of_group).collect(), width }
     }
 
-    /// Gram matrices of the design with the additional columns, which are inserted before the residual.
+    /// Gram matrices of the design with the additional columns. The additional columns are inserted before the
+    /// residual, which stays last.
     pub(crate) fn with(&self, others: &Others<'_>) -> Gram {
         let (known, width) = (self.gram.residual, others.width);
         let last = known + width;

@@ -1,4 +1,4 @@
-//! The times at which generic hypotheses are evaluated, and the whitened columns of a hypothesis.
+//! Times at which generic hypotheses are evaluated, and the whitened Jacobian columns of a hypothesis.
 
 use std::cmp::Ordering::Equal;
 use std::sync::Arc;
@@ -16,22 +16,22 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Step between the blocks inside a move at which a hypothesis is evaluated if accelerometer samples inside moves are
-/// not used. Every fifth block is sufficient, because biases vary slowly.
+/// Interval between the blocks inside a move at which hypotheses are evaluated, in blocks. It applies if accelerometer
+/// samples inside moves are not used. Every fifth block is sufficient, because biases vary slowly.
 const EVERY: usize = 5;
-/// Minimum angular rate about an axis, rad/s, for a motion to have a sign. Slower motions leave the sign of the last
-/// motion unchanged. It exceeds the noise of a consumer gyroscope.
+/// Minimum angular rate about an axis, rad/s, for the sign of a rotation to be defined. At lower rates, the sign of the
+/// last rotation is kept. The value exceeds the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
-/// A rest or a move, in which a deviation has one value.
+/// A rest or a move. The deviation of a parameter has one value for each epoch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Epoch {
     pub(crate) recording: usize,
-    /// Time of its middle since the first sample of the recording, s.
+    /// Time of the middle of the rest or move since the first sample of the recording, s.
     pub(crate) time_s: f64,
 }
 
-/// A linearisation with the quantities that kernels depend on, at rests and inside moves.
+/// A linearisation of the residuals, with the quantities on which kernels depend at the rests and inside the moves.
 pub(crate) struct Setting<'a> {
     prepared: &'a Prepared<'a>,
     problem: Joint<'a>,
@@ -41,9 +41,9 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `terms` are the effects of the model. They may be omitted if the effects are small. Small effects change the
-    /// Jacobian by less than a generic hypothesis can resolve. Large effects may change the body axes that define the
-    /// directions of the tilt residuals ([`has_axes`](Self::has_axes)).
+    /// `terms` are the effects of the model. They may be omitted if the effects are small, because a small effect
+    /// changes the Jacobian by a negligible amount. Large effects may change the body axes from which the directions of
+    /// the tilt residuals are constructed, see [`has_axes`](Self::has_axes).
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let values = if terms.count == 0 { Vec::new() } else { model.values.clone() };
         let plain = Model { values, stand: Vec::new(), ..model.clone() };
@@ -60,8 +60,8 @@ impl<'a> Setting<'a> {
     }
 
     /// Whether the rows of this linearisation can be compared with the rows of another linearisation. `axes` are the
-    /// body axes that define the directions of the tilt residuals (perpendicular to gravity) in the other
-    /// linearisation.
+    /// body axes from which the directions of the tilt residuals are constructed in the other linearisation. Tilt
+    /// residuals are perpendicular to gravity.
     pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
         axes_of(&self.linear) == axes
     }
@@ -74,22 +74,22 @@ impl<'a> Setting<'a> {
         for (k, numbers) in self.moments.used.iter().zip(at_rests.chunks_exact(width)) {
             rests[k * width..][..width].copy_from_slice(numbers);
         }
-        // In rest-to-rest mode, specific force inside moves is not used.
+        // In rest-to-rest mode, the specific force inside moves is not used.
         let on_the_way = sensor == Sensor::Gyroscope || self.linear.sees_inside();
         let of_move = |k| if on_the_way { hypothesis.columns(&self.moments, Place::Move(k)) } else { Vec::new() };
         let field = Field { sensor, width, rests, moves: (0..self.segments.len()).map(of_move).collect() };
         self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
-    /// The rests and moves in which a block may deviate, and whitened columns with one deviation per epoch. The columns
-    /// for the x axis come first, then those for y and z. An accelerometer is only observed at rests, and a gyroscope
-    /// scale only in moves.
+    /// The rests and moves at which a sensor parameter may deviate, with whitened Jacobian columns. Each epoch has one
+    /// column per axis. The columns of the x axis come first, then those of the y and z axes. Accelerometer parameters
+    /// are observed only at rests, and the gyroscope scale only in moves.
     pub(crate) fn by_epoch(&self, block: Block) -> (Vec<Epoch>, Mat<f64>) {
         let Moments { used, rests, moves } = &self.moments;
         let has_rests = block != Block::GyroscopeScale;
         let has_moves = block.sensor() == Sensor::Gyroscope;
         let middle = |way: &Vec<Moment>| way.get(way.len() / 2).map(|at| (at.recording, at.time_s));
-        // Recording and time of each epoch, and whether it is a move, with its index.
+        // For each epoch: its recording and time, whether it is a move, and its index among the rests or moves.
         let of_rests = rests.iter().map(|at| (at.recording, at.time_s)).enumerate().filter(|_| has_rests);
         let of_moves = moves.iter().enumerate().filter(|_| has_moves).filter_map(|(k, way)| Some((k, middle(way)?)));
         let mut epochs: Vec<(Epoch, bool, usize)> = of_rests
@@ -126,9 +126,9 @@ impl<'a> Setting<'a> {
         (epochs.into_iter().map(|(epoch, ..)| epoch).collect(), columns)
     }
 
-    /// Deviation on each axis for the given coefficients of a hypothesis, with the index of the rest. A hypothesis
-    /// about rests gives one deviation for each rest that the fit uses. A hypothesis about moves gives one deviation in
-    /// the middle of each move, with the index of the rest before the move.
+    /// Deviation on each axis for the given coefficients of a hypothesis, with the index of a rest. A hypothesis about
+    /// rests gives the deviation at each rest that the fit uses. A hypothesis about moves gives the deviation in the
+    /// middle of each move, with the index of the rest before the move.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
         let count = weights.len() / 3;
         let wrong = |shares: &[f64]| {
@@ -149,7 +149,7 @@ impl<'a> Setting<'a> {
     }
 }
 
-/// The quantities that kernels depend on, at the rests that the fit uses and inside the moves between these rests.
+/// Quantities on which kernels depend, at the rests that the fit uses and inside the moves between these rests.
 fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) -> Moments {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];

@@ -1,5 +1,5 @@
-//! Detection of faults of a unit's mount on a stand. The direction of gravity that the accelerometer measures at the
-//! rests is compared with the direction computed from the motor angles.
+//! Detection of faults of the mount between a unit and its stand. At each rest, two directions of gravity are compared:
+//! the direction measured by the accelerometer, and the direction computed from the motor angles.
 //!
 //! ```text
 //! r_k = up_k - R(q_k)^T e_z                                  up_k: measured direction up, R: stand model (21)
@@ -21,20 +21,21 @@ use crate::numerics::stats::median;
 use crate::parameters::STAND_PARAMETERS;
 use crate::recording::Recording;
 
-/// Minimum number of rests before a slip, and minimum number of rests after a slip.
+/// Minimum number of rests before a slip of the mount, and also after the slip.
 const FEWEST_RESTS: usize = 4;
-/// Minimum ratio between chi2 without and chi2 with a step of the mount's attitude for the step to count as a slip. The
-/// threshold must exceed 4, the ratio for a steady drift that is fitted by a step.
+/// Minimum ratio of chi2 without a step of the mount's attitude to chi2 with this step, for the step to be reported as
+/// a slip. The ratio is 4 for a steady drift that is fitted by a step, so the threshold must exceed 4.
 const SLIP_FACTOR: f64 = 10.0;
-/// Maximum scatter (1 sigma), deg, of the measured gravity direction relative to the direction computed from the
-/// stand's angles. It is the largest scatter of a rigid mount on a low-cost stand. A larger scatter is reported as
-/// play.
+/// Maximum scatter of a rigid mount, deg (1 sigma). The scatter is that of the measured gravity direction about the
+/// direction computed from the stand's angles. The value is the largest scatter of a rigid mount on a low-cost stand. A
+/// larger scatter is reported as play.
 const PLAY_DEG: f64 = 0.25;
-/// Step of the central differences with respect to stand parameters and motor angles, rad.
+/// Step of the numerical derivatives (central differences) with respect to stand parameters and motor angles, rad.
 const STEP_RAD: f64 = 1e-4;
-/// Share of the largest singular value of the stand-error columns. Singular values below this share count as zero.
+/// Threshold of the rank decision: singular values of the stand-error columns below this share of the largest one count
+/// as zero.
 const RANK: f64 = 1e-6;
-/// Number of parameters of the mount. They are the first parameters of the stand.
+/// Number of mount angles. They are the first parameters of the stand model.
 const MOUNT: usize = 3;
 /// Number of components of a direction vector.
 const AXES: usize = 3;
@@ -69,7 +70,7 @@ impl From<&RestReport> for StandRest {
     }
 }
 
-/// Detects, in each recording, a lasting rotation of the unit relative to its mount. `rests` are the rests of a
+/// Detects a lasting rotation of the unit relative to its mount, in each recording. `rests` are the rests of a
 /// calibration without effects.
 pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let slip_of = |(index, recording): (usize, &Recording<'_>)| {
@@ -93,8 +94,8 @@ pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: 
     recordings.iter().enumerate().filter_map(slip_of).collect()
 }
 
-/// Detects mounts with play, in which the attitude of the unit relative to the mount changes with every move. `rests`
-/// are the rests of a calibration without effects.
+/// Detects play of the mount: the attitude of the unit relative to the mount changes with every move. `rests` are the
+/// rests of a calibration without effects.
 pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let play_of = |(index, recording): (usize, &Recording<'_>)| {
         let residuals = Residuals::new(accelerometer, recording, with_angles(rests, index, recording))?;
@@ -111,9 +112,9 @@ pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings:
     recordings.iter().enumerate().filter_map(play_of).collect()
 }
 
-/// Median angle, deg, between two directions of gravity at each sample: the direction of the raw accelerometer sample,
-/// and the direction computed from the motor angles. The computation assumes an error-free stand and the best-fitting
-/// mount. `None` without motor angles.
+/// Median angle, deg, over all samples between two directions of gravity: the direction of the raw accelerometer
+/// sample, and the direction computed from the motor angles. The computation assumes a stand without errors and the
+/// mount that fits best. `None` without motor angles.
 pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
     let angles = recording.stand_rad?;
     let known = (0..recording.len()).filter(|&k| angles[k].iter().all(|angle| angle.is_finite()));
@@ -131,8 +132,7 @@ pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
         up.dot(&(mount * up_by_stand(&[0.0; STAND_PARAMETERS], angle))).clamp(-1.0, 1.0).acos()
     };
     let mut missed: Vec<f64> = angles.iter().zip(&up).map(missed).collect();
-    // The median is robust against samples inside moves, where the specific force contains accelerations besides
-    // gravity.
+    // Samples inside moves contain accelerations in addition to gravity. The median is robust against these samples.
     Some(median(&mut missed).to_degrees())
 }
 
@@ -159,23 +159,23 @@ fn up_by_stand(parameters: &[f64; STAND_PARAMETERS], angle_rad: &Vector3<f64>) -
     StandModel::of(parameters).attitude(angle_rad).inverse() * Vector3::z()
 }
 
-/// Least-squares rotation that maps the directions up of an error-free stand to the measured directions up.
+/// Least-squares rotation from the directions up computed for a stand without errors to the measured directions up.
 fn best_mount(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Matrix3<f64> {
     so3::exp(&mount_rotation(angles, up)).inverse().to_rotation_matrix().into_inner()
 }
 
-/// Residuals of gravity direction at the rests of one recording, after stand errors have been fitted and subtracted.
+/// Residuals of the gravity directions at the rests of one recording. Stand errors have been fitted and subtracted.
 struct Residuals<'a> {
     rests: Vec<&'a StandRest>,
-    /// Residuals, three components for each rest.
+    /// Residuals; each rest has three components.
     values: Mat<f64>,
-    /// Orthonormal basis of the residuals that stand errors can cause.
+    /// Orthonormal basis of the residuals that errors of the stand can cause.
     basis: Mat<f64>,
-    /// Derivatives of the directions with respect to the three mount angles.
+    /// Derivatives of the gravity directions with respect to the three mount angles.
     by_mount: Mat<f64>,
 }
 
-/// A lasting rotation of the unit relative to its mount that takes place before one of the rests.
+/// A lasting rotation of the unit relative to its mount between two rests.
 struct Step {
     /// Index of the first rest after the rotation.
     first: usize,
@@ -185,7 +185,7 @@ struct Step {
 }
 
 impl<'a> Residuals<'a> {
-    /// `None` if there are fewer than four times [`FEWEST_RESTS`] rests, or no motor angles.
+    /// `None` if there are fewer than four times [`FEWEST_RESTS`] rests, or if there are no motor angles.
     fn new(accelerometer: &Triad<f64>, recording: &Recording<'_>, rests: Vec<&'a StandRest>) -> Option<Self> {
         if rests.len() < 4 * FEWEST_RESTS {
             return None;
@@ -200,12 +200,13 @@ impl<'a> Residuals<'a> {
         let difference = |at: &dyn Fn(f64, &Vector3<f64>) -> Vector3<f64>, angle: &Vector3<f64>| {
             mount * (at(STEP_RAD, angle) - at(-STEP_RAD, angle)) / (2.0 * STEP_RAD)
         };
-        // Derivatives with respect to the stand parameters, then with respect to two harmonics of each encoder.
+        // First the derivatives with respect to the stand parameters, then those with respect to two harmonics of each
+        // encoder.
         let row = |k: usize| -> Vec<Vector3<f64>> {
             let angle = &angles[k];
             let by_parameter = |p: usize| {
-                // For the mount angles the derivative is analytic: a small rotation m of the mount changes the
-                // direction up by up x m.
+                // The derivative with respect to the mount angles is analytic: a small rotation m of the mount changes
+                // the direction up by up x m.
                 if p < MOUNT {
                     return mount * by_stand[k].cross(&Vector3::ith(p, 1.0));
                 }
@@ -237,7 +238,7 @@ impl<'a> Residuals<'a> {
         Some(Self { rests, values, basis, by_mount: errors.subcols(0, MOUNT).to_owned() })
     }
 
-    /// The step with the largest decrease of chi2.
+    /// The mount step that decreases chi2 most.
     fn largest_step(&self) -> Step {
         let mut best = Step { first: 0, turn_rad: 0.0, factor: 1.0 };
         let chi2 = self.values.squared_norm_l2();
@@ -245,7 +246,8 @@ impl<'a> Residuals<'a> {
             let after = |i: usize, j: usize| if i / AXES < first { 0.0 } else { self.by_mount[(i, j)] };
             let step = without(&self.basis, Mat::from_fn(self.values.nrows(), MOUNT, after));
             let Ok(svd) = step.thin_svd() else { continue };
-            // Minimum-norm least squares, because the rests may not determine all three components of the rotation.
+            // The minimum-norm solution is used, because the rests may not determine all three components of the
+            // rotation.
             let share =
                 |k: usize| if svd.S()[k] > f64::EPSILON * self.values.nrows() as f64 * svd.S()[0] { 1.0 } else { 0.0 };
             let seen = svd.U().transpose() * &self.values;

@@ -1,7 +1,7 @@
-//! Division of a move into blocks of 40 ms, with the means of attitude, rate and force over each block.
+//! Division of a move into blocks of 40 ms, with the mean attitude, rate and force of each block.
 //!
-//! Noise dominates single accelerometer samples, so residuals inside moves are computed from means over 40 ms. The
-//! motion changes little within 40 ms.
+//! Residuals inside moves are computed from means over 40 ms, because single accelerometer samples are dominated by
+//! noise. The motion changes little within 40 ms.
 
 use std::ops::Range;
 
@@ -12,11 +12,11 @@ use super::residual_kinds::Regressor;
 use crate::evaluate::MoveReport;
 use crate::recording::{Recording, Samples};
 
-/// Length of a block, s. It is short compared with a move of one second, and long enough for two sample intervals at 50
-/// Hz.
+/// Length of a block, s. It is short compared with a move of one second, and contains two sample intervals at 50 Hz.
 const BLOCK_S: f64 = 0.04;
 
-/// Minimum range of the temperature over a recording, K. Below it, temperature is not used as a regressor of residuals.
+/// Minimum range of the temperature over a recording, K. If the range is smaller, the dependence of residuals on
+/// temperature is not tested.
 pub(super) const LEAST_TEMPERATURE_CHANGE_K: f64 = 0.5;
 
 /// One move of a corrected recording, divided into blocks.
@@ -27,9 +27,10 @@ pub(super) struct MoveBlocks {
     pub(super) blocks: Vec<Block>,
 }
 
-/// Consecutive samples inside a move; adjacent blocks share a sample.
+/// Consecutive samples inside a move. The last sample of a block is also the first sample of the next block.
 pub(super) struct Block {
-    /// Mean over the block of the rotation from the body frame to the body frame at the start of the move.
+    /// Mean over the block of the rotation from the body frame at each sample to the body frame at the start of the
+    /// move.
     rotation: Matrix3<f64>,
     /// Time of the first sample, s.
     start_s: f64,
@@ -43,8 +44,8 @@ pub(super) struct Block {
     pub(super) specific_force: Vector3<f64>,
     /// Mean angular acceleration over the block, rad/s^2, body frame.
     pub(super) angular_acceleration: Vector3<f64>,
-    /// Temperature at the first sample minus the mean temperature of the recording, K; `None` if temperature is not
-    /// used as a regressor.
+    /// Temperature at the first sample minus the mean temperature of the recording, K; `None` if the dependence on
+    /// temperature is not tested.
     temperature_k: Option<f64>,
 }
 
@@ -85,12 +86,12 @@ impl MoveBlocks {
         self.rotation.scaled_axis()
     }
 
-    /// Whether temperature is used as a regressor of residuals.
+    /// Whether the dependence of residuals on temperature is tested.
     pub(super) fn has_temperature(&self) -> bool {
         self.blocks.iter().all(|block| block.temperature_k.is_some())
     }
 
-    /// Error of the attitude at the end of the move due to a rate error of one unit along each regressor. Each
+    /// Attitude error at the end of the move caused by a rate error that equals one component of a regressor. Each
     /// regressor has one row for each body axis at the end of the move, and one column for each component of the
     /// regressor.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
@@ -104,7 +105,8 @@ impl MoveBlocks {
                 }
             }
         }
-        // Attitude errors due to a rate error on each body axis that is proportional to the factor for this axis.
+        // Attitude error caused by a rate error on each body axis. The rate error is proportional to the factor of this
+        // axis.
         let by_axis = |factor: &dyn Fn(&Block) -> Vector3<f64>| -> [Vec<f64>; 3] {
             let sum = blocks().fold(Matrix3::zeros(), |sum: Matrix3<f64>, (block, change)| {
                 sum + change * Matrix3::from_diagonal(&factor(block))
@@ -126,15 +128,16 @@ impl MoveBlocks {
 }
 
 impl Block {
-    /// Mean over the block, in the body frame, of a direction that is constant in the world and equals `at_start` in
-    /// the body frame at the start of the move. It is computed from the same samples as the mean specific force, so
-    /// that the errors of the trapezoidal rule cancel when the two means are subtracted.
+    /// Mean over the block, in the body frame, of a direction that is constant in the world. `at_start` is this
+    /// direction in the body frame at the start of the move. The mean uses the same samples as the mean specific force,
+    /// so the errors of the trapezoidal rule cancel in the difference of the two means.
     pub(super) fn mean_of_constant(&self, at_start: &Vector3<f64>) -> Vector3<f64> {
         self.rotation.tr_mul(at_start)
     }
 }
 
-/// A temperature column whose range is large enough for use as a regressor of residuals, and the mean of the column.
+/// A temperature column with a range that is large enough to test the dependence of residuals on it, and the mean of
+/// the column.
 pub(super) struct RelativeTemperature<'a> {
     temperature_degc: &'a [f64],
     mean_degc: f64,
@@ -163,7 +166,8 @@ impl<'a> RelativeTemperature<'a> {
     }
 }
 
-/// Indices of the samples at the edges of the blocks. Samples that do not fill another block extend the last block.
+/// Indices of the first and last samples of the blocks. The last block also contains the samples that do not fill a
+/// further block.
 fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
     let (first, last) = (span.first, span.last);
     let samples = BLOCK_S * (last - first) as f64 / (time_s[last] - time_s[first]);
@@ -177,8 +181,8 @@ fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
 }
 
 /// Two rotations. The first is the rotation from the body frame at sample `last` to the body frame at sample `first`.
-/// The second is the time average, by the trapezoidal rule, of the rotation from the body frame at each sample between
-/// them to the body frame at sample `first`.
+/// The second is the mean, by the trapezoidal rule, of the rotations from the body frame at each sample to the body
+/// frame at sample `first`.
 fn rotation_over(recording: &Recording<'_>, first: usize, last: usize) -> (UnitQuaternion<f64>, Matrix3<f64>) {
     let mut integrator = Integrator::new();
     let (mut area, mut before) = (Matrix3::zeros(), Matrix3::identity());

@@ -1,5 +1,5 @@
-//! Expected errors of calibration parameters, and the errors of corrected signals that result from them. Signals are
-//! averaged over one second.
+//! Expected errors of calibration parameters, and the resulting errors of corrected signals that are averaged over one
+//! second.
 
 use std::ops::Range;
 
@@ -14,21 +14,21 @@ use crate::error::Error;
 use crate::frame::Frame;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
 
-/// Length of the windows, s, over which corrected signals are averaged. Averaging over one second hardly changes errors
-/// of a calibration, because they vary as slowly as the motion. It reduces the standard deviation of white noise with
-/// density N to N / sqrt(1 s).
+/// Length of the windows over which corrected signals are averaged, s. Calibration errors vary as slowly as the motion,
+/// so averaging over one second hardly changes them. White noise of density N has the standard deviation N / sqrt(1 s)
+/// after averaging.
 pub(super) const WINDOW_S: f64 = 1.0;
-/// Lower bound of the estimated size of an effect, in multiples of the effect's typical size.
+/// Lower bound of the estimated size of an effect, as a fraction of the effect's typical size.
 const LEAST_SIZE: f64 = 0.01;
 /// Number of fixed-point iterations for the estimated size of an effect. The iteration converges after a few steps.
 const SIZE_ITERATIONS: usize = 30;
-/// Step of the difference quotient with respect to a time constant, as a share of the time constant.
+/// Step of the numerical derivative with respect to a time constant, as a share of the time constant.
 const SHAPE_STEP: f64 = 0.01;
 
 /// Corrected angular rate x, y, z, rad/s, and specific force x, y, z, m/s^2.
 pub(super) type Signals = [f64; 6];
 
-/// The estimated parameters of a calibration. Parameters with a standard deviation of zero were not estimated and are
+/// The estimated parameters of a calibration. A parameter with a standard deviation of zero was not estimated and is
 /// omitted.
 pub(super) struct Parameters {
     /// Index of each parameter in the calibration.
@@ -44,8 +44,8 @@ pub(super) struct Windows {
 }
 
 impl Windows {
-    /// Divides a recording into complete windows, starting at the first sample. A recording shorter than one window
-    /// gives one window.
+    /// Divides a recording into consecutive complete windows from the first sample on. A recording shorter than one
+    /// window gives one window.
     pub(super) fn of(time_s: &[f64]) -> Self {
         let (Some(&start), Some(&end)) = (time_s.first(), time_s.last()) else {
             return Self { samples: Vec::new() };
@@ -80,12 +80,12 @@ impl Parameters {
         self.places.len()
     }
 
-    /// Change of the corrected signals in each window if a parameter changes by one standard deviation, (P, windows)
-    /// for P parameters.
+    /// Change of the corrected signals in each window due to a change of each parameter by its standard deviation,
+    /// shape (P, windows) for P parameters.
     ///
     /// `corrected` is `recording` after correction. `user_fields` are the columns of user-defined effects at the
-    /// samples of `corrected`. Effects are evaluated at the corrected signals. Errors of the corrected signals are
-    /// neglected in this evaluation, because effects are small compared with the signals.
+    /// samples of `corrected`. Effects are evaluated at the corrected signals instead of the true signals. The
+    /// difference is negligible, because effects are small compared with the signals.
     pub(super) fn slopes(
         &self,
         outcome: &Outcome,
@@ -105,9 +105,9 @@ impl Parameters {
     /// Expected errors of the parameters, and the covariance of the parameter errors. Both are in units of the
     /// parameters' standard deviations. `typical` are the typical sizes of the linear parameters of each effect.
     ///
-    /// The prior in the fit has at least the typical size of an effect (docs/model.md (23)). If the estimated effect is
-    /// smaller, the prior is narrowed to the estimated size. The prior is also narrowed in directions that are not
-    /// observable.
+    /// The prior width in the fit is at least the typical size of the effect (docs/model.md (23)). If the estimated
+    /// effect is smaller, the result is computed for a prior with the estimated size. This also applies in directions
+    /// that the data do not determine.
     pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
         let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
         let mut first = 21;
@@ -131,8 +131,8 @@ impl Parameters {
     }
 }
 
-/// Expected errors and covariance of the parameters if the prior of an effect is narrowed to the effect's estimated
-/// size. The estimated size is a common factor, at most 1, for the typical sizes of all parameters of the effect.
+/// Expected errors and covariance of the parameters for an effect's prior with the estimated size of the effect. The
+/// estimated size is a factor of at most 1 on the typical sizes of all parameters of the effect.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());
@@ -258,8 +258,8 @@ fn catalogue_slopes(
     slopes
 }
 
-/// The states at which the fields of the effects are evaluated. A state consists of the corrected signals, their
-/// angular acceleration, the time since the first sample in s, and the temperature.
+/// The states at which the fields of the effects are evaluated. A state consists of the corrected signals, the angular
+/// acceleration, the time since the first sample in s, and the temperature.
 fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     let rate: Vec<[f64; 3]> = corrected.angular_rate.iter().collect();
     let acceleration = angular_acceleration(corrected.time_s, &rate);
@@ -277,7 +277,8 @@ fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     (0..corrected.len()).map(state).collect()
 }
 
-/// The change of one sensor's corrected signal, with zeros for the other sensor.
+/// Six-component change of the corrected signals. One sensor's signal changes by `change`, and the components of the
+/// other sensor are zero.
 fn signals(change: Vector3<f64>, sensor: Sensor) -> Signals {
     let [x, y, z] = change.into();
     match sensor {

@@ -1,5 +1,5 @@
-//! Tests generic hypotheses in two ways: as an alternative to the selected effects, and in addition to these effects
-//! (docs/model.md (24)).
+//! Tests of generic hypotheses in a model without effects, as an alternative to the selected effects, and in a model
+//! with these effects (docs/model.md (24)).
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::Vector3;
@@ -14,25 +14,26 @@ use super::stage::Stage;
 use super::weighing::Weighing;
 use crate::numerics::workers::{in_order, processors};
 
-/// Trial standard deviations of the prior of a generic hypothesis, in multiples of the typical size of its block.
+/// Trial standard deviations of the prior of a hypothesis, in multiples of the typical deviation of its sensor
+/// parameter.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// Minimum margin, nats, between the log evidence of a generic hypothesis and the log evidence of the selected effects.
-/// With a smaller margin, the hypothesis does not replace the effects. 3 nats are odds of 20 to 1.
+/// Minimum difference of log evidence, nats, between a generic hypothesis and the selected effects, for the hypothesis
+/// to replace the effects. 3 nats are odds of 20 to 1.
 const LEAD: f64 = 3.0;
 /// Minimum log Bayes factor, nats, for a generic hypothesis to be reported instead of the selected effects. 8 nats are
 /// odds of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// Increase of the log evidence, nats, below which a hypothesis is not evaluated further. The increase is computed at
-/// the noise scales of the model without the hypothesis.
+/// Minimum increase of the log evidence by a hypothesis, nats, for its evaluation to be continued. The increase is
+/// computed with the noise scales of the model without the hypothesis.
 const LEAST_GAIN: f64 = 2.0;
 /// Minimum log Bayes factor, nats, for a generic hypothesis to be reported in addition to the selected effects.
 const NOT_ALL: f64 = 12.0;
-/// Share of the log Bayes factor of the selected effects that linearisation errors of large effects may cause. A
-/// generic hypothesis with a smaller log Bayes factor is not reported in addition to the effects.
+/// Minimum ratio of the log Bayes factor of a generic hypothesis to that of the selected effects, for the hypothesis to
+/// be reported in addition to the effects. Linearisation errors of large effects may cause smaller ratios.
 const REMAINDER: f64 = 0.02;
-/// Share of the chi2 explained by the selected effects that linearisation errors of large effects may cause. A generic
-/// hypothesis that explains less chi2 is not reported. This threshold is needed besides [`REMAINDER`], because the log
-/// Bayes factor grows only with the logarithm of an effect's size.
+/// Minimum ratio of the chi2 explained by a generic hypothesis to the chi2 explained by the selected effects, for the
+/// hypothesis to be reported. Linearisation errors of large effects may cause smaller ratios. [`REMAINDER`] is not
+/// sufficient, because the log Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis with the largest evidence, and its fit.
@@ -40,16 +41,17 @@ pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
     pub(super) log_bayes_factor: f64,
-    /// Standard deviation of the prior of the hypothesis's coefficients, in multiples of the typical size of its block.
+    /// Standard deviation of the prior of the coefficients, in multiples of the typical deviation of the sensor
+    /// parameter.
     pub(super) width: f64,
     /// Decrease of chi2 if the hypothesis is added to the model.
     chi2: f64,
-    /// Index of each rest and the deviation of the parameter on each axis at the rest, SI units. For hypotheses about
-    /// moves: index of the rest before each move, and the deviation inside the move.
+    /// Index of each rest, and the deviation of the parameter on each axis at the rest, SI units. For a hypothesis
+    /// about moves: index of the rest before each move, and the deviation inside the move.
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// A model and its evidence, to which generic hypotheses are added one at a time for comparison.
+/// A model and its evidence. Generic hypotheses are added to it one at a time and compared.
 struct Judge<'a> {
     known: Known<'a>,
     model: &'a [Column],
@@ -61,19 +63,19 @@ impl<'a> Judge<'a> {
         Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// Evidence of the model with a hypothesis of `width` columns, and the prior width that maximises the evidence.
-    /// `None` if the log evidence increases by at most [`LEAST_GAIN`].
+    /// Evidence of the model with a hypothesis of `width` columns, at the prior width that maximises the evidence, and
+    /// this prior width. `None` if the log evidence increases by at most [`LEAST_GAIN`].
     fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(Evidence, f64)> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // A hypothesis that hardly increases the evidence at the noise scales s_g^2 of the model does not increase the
-        // evidence at smaller noise scales either.
+        // Smaller noise scales cannot help a hypothesis that hardly increases the evidence with the noise scales s_g^2
+        // of the model.
         let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(best, swept)?;
-        // A hypothesis that explains a large part of the residuals reduces the noise scales. At these smaller scales
+        // A hypothesis that explains a large part of the residuals reduces the noise scales. With smaller noise scales,
         // another prior width may give a larger evidence.
         if let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != best)
             && let Some((other, _)) = weighing.evidence(again, swept).filter(|(other, _)| other.log > evidence.log)
@@ -84,7 +86,8 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// For each model, the generic hypothesis with the largest evidence among the hypotheses about the selected blocks.
+/// For each model: the generic hypothesis with the largest evidence. Only hypotheses about the selected sensor
+/// parameters are tested.
 pub(super) fn best_generics<const N: usize>(
     setting: &Setting<'_>,
     stages: [&Stage; N],
@@ -95,8 +98,8 @@ pub(super) fn best_generics<const N: usize>(
     let found = in_order(processors(), hypotheses.len(), |place| {
         let hypothesis = &hypotheses[place];
         let columns = setting.columns(hypothesis);
-        // The Gram matrix of the hypothesis is computed once for all models, because the rows have the same groups in
-        // all models.
+        // The residual groups of the rows are the same in all models, so the Gram matrix of the hypothesis is computed
+        // only once.
         let others = judges.first().map(|judge| judge.known.others(&columns));
         judges.each_ref().map(|judge| judge.evaluate(hypothesis, others.as_ref()?, columns.ncols()))
     });
@@ -120,7 +123,7 @@ pub(super) fn best_generics<const N: usize>(
     })
 }
 
-/// The best generic hypotheses and the selected effects, compared on the same residuals.
+/// The best generic hypotheses and the selected effects, evaluated on the same residuals.
 pub(super) struct Pattern {
     /// The best generic hypothesis in a model without effects.
     pub(super) alone: Option<BestGeneric>,
@@ -129,7 +132,7 @@ pub(super) struct Pattern {
     /// Decrease of chi2 if the selected effects are added to the model without effects.
     pub(super) path_chi2: f64,
     /// The best generic hypothesis in a model with the selected effects. Its Bayes factor is relative to the model with
-    /// only these effects.
+    /// these effects and without the hypothesis.
     pub(super) on_top: Option<BestGeneric>,
 }
 
@@ -150,7 +153,7 @@ impl Pattern {
         self.on_top.as_ref().filter(is_large)
     }
 
-    /// Whether a decrease of chi2 exceeds the linearisation error of the selected effects.
+    /// Whether a decrease of chi2 is larger than linearisation errors of the selected effects can cause.
     fn is_no_remainder(&self, chi2: f64) -> bool {
         self.path_chi2 <= 0.0 || chi2 > REMAINDER_OF_CHI2 * self.path_chi2
     }
@@ -159,7 +162,7 @@ impl Pattern {
 impl BestGeneric {
     pub(super) fn finding(&self) -> GenericFinding {
         let Self { block, kernel, log_bayes_factor, ref wrong, .. } = *self;
-        // Under noise alone, the probability of a Bayes factor of B or more is at most 1/B.
+        // If noise is the only error, a Bayes factor of B or more has a probability of at most 1/B.
         let p_value = (-log_bayes_factor).exp().min(1.0);
         // At rest the specific force is g times the unit vector up. A bias that depends on the direction of gravity is
         // therefore indistinguishable at rest from a scale that depends on the specific force, and is reported as a

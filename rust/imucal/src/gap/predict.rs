@@ -1,4 +1,4 @@
-//! Tests by cross-validation whether an effect predicts held-out rests and moves.
+//! Cross-validation: tests whether an effect improves the prediction of held-out rests and moves.
 //!
 //! ```text
 //! delta_f = -(sum over rows not in fold f: J^T J / s_g^2 + P)^-1 (sum: J^T r / s_g^2 + P theta_0)
@@ -6,21 +6,21 @@
 //! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = l_i with the effect - l_i without
 //! ```
 //!
-//! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation is valid in
-//! this case, too, because an effect that only fits the excess scatter does not improve the prediction. Each
-//! superfluous parameter decreases the log predictive density by about half a nat. The standard deviation of the gain
-//! is estimated from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333), so a few outliers
-//! cannot make an effect significant. An item is a rest or a move. A fold is a contiguous period of time. If single
-//! rests were held out, any model would predict them well from their neighbours, because biases wander slowly.
+//! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation remains valid
+//! in this case, because an effect that only fits excess scatter does not improve the prediction. Each superfluous
+//! parameter decreases the log predictive density by about half a nat. The standard deviation of the gain is estimated
+//! from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333). A few outliers therefore cannot make
+//! an effect significant. An item is a rest or a move. A fold is a contiguous period of time. Single rests are not held
+//! out, because biases vary slowly, and any model would predict a single rest well from its neighbours.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
 use super::evidence::{Column, Gram, RIDGE};
 
-/// Number of cross-validation folds, each of which is a contiguous period of the recordings.
+/// Number of cross-validation folds. Each fold is a contiguous period of the recordings.
 const FOLDS: usize = 6;
-/// Number of standard deviations by which a gain must exceed zero to be significant.
+/// Minimum ratio of a significant gain to its standard deviation.
 const SURE: f64 = 2.0;
 
 /// Increase of the log predictive density due to an effect, and the standard deviation of this increase, nats.
@@ -42,15 +42,16 @@ pub(crate) struct Held<'a> {
     pub(crate) columns: &'a Mat<f64>,
     pub(crate) residual: &'a [f64],
     pub(crate) gram: &'a Gram,
-    /// Group of residuals of each row.
+    /// Residual group of each row.
     pub(crate) groups: &'a [usize],
-    /// Index of the rest or move of each row, in order of time.
+    /// Index of the rest or move to which each row belongs, in order of time.
     pub(crate) items: &'a [usize],
 }
 
 impl Held<'_> {
-    /// Increase of the log predictive density of the model `with` over the model `without`, each given by its columns
-    /// and scales. `None` if the rows outside a fold do not determine one of the models.
+    /// Increase of the log predictive density from the model `without` to the model `with`. Each model is given by its
+    /// columns and its noise scales. `None` if the rows outside a fold do not determine the parameters of one of the
+    /// models.
     pub(crate) fn gain(&self, without: (&[Column], &[f64]), with: (&[Column], &[f64])) -> Option<Gain> {
         let (without, with) = (self.log_densities(without)?, self.log_densities(with)?);
         let gains: Vec<f64> =
@@ -61,7 +62,7 @@ impl Held<'_> {
         Some(Gain { nats, std: (n * variance).sqrt() })
     }
 
-    /// Log predictive density of each item (rest or move), from a fit to all folds that do not contain the item.
+    /// Log predictive density of each rest and move. Each is predicted by a fit to the folds that do not contain it.
     fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
         let scale_of = |group: usize| {
@@ -72,7 +73,7 @@ impl Held<'_> {
         let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
         let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
         let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
-        // The columns are normalised to unit length after the rows are weighted. The residual is the last column.
+        // After the rows are weighted, the columns are normalised to unit length. The residual is the last column.
         let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
         let size: Vec<f64> = (0..=n).map(length).collect();
         for (j, of_column) in size.iter().enumerate() {

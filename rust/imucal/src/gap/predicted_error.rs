@@ -1,4 +1,4 @@
-//! Predicted errors of corrected signals with and without effects, computed without knowledge of the true signals.
+//! Predicted errors of corrected signals with and without effects. The prediction does not need the true signals.
 //!
 //! ```text
 //! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
@@ -23,21 +23,21 @@ use crate::error::Error;
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Averaging time, s, of the means that are corrected instead of single samples. Correcting means takes less time, and
-/// it hardly changes the result, because errors of a calibration vary as slowly as the motion.
+/// Averaging time before the correction, s. Means are corrected instead of single samples, because this takes less
+/// time. The result hardly changes, because calibration errors vary as slowly as the motion.
 const BRIEF_MEAN_S: f64 = 0.1;
 /// Number of random draws from which the 95 % interval of the improvement factor is computed.
 const DRAWS: usize = 1000;
-/// Seed of the random draws, fixed so that results are reproducible.
+/// Seed of the random draws. It is fixed, so that results are reproducible.
 const SEED: u64 = 1;
 /// Probabilities of the quantiles at the ends of the 95 % interval.
 const INTERVAL: [f64; 2] = [0.025, 0.975];
-/// Relative variance of the estimated squared noise density, multiplied by the total duration of the rests, s. The
-/// squared density is estimated from half the mean square of the differences between consecutive means over 0.25 s on
-/// three axes (docs/model.md (10)).
+/// Relative variance of the estimated squared noise density, times the total duration of the rests, s. The squared
+/// density is half the mean square of the differences between consecutive means over 0.25 s, on three axes
+/// (docs/model.md (10)).
 const NOISE_VARIANCE_S: f64 = 0.25;
 /// Lower bound of the mean squared error and of the mean squared noise in a random draw, as a share of the expected
-/// mean squared noise. Without it, the random cross terms of noise and errors could make the mean squared error of a
+/// mean squared noise. Without this bound, random products of noise and errors could make the mean squared error of a
 /// draw negative.
 const LEAST_MEAN_SQUARE: f64 = 0.1;
 
@@ -65,23 +65,23 @@ pub struct PredictedError {
     pub factor_high: f64,
 }
 
-/// Input that the caller computes if calibrations have user-defined effects: the corrected [`BriefMeans`] of each
-/// recording, and the fields of the user-defined effects.
+/// Signals and fields that the caller computes if a calibration has user-defined effects: the corrected [`BriefMeans`]
+/// of each recording, and the fields of the user-defined effects.
 #[derive(Clone, Copy)]
 pub struct UserCorrection<'a> {
     /// [`BriefMeans`] corrected by the calibration without the effects, SI units, body frame.
     pub before: &'a [Recording<'a>],
     /// [`BriefMeans`] corrected by the calibration with the effects, SI units, body frame.
     pub after: &'a [Recording<'a>],
-    /// Fields of the user-defined effects of the calibration with effects. They are evaluated at the samples of
-    /// `after`, and are in the order of the effects in the calibration.
+    /// Fields of the user-defined effects of the calibration with effects. The fields are evaluated at the samples of
+    /// `after`. Their order is that of the effects in the calibration.
     pub fields: &'a [UserField<'a>],
 }
 
 /// Means over consecutive intervals of 0.1 s of a recording.
 #[derive(Clone, Debug)]
 pub struct BriefMeans {
-    /// Number of samples in each mean; an incomplete last interval is omitted.
+    /// Number of samples in each mean. An incomplete last interval is omitted.
     pub samples: usize,
     time_s: Vec<f64>,
     specific_force: Vec<[f64; 3]>,
@@ -109,7 +109,7 @@ impl BriefMeans {
         }
     }
 
-    /// The means as a recording in the units of the recording `of`.
+    /// The means as a recording in the units of the recording `of`, without the angles of the stand.
     pub fn recording<'a>(&'a self, of: &Recording<'a>) -> Recording<'a> {
         Recording {
             time_s: &self.time_s,
@@ -122,14 +122,14 @@ impl BriefMeans {
     }
 }
 
-/// Sum with small rounding errors. The time of a mean can coincide with the edge of a window, and a large rounding
-/// error would put the mean into the wrong window.
+/// Sum with small rounding errors. The time of a mean can coincide with the edge of a window, where a larger rounding
+/// error would assign the mean to the wrong window.
 fn sum(values: &[f64]) -> f64 {
     values.split_first().map_or(0.0, |(first, others)| first + pairwise_sum(others))
 }
 
-/// Pairwise summation with eight partial sums for short ranges (Higham, SIAM Journal on Scientific Computing 14, 1993,
-/// 783-799).
+/// Pairwise summation; ranges of at most 128 values are summed with eight partial sums (Higham, SIAM Journal on
+/// Scientific Computing 14, 1993, 783-799).
 fn pairwise_sum(values: &[f64]) -> f64 {
     const EIGHT: usize = 8;
     const FEW: usize = 128;
@@ -158,8 +158,8 @@ fn brief_samples(time_s: &[f64]) -> usize {
     if step_s > 0.0 { ((BRIEF_MEAN_S / step_s).round_ties_even() as usize).max(1) } else { 1 }
 }
 
-/// Predicted errors of signals corrected by `before` and by `after`, on raw recordings. `user` is required if a
-/// calibration has user-defined effects.
+/// Predicted errors of the signals of raw recordings after correction by `before` and by `after`. `user` is required if
+/// a calibration has user-defined effects.
 ///
 /// # Errors
 /// [`Error::Input`] if the contents of `user` do not match the recordings and the effects of `after`.
@@ -170,8 +170,9 @@ pub fn predicted_errors(
     user: Option<&UserCorrection<'_>>,
 ) -> Result<PredictedErrors, Error> {
     let parameters = Parameters::of(after);
-    // One column for each parameter: the change of the corrected signals in each window if the parameter changes by one
-    // standard deviation. The last column is the difference between the signals corrected by the two calibrations.
+    // There is one column for each parameter: the change of the corrected signals in each window if the parameter
+    // changes by one standard deviation. The last column is the difference between the signals corrected by the two
+    // calibrations.
     let mut columns: Vec<Vec<Signals>> = vec![Vec::new(); parameters.count() + 1];
     for (index, recording) in recordings.iter().enumerate() {
         let means = BriefMeans::of(recording);
@@ -225,8 +226,8 @@ fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) 
         .collect()
 }
 
-/// Mean products of each pair of columns over all windows and the given axes, and the number of values in each mean.
-/// Windows and axes at which any column is not finite are omitted.
+/// Mean product of each pair of columns over all windows and the given axes, and the number of values in each mean. A
+/// window and axis is omitted if any column is not finite there.
 fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
     let windows = columns.first().map_or(0, Vec::len);
     let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);
@@ -244,7 +245,8 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
     (sums * faer::Scale(1.0 / count as f64), count)
 }
 
-/// Mean squared errors that no correction removes, for angular rate and specific force averaged over one second.
+/// Mean squared errors of signals averaged over one second, for angular rate and specific force, that no correction
+/// removes.
 ///
 /// The Earth's rate counts as an error of the angular rate, because the correction does not remove it and its
 /// body-frame components change with attitude.
@@ -269,8 +271,9 @@ fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
 struct Signal<'a> {
     /// Mean squared noise of a one-second average.
     noise: f64,
-    /// (P+1, P+1) mean products of the signal changes due to one standard deviation of each parameter. The last row and
-    /// column are for the difference between the signals corrected by the two calibrations.
+    /// (P+1, P+1) mean products of the signal changes. Each of the first P rows and columns belongs to a change of one
+    /// parameter by its standard deviation. The last row and column belong to the difference between the signals
+    /// corrected by the two calibrations.
     gram: Mat<f64>,
     /// (P,) expected errors of the parameters, in standard deviations.
     errors: &'a [f64],
@@ -278,17 +281,17 @@ struct Signal<'a> {
     covariance: &'a Mat<f64>,
     /// Number of one-second averages, over all windows and axes.
     count: usize,
-    /// Relative variance of `noise`.
+    /// Variance of the estimate `noise`, divided by the square of `noise`.
     relative_variance: f64,
 }
 
 /// Standard normal random numbers. Both signals use the same numbers.
 struct Draws {
-    /// (P, draws) normalised errors of the parameters.
+    /// (P, draws) standard normal numbers from which the parameter errors are computed.
     parameters: Mat<f64>,
-    /// (P+1, draws) normalised cross terms of noise and each column.
+    /// (P+1, draws) standard normal numbers from which the products of noise and each column are computed.
     products: Mat<f64>,
-    /// (draws,) normalised deviation of the mean squared noise.
+    /// (draws,) standard normal numbers from which the deviations of the mean squared noise are computed.
     noise: Vec<f64>,
 }
 
@@ -324,7 +327,7 @@ impl Signal<'_> {
         all.clone().map(|i| at(i) * all.clone().map(|j| self.gram[(i, j)] * at(j)).sum::<f64>()).sum()
     }
 
-    /// Random draws of the improvement factor over parameter errors and noise.
+    /// Improvement factor for each random draw of parameter errors and noise.
     fn factors(&self, draws: &Draws) -> Result<Vec<f64>, Error> {
         let parameters = self.errors.len();
         let errors = root(self.covariance)? * &draws.parameters;

@@ -1,4 +1,4 @@
-//! Gram matrices of Jacobian columns, one for each group of rows.
+//! Gram matrices (products of Jacobian columns), one for each group of residual rows.
 
 mod asked;
 mod lanes;
@@ -29,16 +29,17 @@ pub(super) struct Part<'a> {
 }
 
 impl Gram {
-    /// Gram matrices of columns; the last column is the residual.
+    /// Gram matrix of the columns for each group of rows. The last column is the residual.
     pub(crate) fn of(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let groups = Rows::of_groups(group_of_row);
         let sums = groups.iter().map(|rows| square(rows.part(columns).view(), processors())).collect();
         Self::of_groups(sums, &groups, columns.ncols() - 1)
     }
 
-    /// Gram matrices with only the products that scoring needs. These are products of the model's columns, which come
-    /// first, with all columns, and products within each block of candidate columns. All other entries are NaN. `order`
-    /// gives the position of each column within a row; the residual is last. Also returns the residuals inside moves.
+    /// Gram matrices with only the products that scoring needs. These are products of the model's columns with all
+    /// columns, and products within each block of candidate columns. The model's columns come first. All other entries
+    /// are NaN. `order` contains the position of each column within a row. The residual is the last column. The second
+    /// result contains the residuals inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,
@@ -61,8 +62,8 @@ impl Gram {
         Self { sums, rows, groups: groups.iter().map(|rows| rows.group).collect(), residual }
     }
 
-    /// Gram matrices of the groups of rows of `self`. They contain all products of `columns` and the given residual.
-    /// The products of the columns are computed on first use and stored in `products`.
+    /// Gram matrices for the groups of rows of `self`, with all products of `columns` and the given residual. The
+    /// products of the columns are computed when first needed, and are stored in `products`.
     pub(crate) fn with_residual(
         &self,
         products: &OnceLock<Vec<Mat<f64>>>,
@@ -85,7 +86,7 @@ impl Gram {
 }
 
 impl Rows {
-    /// Row ranges of each group that has at least one row.
+    /// Row ranges of every group that has at least one row.
     pub(super) fn of_groups(group_of_row: &[usize]) -> Vec<Self> {
         let count = group_of_row.iter().max().map_or(0, |last| last + 1);
         let mut all: Vec<Self> = (0..count).map(|group| Self { group, runs: Vec::new() }).collect();
@@ -107,7 +108,7 @@ impl Rows {
         self.runs.iter().flat_map(|run| &column[run.clone()]).copied().collect()
     }
 
-    /// The rows of this group in a matrix. They are copied only if the group has several ranges of rows.
+    /// The rows of this group in a matrix. The rows are copied only if the group has several ranges of rows.
     pub(super) fn part<'m>(&self, columns: &'m Mat<f64>) -> Part<'m> {
         if let [run] = self.runs.as_slice() {
             return Part { columns: Cow::Borrowed(columns), rows: run.clone() };
@@ -131,7 +132,7 @@ impl Part<'_> {
         &self.columns.col_as_slice(j)[self.rows.clone()]
     }
 
-    /// Writes the products of all columns with a residual into row `place` and column `place` of a Gram matrix.
+    /// Writes the products of all columns and a residual to row `place` and column `place` of a Gram matrix.
     fn put_residual(&self, residual: &[f64], place: usize, sum: &mut Mat<f64>) {
         for j in 0..self.columns.ncols() {
             let product = dot(self.column(j), residual);
@@ -141,8 +142,7 @@ impl Part<'_> {
     }
 }
 
-/// Number of rows per partial sum. It is constant, so that the rounding of sums does not depend on the number of
-/// threads.
+/// Number of rows per partial sum. The number is fixed, so that rounding does not depend on the number of threads.
 const TOGETHER: usize = 2048;
 
 /// Applies a function to consecutive parts of the rows. Returns the results in the order of the parts.

@@ -10,23 +10,23 @@ use super::{GenericFinding, Scattering};
 pub struct Remainder {
     /// Whether noise explains the residuals and, if it does not, whether the deviation is systematic or random.
     pub kind: RemainderKind,
-    /// The part of the model or of the data that deviates. It is a name from [`super::Block::name`], `encoder`,
-    /// `biases` (changed biases of both sensors between sessions), or the name of a kind of residual. `None` if noise
+    /// The part of the model or of the data that deviates. It is a name from [`super::Block::name`], the name of a kind
+    /// of residual, `encoder`, or `biases` (the biases of both sensors changed between sessions). `None` if noise
     /// explains the residuals.
     pub block: Option<&'static str>,
     /// How `block` deviates. It is a name from [`Kernel::name`], or `white`, `contradiction`, `between_sessions`,
     /// `above_noise` or `not_confirmed`. `None` if noise explains the residuals.
     pub pattern: Option<&'static str>,
-    /// p-value under noise alone. It is the p-value of `pattern`, or of the residuals of unseen data if `pattern` is
-    /// `None`.
+    /// p-value under the hypothesis that noise is the only error. It is the p-value of `pattern`, or of the residuals
+    /// of unseen data if `pattern` is `None`.
     pub p_value: f64,
-    /// Whether the unexplained residuals limit the use of the calibration. The value is `false` if noise explains the
-    /// residuals. For the pattern `above_noise`, it is also `false` if the accepted effects remove at least half of
-    /// chi2 from one kind of unseen residuals.
+    /// Whether the unexplained residuals limit the use of the calibration; `false` if noise explains the residuals. For
+    /// the pattern `above_noise`, it is also `false` if the accepted effects remove at least half of chi2 from one kind
+    /// of unseen residuals.
     pub matters: bool,
 }
 
-/// Nature of a remainder.
+/// Kind of the residuals that remain unexplained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RemainderKind {
     /// Noise explains the residuals.
@@ -49,7 +49,7 @@ impl RemainderKind {
 }
 
 impl Remainder {
-    /// Noise explains the residuals. `p_value` is the p-value of these residuals.
+    /// The remainder if noise explains the residuals. `p_value` is the p-value of these residuals.
     pub(super) fn nothing(p_value: f64) -> Self {
         Self { kind: RemainderKind::Nothing, block: None, pattern: None, p_value, matters: false }
     }

@@ -1,4 +1,4 @@
-//! Residuals of a calibration by kind and body axis, with their standard deviations from sensor noise.
+//! Residuals of a calibration for each kind and body axis, with their standard deviations from sensor noise.
 //!
 //! ```text
 //! rest_norm        |f| - g at a rest
@@ -8,7 +8,7 @@
 //! ```
 //!
 //! All residuals are computed from corrected signals, in SI units and in the body frame. `f` is the specific force, `g`
-//! local gravity, `u` a unit vector up, and `R` the attitude change from integrated angular rates.
+//! is local gravity, and `u` is the unit vector up. `R` is the attitude change, computed from integrated angular rates.
 
 use std::collections::HashMap;
 
@@ -21,12 +21,13 @@ use crate::evaluate::{MoveReport, RestReport};
 use crate::recording::Samples;
 use crate::rests::noise_density::variance_by_axis;
 
-/// Lower bound of the noise densities, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). In simulations without noise the measured
-/// density is zero, and residuals cannot be divided by zero.
+/// Lower bounds of the noise densities, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). The measured density is zero in simulations
+/// without noise, and residuals cannot be divided by zero.
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
-/// Lower bound of the share of an attitude error about a body axis that changes the direction of gravity. A rotation
-/// about gravity itself does not change this direction, so the standard deviation of the residual would be zero.
+/// Lower bound of the share of an attitude error that changes the direction of gravity. A rotation about gravity does
+/// not change this direction. Without the bound, the standard deviation of the residual would be zero for such a
+/// rotation.
 const LEAST_VISIBLE_SHARE: f64 = 1e-4;
 
 /// Residuals of one kind on one body axis.
@@ -38,8 +39,8 @@ pub(super) struct Channel {
     pub(super) values: Vec<f64>,
     /// Standard deviation of each residual from sensor noise, in the unit of the kind.
     pub(super) sigma: Vec<f64>,
-    /// Number of rests or moves that contribute residuals. The residuals of all blocks of a move share the attitude
-    /// errors of the move, so moves are counted instead of blocks.
+    /// Number of rests or moves that contribute residuals. All blocks of a move have the attitude errors of the move in
+    /// common, so the moves are counted instead of the blocks.
     pub(super) items: usize,
     /// Regressors of the channel, with one row for each residual.
     pub(super) regressors: Vec<(Regressor, Vec<Vec<f64>>)>,
@@ -60,14 +61,13 @@ pub(super) struct Item {
     pub(super) left_out: bool,
 }
 
-/// All residuals of a calibration on its own recordings. They include the residuals of rests and moves that the fit
-/// excluded as outliers.
+/// All residuals of a calibration on its own recordings, including rests and moves that the fit excluded as outliers.
 pub(super) struct Residuals {
     pub(super) channels: Vec<Channel>,
     pub(super) rests: Vec<Item>,
     pub(super) moves: Vec<Item>,
-    /// Rotation vector of each move, rad, by index of the move in the calibration. It describes the rotation from the
-    /// body frame at the end of the move to the body frame at its start.
+    /// Rotation vector of each move, rad, by index of the move in the calibration. It rotates from the body frame at
+    /// the end of the move to the body frame at its start.
     pub(super) rotation_vectors: HashMap<usize, Vector3<f64>>,
 }
 
@@ -85,7 +85,7 @@ struct Noise {
 
 impl Residuals {
     /// `bias_instability` is the bias instability of the gyroscope, rad/s. `inside_moves` is true if the unit is
-    /// rotated without translation. Only in this case is the specific force inside moves compared with gravity.
+    /// rotated without translation. Only then is the specific force inside moves compared with gravity.
     pub(super) fn new(fit: &CorrectedFit<'_>, bias_instability: Option<[f64; 3]>, inside_moves: bool) -> Self {
         let outcome = fit.outcome;
         let (accelerometer, gyroscope) = noise_densities(outcome);
@@ -140,8 +140,8 @@ impl Residuals {
             let by_mean = accelerometer.inverse().tr_mul(&up);
             let rounding = squared(&by_mean).dot(&squared(&rest.force_rounding));
             let sigma_norm = (squared(&up).dot(&squared(&noise.accelerometer)) / duration_s + rounding).sqrt();
-            // Hand tremor causes independent random attitude errors at the two ends of the rest. The difference between
-            // these errors, divided by the duration of the rest, is an error of the mean rate.
+            // Hand tremor causes independent random attitude errors at the two ends of a rest. Their difference,
+            // divided by the duration of the rest, is an error of the mean rate.
             let by_tremor = 2.0 * (noise.tremor / duration_s).powi(2);
             let rounding = variance_by_axis(gyroscope.inverse(), &rest.rate_rounding);
             let sigma_rate = (squared(&noise.gyroscope) / duration_s + squared(&noise.bias_instability) + rounding)
@@ -214,7 +214,8 @@ impl Residuals {
                     (Regressor::RateSquared, products(&block.angular_rate).to_vec()),
                 ];
                 for (axis, channel) in channels.iter_mut().enumerate() {
-                    // The attitude error from gyroscope noise grows with time and tilts the predicted gravity.
+                    // The attitude error due to gyroscope noise grows with time and tilts the predicted gravity
+                    // direction.
                     let tilt = (gravity * noise.gyroscope[axis]).powi(2) * block.since_start_s;
                     let across = 1.0 - up[axis] * up[axis];
                     let variance = noise.accelerometer[axis].powi(2) / block.length_s + across * tilt;
@@ -249,8 +250,8 @@ impl Channel {
 }
 
 impl CorrectedFit<'_> {
-    /// Directions up in the body frame before and after a move. They come from the fit or, if the fit excluded the
-    /// move, from the accelerometer at the rests.
+    /// Direction up in the body frame before and after a move. It is the direction of the fit. If the fit excluded the
+    /// move, it is the direction that the accelerometer measured at the rest.
     fn gravity_at_ends(&self, span: &MoveReport) -> [Vector3<f64>; 2] {
         [(span.gravity_before, span.from_rest), (span.gravity_after, span.to_rest)].map(|(known, rest)| {
             if known.iter().all(|value| value.is_finite()) {
@@ -278,13 +279,13 @@ fn direction_sigma(span: &MoveReport, noise: &Noise, gravity_mps2: f64) -> f64 {
     if sigma > 0.0 {
         return sigma;
     }
-    // The fit excluded the move, so it has no standard deviation for the residual. The standard deviation is computed
-    // here from the angle random walk over the move and from accelerometer noise averaged over one second at each end.
+    // The fit excluded the move and therefore computed no standard deviation. It is computed here from the angle random
+    // walk over the move, and from accelerometer noise averaged over one second at each end.
     let ends = 2.0 * noise.accelerometer.norm_squared() / 3.0 / (gravity_mps2 * gravity_mps2);
     (noise.gyroscope.norm_squared() / 3.0 * span.duration_s + ends).sqrt()
 }
 
-/// Whether a rest or move is in the fit, or was excluded only as an outlier.
+/// Whether a rest or move was used in the fit or was excluded only as an outlier.
 fn is_examined(excluded: Option<&str>) -> bool {
     excluded.is_none_or(|reason| reason.starts_with("contradicts"))
 }
@@ -297,7 +298,7 @@ fn sign(value: f64) -> f64 {
     if value == 0.0 { 0.0 } else { value.signum() }
 }
 
-/// The squares and pairwise products of three components.
+/// Squares and pairwise products of the three components of a vector.
 fn products(v: &Vector3<f64>) -> [f64; 6] {
     [v.x * v.x, v.y * v.y, v.z * v.z, v.x * v.y, v.x * v.z, v.y * v.z]
 }

@@ -1,16 +1,16 @@
-//! Kinds of residuals, the quantities with which residuals may be correlated, and the calibration from which residuals
-//! are computed.
+//! Kinds of residuals, the quantities on which residuals may depend, and the calibration from which residuals are
+//! computed.
 
 use crate::calibrate::Outcome;
 use crate::recording::Recording;
 
-/// A calibration, and the recordings from which it was made, after correction by this calibration.
+/// A calibration, and its recordings after correction by this calibration.
 #[derive(Clone, Copy)]
 pub struct CorrectedFit<'a> {
     /// The calibration, in the symmetric body frame.
     pub outcome: &'a Outcome,
-    /// The recordings after correction, in the body frame and in SI units. They are in the order of the recordings in
-    /// the calibration.
+    /// The recordings after correction, in SI units and in the body frame. Their order is that of the recordings in the
+    /// calibration.
     pub corrected: &'a [Recording<'a>],
     /// Local gravity that was used to make the calibration, m/s^2.
     pub gravity_mps2: f64,
@@ -23,8 +23,8 @@ pub enum ResidualKind {
     RestNorm,
     /// Mean angular rate at a rest, rad/s. The expected value is zero.
     RestRate,
-    /// Angle, rad, between the measured direction of gravity after a move and the predicted direction. The prediction
-    /// rotates the direction of gravity before the move by the integrated angular rate.
+    /// Angle, rad, between the measured and the predicted direction of gravity after a move. The prediction rotates the
+    /// direction of gravity before the move by the integrated angular rate.
     MoveDirection,
     /// Specific force inside a move minus gravity at the predicted attitude, m/s^2.
     MoveForce,
@@ -51,24 +51,24 @@ impl ResidualKind {
     }
 }
 
-/// A quantity with which residuals may be correlated.
+/// A quantity on which residuals may depend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Regressor {
     /// Angular acceleration, three components.
     AngularAcceleration,
-    /// Direction of gravity in the body frame. For residuals after moves: the attitude error due to a rate error that
-    /// is proportional to a component of the specific force.
+    /// Direction of gravity in the body frame. For direction residuals after moves, the regressor is the attitude error
+    /// that a rate error proportional to a component of the specific force causes.
     Gravity,
     /// Squares and products of the components of gravity.
     GravitySquared,
-    /// Squares of the components of the angular rate. For residuals of the specific force inside moves: also the
-    /// products of two components.
+    /// Squares of the components of the angular rate. For residuals of the specific force inside moves, the products of
+    /// two components are included.
     RateSquared,
-    /// Sign of each component of the rotation vector of the move before a rest.
+    /// Sign of each component of the rotation vector of the last move before a rest.
     SignOfTheLastTurn,
     /// Sign of the angular rate on each axis.
     SignOfTheRate,
-    /// Temperature relative to the mean of the recording, K.
+    /// Temperature minus the mean temperature of the recording, K.
     Temperature,
     /// Time since the start of the recording, s.
     Time,

@@ -1,10 +1,10 @@
-//! Residuals of recordings by kind and body axis, by rest and by move, and the quantities with which residuals are
-//! correlated. They show where recordings disagree with a calibration.
+//! Residuals of recordings by kind and body axis, by rest and by move, and the quantities on which the residuals
+//! depend. These figures locate the disagreement between recordings and a calibration.
 //!
-//! A channel, a rest or a move is significant if its chi2 exceeds the threshold for a family-wise false alarm
-//! probability of 0.1 %. Dependence is tested by linear regression of a channel on each [`Regressor`]. If the
-//! regression explains the share `r` of the sum of squares over `n` rests or moves, `-n ln(1 - r)` has a chi2
-//! distribution under the null hypothesis of no dependence.
+//! A channel consists of all residuals of one kind on one body axis. A channel, a rest or a move is significant if its
+//! chi2 exceeds the threshold for a family-wise false alarm probability of 0.1 %. Dependence is tested by linear
+//! regression of a channel on each [`Regressor`]. If the regression explains the share `r` of the sum of squares over
+//! `n` rests or moves, `-n ln(1 - r)` has a chi2 distribution under the null hypothesis of no dependence.
 
 use std::collections::HashMap;
 
@@ -17,26 +17,27 @@ use crate::correct::is_left_in_data;
 use crate::numerics::lsq::singular;
 use crate::numerics::stats::{p_value, rms};
 
-/// p-value below which a channel, a rest, a move or a dependence is significant. The threshold is divided by the number
-/// of tests of the same kind (Bonferroni).
+/// Significance level for channels, rests, moves and dependences. It is divided by the number of tests of the same kind
+/// (Bonferroni).
 const SIGNIFICANCE: f64 = 1e-3;
 /// Maximum number of regressors that are reported for a channel.
 const MOST_REGRESSORS: usize = 3;
 /// Minimum share of the sum of squares that a regressor must explain to be reported.
 const LEAST_SHARE: f64 = 0.1;
-/// Share of the largest singular value of a regressor's columns. Singular values below this share count as zero.
+/// Threshold of the rank decision: singular values of a regressor's columns below this share of the largest one count
+/// as zero.
 const DEPENDENT_COLUMNS: f64 = 1e-6;
-/// Minimum share of the squared norm of each move's rotation vector that must lie along a body axis for this axis to be
-/// the common rotation axis of the moves.
+/// Criterion for a common rotation axis of several moves. An axis is common if at least this share of the squared norm
+/// of each move's rotation vector lies along it.
 const ALONG_ONE_AXIS: f64 = 0.8;
 
-/// Residuals of a calibration on its own recordings, compared with the residuals of a second calibration.
+/// Residuals of a calibration on its own recordings. They can be compared with the residuals of a second calibration.
 #[derive(Clone, Debug)]
 pub struct ResidualsByPlace {
     /// Residuals by kind and body axis.
     pub channels: Vec<ChannelResidual>,
-    /// Significant dependences of significant channels. The dependences of each channel are in descending order of the
-    /// explained share.
+    /// Significant dependences of those channels that are significant. For each channel, they are in descending order
+    /// of the explained share.
     pub dependences: Vec<Dependence>,
     /// Rests whose residuals are significant.
     pub rests: Vec<ItemResidual>,
@@ -57,7 +58,8 @@ pub struct ChannelResidual {
     pub rms: f64,
     /// Root mean square of the standard deviations of the residuals from sensor noise, in the unit of the kind.
     pub noise_rms: f64,
-    /// Root mean square of the residuals divided by their standard deviations; 1 if noise is the only error.
+    /// Root mean square of the ratio of each residual to its standard deviation from noise; 1 if noise is the only
+    /// error.
     pub times_noise: f64,
     /// Whether chi2 of the channel exceeds the significance threshold.
     pub is_significant: bool,
@@ -75,7 +77,7 @@ pub struct Dependence {
     pub axis: Option<usize>,
     /// The quantity that the residuals depend on.
     pub regressor: Regressor,
-    /// Share, 0 to 1, of the sum of squares about the mean that the regression explains.
+    /// Share of the sum of squares about the mean that the regression explains, between 0 and 1.
     pub share: f64,
     /// p-value of `share` under the null hypothesis of no dependence.
     pub p_value: f64,
@@ -100,16 +102,16 @@ pub struct ItemResidual {
 /// Residuals of the calibration `before` on its recordings. If `after` is given, they are compared with the residuals
 /// of `after`, a second calibration from the same recordings.
 ///
-/// `inside_moves` is true if the unit is rotated without translation, so that specific force inside moves contains only
-/// gravity.
+/// `inside_moves` is true if the unit is rotated without translation. The specific force inside moves then contains
+/// only gravity.
 pub fn residuals_by_place(
     before: &CorrectedFit<'_>,
     after: Option<&CorrectedFit<'_>>,
     inside_moves: bool,
 ) -> ResidualsByPlace {
     let last = after.unwrap_or(before);
-    // The bias instability comes from `after` if it is given. A calibration without effects would count residuals of
-    // missing effects as bias instability.
+    // The bias instability is taken from `after` if it is given. In a calibration without effects, the residuals of
+    // missing effects would increase the estimated bias instability.
     let instability = last.outcome.bias_instability_radps;
     let residuals = Residuals::new(before, instability, inside_moves);
     let remaining = after.map(|after| Residuals::new(after, instability, inside_moves));
@@ -170,8 +172,8 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
     found
 }
 
-/// Share of the sum of squares about the mean that a linear regression on the columns of `rows` explains, and number of
-/// linearly independent columns.
+/// Share of the sum of squares about the mean that a linear regression on the columns of `rows` explains, and the
+/// number of linearly independent columns.
 fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
     let (n, width) = (rows.len(), rows.first()?.len());
     let centred = |values: Vec<f64>| {
@@ -210,7 +212,7 @@ fn significant_items(items: &[Item]) -> Vec<ItemResidual> {
         .collect()
 }
 
-/// The body axis about which the unit rotates in all of these moves; `None` if there is no common axis.
+/// The body axis about which the unit rotates in all given moves; `None` if there is no common axis.
 fn common_axis(moves: &[ItemResidual], rotation_vectors: &HashMap<usize, Vector3<f64>>) -> Option<usize> {
     let shares: Vec<Vector3<f64>> = moves
         .iter()

@@ -1,4 +1,5 @@
-//! Revision of the selected effects: replacement by an alias with a time constant, and removal of superfluous effects.
+//! Revision of the selected effects: an alias with a time constant may replace an effect, and superfluous effects are
+//! removed. An alias is an effect that causes nearly the same residuals.
 
 use imucal_core::effects::Effect;
 
@@ -11,21 +12,21 @@ use crate::error::Error;
 use crate::joint::Prepared;
 use crate::numerics::stats::p_value;
 
-/// Maximum difference of log evidence, nats, from the selected effect for another candidate to be a rival. An alias,
-/// which is an effect with nearly the same residuals, replaces the effect if its log evidence is larger by more than
-/// this value. 3 nats are odds of 20 to 1.
+/// Threshold of differences in log evidence, nats. A candidate is a rival of the selected effect if its log evidence is
+/// smaller by less than this threshold. An alias replaces the effect if its log evidence is larger by more than this
+/// threshold. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
-/// p-value of the likelihood ratio between the models with and without an effect. The effect is superfluous if the
-/// p-value is larger.
+/// Maximum p-value of the likelihood ratio between the models with and without an effect. An effect with a larger
+/// p-value is superfluous.
 const SUPERFLUOUS: f64 = 1e-3;
-/// Log Bayes factor, nats, above which candidates are compared by fits instead of scores. For such large effects the
-/// linearisation errors of the scores exceed the differences between candidates.
+/// Log Bayes factor, nats, above which candidates are fitted to be compared. The linearisation errors of the scores of
+/// such large effects exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
-/// Minimum log Bayes factor for a candidate to be compared by a fit, as a share of the largest log Bayes factor.
+/// Minimum log Bayes factor of a candidate for it to be fitted, as a share of the largest log Bayes factor.
 const CLOSE: f64 = 0.9;
 
 impl Judged {
-    /// The effects `members` of a model, and this candidate as an additional effect.
+    /// The effects `members` of a model and this candidate.
     pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
         let own = Member { name: self.score.name.clone(), width: self.width, shape: self.shape, values: Vec::new() };
         members.iter().cloned().chain([own]).collect()
@@ -33,10 +34,10 @@ impl Judged {
 }
 
 impl ForwardSearch<'_> {
-    /// The candidate with the largest evidence among the candidates that satisfy `good`, and the names of its rivals.
+    /// The candidate with the largest evidence among those that satisfy `good`, and the names of its rivals.
     ///
-    /// If the largest log Bayes factor exceeds [`VERY_MUCH`], candidates above [`CLOSE`] times this value are fitted,
-    /// and the fit with the largest evidence is chosen.
+    /// If the largest log Bayes factor exceeds [`VERY_MUCH`], all candidates above [`CLOSE`] times this value are
+    /// fitted. The candidate with the largest evidence after the fit is then returned.
     pub(super) fn best<'j>(
         &self,
         prepared: &Prepared<'_>,
@@ -73,8 +74,8 @@ impl ForwardSearch<'_> {
     }
 
     /// Replaces an effect by an alias with a time constant if the log evidence of the alias is larger by more than
-    /// [`RIVAL_NATS`]. This comparison is needed because candidates are scored only at a few trial time constants. An
-    /// alias whose log evidence differs by less than [`RIVAL_NATS`] becomes a rival. Returns whether an effect was
+    /// [`RIVAL_NATS`]. Candidates are scored only at a few trial time constants, so the alias is fitted here. If the
+    /// two log evidences differ by less than [`RIVAL_NATS`], the alias becomes a rival. Returns whether an effect was
     /// replaced.
     pub(super) fn swap(
         &self,
@@ -99,8 +100,8 @@ impl ForwardSearch<'_> {
                 let typical = &other.effect.parameters[..other.effect.plain];
                 let mut members = stage.members.clone();
                 members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
-                // The first fit determines the size of the alias. This size becomes the width of its prior in the
-                // second fit.
+                // The first fit determines the size of the alias. The prior of the second fit has this size as its
+                // width.
                 let mut fit = || {
                     let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
                     let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
@@ -109,8 +110,8 @@ impl ForwardSearch<'_> {
                     Some(found)
                 };
                 let Some(found) = fit().and_then(|_| fit()) else { continue };
-                // The time constant of the alias is fixed for the comparison, because candidates are also scored at a
-                // fixed time constant.
+                // Candidates are scored at a fixed time constant. The time constant of the alias is therefore also
+                // fixed for the comparison.
                 let shape = found.place(other.effect.name).map_or(0, |place| place.end - 1);
                 let mut columns = found.design.model.clone();
                 columns.remove(shape);
@@ -140,9 +141,9 @@ impl ForwardSearch<'_> {
         Ok(swapped)
     }
 
-    /// Removes an effect if its removal does not reduce the evidence, or does not reduce the likelihood significantly.
-    /// For example, an effect that resembles the sum of two others may be selected first, and is superfluous when both
-    /// others have been selected. Returns whether an effect was removed.
+    /// Removes an effect if the removal does not reduce the evidence, or does not reduce the likelihood significantly.
+    /// For example, an effect that resembles the sum of two other effects may be selected first. It is superfluous when
+    /// both other effects have been selected. Returns whether an effect was removed.
     pub(super) fn eliminate(
         &self,
         prepared: &Prepared<'_>,

@@ -22,25 +22,25 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Trial standard deviations of the prior of an effect's parameters, in multiples of their typical size.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
-/// Standard deviation of a prior, in multiples of the typical size, at which the prior no longer influences the fit.
+/// Standard deviation of a prior, in multiples of the typical size, at which the prior has no influence on the fit.
 const NO_PRIOR: f64 = 1e4;
-/// Minimum change of chi2 for a direction in parameter space to be observable. The change is caused by a parameter
-/// vector along this direction with a length of one typical size. The threshold corresponds to a change of 1 for a
-/// length of a hundred typical sizes.
+/// Minimum change of chi2 for a direction in parameter space to be observable. The change refers to a parameter vector
+/// along this direction with a length of one typical size. With this threshold, a vector of a hundred typical sizes
+/// changes chi2 by at least 1.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
-/// p-value of a group's chi2 above which sensor noise alone explains the residuals of the group. If this holds for all
+/// Minimum p-value of a group's chi2 for sensor noise to explain the residuals of the group. If noise explains all
 /// groups, cross-validation is skipped.
 const NOISE_CHANCE: f64 = 0.01;
 /// p-value below which the scatter of residuals at rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
-/// Ratio of the standard deviation of residuals at rests to white noise above which the scatter is reported. Coloured
-/// noise and bias instability may cause ratios up to this value.
+/// Minimum ratio of the standard deviation of residuals at rests to white noise, for the scatter to be reported.
+/// Coloured noise and bias instability may cause smaller ratios.
 const WIDE: f64 = 2.5;
-/// Linearisation error of a large effect: share of the residual variance of the model without effects that may remain
-/// after the effect is fitted. Scatter below this share is not reported.
+/// Residual variance that may remain after a large effect is fitted, due to linearisation errors, as a share of the
+/// residual variance of the model without effects. Smaller scatter is not reported.
 const REMAINDER: f64 = 0.05;
 
-/// The score of a candidate at the prior width and trial time constant that maximise the evidence.
+/// A candidate's score at the prior width and the trial time constant with the largest evidence.
 pub(super) struct Judged {
     pub(super) score: Score,
     pub(super) width: f64,
@@ -52,8 +52,8 @@ pub(super) struct Judgement {
     pub(super) scores: Vec<Judged>,
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) blind: Vec<(String, String)>,
-    /// Detection limit of each candidate: its name, the smallest rms size per parameter that is detected, and the unit
-    /// of this size.
+    /// Detection limit of each candidate: the name of the effect, the smallest detectable rms size per parameter, and
+    /// the unit of this size.
     pub(super) visible: Vec<(String, f64, String)>,
 }
 
@@ -61,8 +61,8 @@ pub(super) struct Judgement {
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    // Observability is computed with all noise scales s_g^2 set to one. A missing effect increases the estimated
-    // scales. If the estimated scales were used, a large effect would therefore seem less observable.
+    // Observability is computed with noise scales s_g^2 of one. A missing effect increases the estimated scales, and a
+    // large effect would seem less observable with them.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
@@ -110,15 +110,15 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
 struct Look {
     /// Number of observable directions of the candidate's parameters, with all noise scales s_g^2 set to one.
     dof: usize,
-    /// Change of chi2 if one parameter changes by its typical size, summed over the parameters.
+    /// Change of chi2 due to a change of one parameter by its typical size, summed over the parameters.
     trace: f64,
     judged: Option<Judged>,
 }
 
-/// Scores the candidate whose parameters have the columns `own`. `plain` and `widened` contain the normal matrix after
-/// elimination of the model's parameters, for two sets of noise scales s_g^2. In `plain`, all scales are one. In
-/// `widened`, the scales are the noise scales of the model. `plain` is `None` if the model's scales are all one,
-/// because both matrices are then equal. Returns `None` if the candidate is not observable.
+/// Scores the candidate with the columns `own`. `plain` and `widened` are the normal matrix after elimination of the
+/// model's parameters. In `plain`, the noise scales s_g^2 are one. In `widened`, they are the noise scales of the
+/// model. `plain` is `None` if the model's scales are all one, because both matrices are then equal. Returns `None` if
+/// the candidate is not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,
@@ -132,8 +132,8 @@ fn look_at(
     let unwidened = plain.as_ref().map(|plain| beside.left(&all.part_of(plain, &beside, own)));
     let dof = unwidened.as_ref().unwrap_or(&left).directions(LEAST_CHANGE);
     let judged = || {
-        // The noise scales hardly depend on the prior width, so they are estimated only once, with an ineffective
-        // prior.
+        // The noise scales depend little on the prior width. They are therefore estimated only once, with a prior that
+        // has no influence.
         let (free, settled) = beside.evidence(NO_PRIOR, swept)?;
         let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
         let statistic = (before.deviance - free.deviance).max(0.0);
@@ -150,16 +150,16 @@ fn look_at(
     (dof > 0).then(|| Look { dof, trace: left.trace(), judged: judged() })
 }
 
-/// Increase of the log predictive density of held-out rests and moves due to a candidate. Returns `None` if sensor
-/// noise explains the residuals of the model with the candidate. In this case the p-value of the candidate is valid,
-/// and cross-validation is not needed.
+/// Increase of the log predictive density of held-out rests and moves due to a candidate. `None` if sensor noise
+/// explains the residuals of the model with the candidate. In this case the p-value of the candidate is valid, and
+/// cross-validation is not needed.
 pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
     let candidate = candidates.iter().find(same)?;
     let with: Vec<Column> = model.iter().copied().chain(candidate.columns(judged.width)).collect();
     let scales = gram.evidence_near(&with, &stage.evidence.scales)?.scales;
-    // A scale is chi2 per degree of freedom. The number of rows approximates the number of degrees of freedom.
+    // A noise scale is chi2 per degree of freedom. The number of rows approximates the degrees of freedom.
     let mut chances = scales.iter().zip(&gram.rows).map(|(scale, rows)| p_value(scale * rows, *rows as usize));
     if chances.all(|chance| chance > NOISE_CHANCE) {
         return None;
@@ -192,7 +192,7 @@ impl Candidate {
     }
 }
 
-/// For each candidate, the residuals that an effect of typical size causes if the model does not contain it. The
+/// For each candidate: the residuals of the model without the candidate that an effect of typical size causes. The
 /// parameters of the model are refitted to these residuals. For a candidate with a time constant, the trial value with
 /// the largest residuals is used.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
@@ -229,9 +229,9 @@ pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     traces
 }
 
-/// Expected chi2, in each group of residuals, of an effect of typical size that the model does not contain, after the
-/// parameters of the model are refitted. The second value is the chi2 of all groups before the refit. The expectation
-/// is over independent random signs of the effect's parameters.
+/// Expected chi2 in each group of residuals, caused by an effect of typical size that the model does not contain. The
+/// parameters of the model are refitted before chi2 is computed. The second value is the chi2 of all groups without
+/// this refit. The signs of the effect's parameters are random, and the expectation is over these signs.
 fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Option<(Vec<f64>, f64)> {
     let n = model.len();
     let p = candidate.typical.len();
@@ -263,10 +263,10 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
 }
 
 /// The kind of residuals with the largest significant excess over noise. Only residuals at rests and residuals relative
-/// to the stand are tested. Residuals of moves may exceed noise because gyroscope noise increases in motion, which is
-/// not a missing effect. If effects were selected, only residuals of the sensors of these effects are tested, because a
-/// real unit has several small deviations from the model. The linearisation error [`REMAINDER`] of large effects is
-/// tolerated. `before` are the noise scales of the model without effects.
+/// to the stand are tested. Residuals of moves are not tested, because gyroscope noise may increase in motion without a
+/// missing effect. If effects were selected, only residuals of the sensors of these effects are tested, because a real
+/// unit has several small deviations from the model. An excess up to the linearisation error [`REMAINDER`] of large
+/// effects is tolerated. `before` are the noise scales of the model without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),
@@ -279,8 +279,8 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
         if sensor == Sensor::Encoder && !stage.sensors.contains(&sensor) {
-            // Residuals relative to the stand contain no coloured noise, so only the linearisation error of encoder
-            // effects is tolerated.
+            // Residuals relative to the stand contain no coloured noise. Only the linearisation error of encoder
+            // effects is therefore tolerated.
             return stage.sensors.is_empty() || scale - 1.0 > REMAINDER * (before - 1.0);
         }
         let beside = stage.sensors.is_empty() || (stage.sensors.contains(&sensor) && scale > REMAINDER * before);
@@ -289,16 +289,16 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     let of = |(group, sensor, name)| {
         let place = gram.groups.iter().position(|g| *g == group)?;
         let (scale, rows) = (stage.evidence.scales[place], gram.rows[place]);
-        // A scale is chi2 per degree of freedom. The number of rows approximates the number of degrees of freedom.
+        // A noise scale is chi2 per degree of freedom. The number of rows approximates the degrees of freedom.
         let chance = p_value(scale * rows, rows as usize);
         (chance < SCATTER_CHANCE && is_meant(sensor, scale, before[place])).then(|| (name, scale.sqrt(), chance))
     };
     NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Tests whether effects of the sensors have the same size with and without the stand's angles (Hausman, Econometrica
-/// 46, 1978, 1251-1271). A significant difference means that the stand does not follow its model. The test uses the
-/// variance of the estimate without the stand's angles, which is the larger of the two variances.
+/// Compares the sizes of sensor effects estimated with and without the stand's angles (Hausman, Econometrica 46, 1978,
+/// 1251-1271). A significant difference shows that the stand does not follow its model. The test uses the variance of
+/// the estimate without the stand's angles, which is the larger of the two variances.
 pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<Scattering> {
     let (mut chi2, mut dof) = (0.0, 0);
     for member in &alone.members {

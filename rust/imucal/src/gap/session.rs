@@ -4,9 +4,9 @@
 //! |f_k| - g = u_k . d_a + noise,     mean rate at rest k = d_g + noise,     k over the rests of the control recordings
 //! ```
 //!
-//! f_k and the rates are corrected by the calibration, and u_k is the direction of f_k. d_a and d_g are the changes of
-//! the accelerometer and gyroscope biases between the two sessions. An effect that the model lacks causes almost the
-//! same errors in both sessions, so it is hardly mistaken for a change of the biases.
+//! f_k and the mean rates are corrected by the calibration, and u_k is the direction of f_k. d_a and d_g are the
+//! changes of the accelerometer and gyroscope biases between the two sessions. An effect that the model lacks causes
+//! almost equal errors in both sessions. It is therefore hardly mistaken for a change of the biases.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -17,15 +17,17 @@ use crate::evaluate::{Evaluation, RestReport};
 use crate::numerics::stats::p_value;
 use crate::recording::Recording;
 
-/// Minimum number of rests for the changes to be estimated. It is twice the number of unknowns of each sensor.
+/// Minimum number of rests in the control recordings for the changes to be estimated. It is twice the number of
+/// unknowns of each sensor.
 const LEAST_RESTS: usize = 6;
-/// p-value of a change of one sensor's biases below which it is significant.
+/// Maximum p-value of a significant change of one sensor's biases.
 const SIGNIFICANCE: f64 = 1e-6;
-/// Minimum change of a bias to be reported, in multiples of the scatter from rest to rest within a session. A smaller
-/// change hardly affects the errors, because the biases vary by a similar amount within a recording.
+/// Minimum size of a reported change, in multiples of the scatter of the bias from rest to rest within a session.
+/// Biases vary by a similar amount within a recording, so a smaller change hardly affects the errors.
 const LEAST_SIZE: f64 = 3.0;
-/// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests. Below it, not all components of a
-/// change are observable. The smallest eigenvalue is 1/3 if the directions are uniformly distributed over the sphere.
+/// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests, where u is the direction up. Below
+/// it, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed uniformly over
+/// the sphere.
 const LEAST_SPREAD: f64 = 0.02;
 /// Index of the first bias of each sensor among the parameters of a calibration.
 const BIASES: [usize; 2] = [0, 9];
@@ -44,8 +46,7 @@ pub struct SessionStep {
     pub temperature_change_k: Option<f64>,
 }
 
-/// A change of the biases of one sensor, the covariance of the change, and the scatter of the residuals from rest to
-/// rest.
+/// Change of the biases of one sensor, its covariance, and the scatter of the residuals from rest to rest.
 struct Change {
     value: Vector3<f64>,
     covariance: Matrix3<f64>,
@@ -53,7 +54,8 @@ struct Change {
 }
 
 impl Change {
-    /// The change and its p-value, if the change is significant and its ratio to the scatter exceeds [`LEAST_SIZE`].
+    /// The change and its p-value. `None` if the change is not significant, or if its ratio to the scatter is below
+    /// [`LEAST_SIZE`].
     fn significant(self) -> Option<(Vector3<f64>, f64)> {
         let solved = self.covariance.cholesky()?.solve(&self.value);
         let chance = p_value(self.value.dot(&solved), 3);
@@ -63,8 +65,8 @@ impl Change {
 }
 
 impl SessionStep {
-    /// The changes of both sensors; `None` if neither is significant. `is_corrected` is true if the means of the rests
-    /// in `evaluation` are already corrected, as they are for a calibration with effects.
+    /// Changes of the biases of both sensors; `None` if neither is significant. `is_corrected` is true if the rest
+    /// means in `evaluation` are already corrected. They are corrected if the calibration has effects.
     pub(super) fn find(
         outcome: &Outcome,
         evaluation: &Evaluation,
@@ -102,7 +104,7 @@ impl SessionStep {
         [self.accelerometer_mps2, self.gyroscope_radps].map(|change| change.unwrap_or_default().into())
     }
 
-    /// The calibration with the biases of the control recordings.
+    /// The calibration, with its biases replaced by those of the control recordings.
     pub(super) fn calibration(&self, calibration: &Calibration<f64>) -> Option<Calibration<f64>> {
         let [force, rate] = self.changes();
         let moved = |triad: &Triad<f64>, change: Vector3<f64>| {
@@ -114,8 +116,8 @@ impl SessionStep {
         Some(own)
     }
 
-    /// Converts samples that were corrected with the biases of the calibration to samples corrected with the biases of
-    /// the control recordings.
+    /// Converts samples corrected with the biases of the calibration to samples corrected with the biases of the
+    /// control recordings.
     pub(super) fn corrected(&self, samples: &[CorrectedSamples]) -> Vec<CorrectedSamples> {
         let [force, rate] = self.changes();
         let less =
@@ -124,7 +126,7 @@ impl SessionStep {
     }
 }
 
-/// Change of the accelerometer's bias by least squares on the norms at the rests.
+/// Change of the accelerometer's bias, by a least-squares fit to the norms of the specific force at the rests.
 fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3<f64>) -> Option<Change> {
     let (mut normal, mut right, mut spread) = (Matrix3::zeros(), Vector3::zeros(), Matrix3::zeros());
     for rest in rests {
@@ -149,9 +151,8 @@ fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3
     Some(Change { value, covariance, scatter: Vector3::repeat((sums[0] / free).sqrt()) })
 }
 
-/// Change of the gyroscope's bias. The change is the mean of the corrected rates at the rests. The mean over the
-/// calibration recordings is assumed to have the same variance due to the scatter from rest to rest, so the variance of
-/// the mean is doubled.
+/// Change of the gyroscope's bias: the mean of the corrected rates at the rests. Its variance from the scatter between
+/// rests is doubled, because the mean over the calibration recordings is assumed to have the same variance.
 fn change_of_means(rests: &[&RestReport], rate: impl Fn(&RestReport) -> Vector3<f64>) -> Change {
     let count = rests.len() as f64;
     let value = rests.iter().map(|rest| rate(rest)).sum::<Vector3<f64>>() / count;
@@ -160,7 +161,7 @@ fn change_of_means(rests: &[&RestReport], rate: impl Fn(&RestReport) -> Vector3<
     Change { value, covariance: Matrix3::from_diagonal(&(2.0 * variance / count)), scatter: variance.map(f64::sqrt) }
 }
 
-/// Mean temperature of recordings; `None` if any recording has no temperature.
+/// Mean temperature of all recordings; `None` if any recording has no temperature.
 fn mean_degc(recordings: &[Recording<'_>]) -> Option<f64> {
     let mean = |recording: &Recording<'_>| {
         let finite = recording.temperature_degc?.iter().filter(|degc| degc.is_finite());

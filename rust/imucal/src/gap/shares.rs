@@ -15,7 +15,7 @@ pub(crate) struct Moment {
     pub(crate) time_s: f64,
     /// Direction up in the body frame.
     pub(crate) up: Vector3<f64>,
-    /// A fixed horizontal world direction in the body frame, propagated with the gyroscope.
+    /// A fixed horizontal world direction in the body frame. It is propagated with the gyroscope.
     pub(crate) ahead: Vector3<f64>,
     pub(crate) temperature_degc: Option<f64>,
     /// Sign of the current or, at rest, the last rotation about each axis; 0 before the first rotation.
@@ -24,7 +24,7 @@ pub(crate) struct Moment {
     pub(crate) acceleration: Vector3<f64>,
 }
 
-/// Quantities at the rests that the fit uses, and at several times inside each move.
+/// Quantities on which kernels depend, at the rests that the fit uses and at several times inside each move.
 pub(crate) struct Moments {
     /// Indices of the rests that the fit uses.
     pub(crate) used: Vec<usize>,
@@ -48,7 +48,8 @@ impl Moments {
     }
 }
 
-/// Values of the eigenfunctions of a kernel, one row for each function. Hypotheses about different blocks share them.
+/// Values of the eigenfunctions of a kernel, one row for each function. Hypotheses about different sensor parameters
+/// use the same values.
 pub(super) struct Shares {
     /// One column for each rest that the fit uses.
     rests: Mat<f64>,
@@ -56,17 +57,17 @@ pub(super) struct Shares {
     moves: Vec<Mat<f64>>,
 }
 
-/// Correlation length of the kernels of directions and attitudes, as a distance between unit vectors.
+/// Correlation length of the kernels of directions and attitudes. It is a distance between unit vectors.
 const LENGTH: f64 = 0.6;
-/// Maximum number of eigenfunctions per axis for a random walk. They resolve periods down to a tenth of the recording's
-/// duration.
+/// Maximum number of eigenfunctions per axis for a random walk. This number resolves periods down to a tenth of the
+/// recording's duration.
 const MOST_WAVES: usize = 20;
 /// Maximum number of eigenfunctions per axis for all other kernels.
 const MOST: usize = 12;
 
 impl Shares {
-    /// Eigenfunctions of a kernel. They are computed from the kernel's values in the middle of the moves if `in_moves`
-    /// is true, otherwise at the rests. `None` if the kernel is constant over these times.
+    /// Computes the eigenfunctions of a kernel. If `in_moves` is true, the kernel is evaluated in the middle of the
+    /// moves, otherwise at the rests. `None` if the kernel is constant over these times.
     pub(super) fn new(kernel: Kernel, in_moves: bool, moments: &Moments) -> Option<Self> {
         let points: Vec<Moment> = if in_moves {
             moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
@@ -77,7 +78,7 @@ impl Shares {
         if points.len() < 3 || (kernel == Kernel::Temperature && temperatures.len() < points.len()) {
             return None;
         }
-        // The correlation length of the temperature kernel is proportional to the temperature range.
+        // The correlation length of the temperature kernel is proportional to the range of the temperature.
         let end = |fold: fn(f64, f64) -> f64, start: f64| temperatures.iter().copied().fold(start, fold);
         let spread = end(f64::max, f64::NEG_INFINITY) - end(f64::min, f64::INFINITY);
         let most = if kernel == Kernel::RandomWalk { MOST_WAVES } else { MOST };
@@ -92,7 +93,7 @@ impl Shares {
         self.rests.nrows()
     }
 
-    /// Products of each eigenfunction with a factor for each axis, in the order of the moments.
+    /// Each eigenfunction times a factor for each axis, in the order of the moments.
     pub(super) fn times(&self, place: Place, numbers: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
         let shares = match place {
             Place::Rests => &self.rests,
@@ -108,12 +109,13 @@ impl Shares {
     }
 }
 
-/// Covariances between the deviation at the moment `a` and the deviations at the moments `others`.
+/// Covariances of the deviation at the moment `a` with the deviations at the moments `others`.
 fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
     match kernel {
-        // Whether a variation in time is smooth, or switches, is examined only if a random walk explains it.
+        // The random-walk kernel is used first for any variation in time. Smooth and switching variations are examined
+        // only if a random walk explains the residuals.
         Kernel::RandomWalk | Kernel::Time | Kernel::Switching => {
             each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });
         }

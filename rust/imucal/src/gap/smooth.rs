@@ -3,13 +3,13 @@
 
 use faer::Mat;
 
-/// Eigenvalues below this share of the largest eigenvalue are omitted.
+/// Minimum eigenvalue, as a share of the largest eigenvalue. Smaller eigenvalues are omitted.
 const SMALLEST: f64 = 1e-3;
 
-/// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)` of the centred kernel k, with the eigendecomposition `k =
-/// U diag(s) U^T` at the given points. The mean square of each function over the points is one. Between the points,
-/// each function is the conditional mean under the kernel (Rasmussen and Williams, Gaussian Processes for Machine
-/// Learning, 2006, (2.25)).
+/// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the centred kernel. `k = U diag(s) U^T` is the
+/// eigendecomposition of its matrix at the given points x_i. The mean square of each function over the points is one.
+/// Between the points, each function is the conditional mean under the kernel (Rasmussen and Williams, Gaussian
+/// Processes for Machine Learning, 2006, (2.25)).
 pub(crate) struct Smooth<T> {
     points: Vec<T>,
     weights: Mat<f64>,
@@ -18,8 +18,8 @@ pub(crate) struct Smooth<T> {
 }
 
 impl<T> Smooth<T> {
-    /// At most `most` eigenfunctions; `None` if the kernel is constant over all points. `kernel` writes the covariances
-    /// between one point and several other points.
+    /// Computes at most `most` eigenfunctions; `None` if the kernel is constant over all points. `kernel` writes the
+    /// covariances between one point and several other points.
     pub(crate) fn new(points: Vec<T>, kernel: impl Fn(&T, &[T], &mut [f64]), most: usize) -> Option<Self> {
         let n = points.len();
         let mut matrix = Mat::zeros(n, n);

@@ -1,4 +1,4 @@
-//! A fitted model of the forward search, linearised together with the candidates.
+//! A fitted model of the forward search, linearised together with the candidate effects.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ pub(super) struct Stage {
     pub(super) evidence: Evidence,
     /// The fitted model.
     pub(super) model: Model,
-    /// Effects in the model, from the catalogue and user-defined, each with the width of its prior.
+    /// Effects in the model, both from the catalogue and user-defined, each with its prior width.
     pub(super) members: Vec<Member>,
     /// Sensors on which the effects in the model act.
     pub(super) sensors: Vec<Sensor>,
@@ -27,7 +27,7 @@ pub(super) struct Stage {
 }
 
 impl Stage {
-    /// Range of an effect's parameters in the model; `None` if the effect is not in the model.
+    /// Range of an effect's parameters among the model's columns; `None` if the effect is not in the model.
     pub(super) fn place(&self, name: &str) -> Option<std::ops::Range<usize>> {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
     }
@@ -54,11 +54,11 @@ pub(super) struct Member {
     pub(super) values: Vec<f64>,
 }
 
-/// Key of a fit: kinds of residuals, number of moves, and name and prior width of each effect. Fits with equal keys are
-/// equal.
+/// Key of a fit: kinds of residuals, number of moves, and the name and prior width of each effect. Two fits with equal
+/// keys have equal results.
 pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
 
-/// The columns that are computed in addition to the columns of the model.
+/// Columns that are computed in addition to the columns of the model.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Beside {
     Candidates,

@@ -1,4 +1,4 @@
-//! The start of a search fits the model without effects and tests whether the unit was moved by hand.
+//! Start of a search: fit of the model without effects, and test whether the unit was moved by hand.
 
 use std::sync::Arc;
 
@@ -13,20 +13,20 @@ use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_unobservable_hand_held};
 
-/// Averaging time, s, of the specific force inside moves for the detection of hand motion. Accelerations caused by a
-/// hand last longer than this time, so averaging does not remove them.
+/// Averaging time of the specific force inside moves for the detection of hand motion, s. Accelerations by a hand last
+/// longer than this time, so the average still contains them.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
-/// Ratio of the scatter of the averaged specific force to noise above which hand motion is detected, unless effects
-/// explain the scatter.
+/// Ratio of the scatter of the averaged specific force to noise, above which hand motion is detected. It is not
+/// detected if effects explain the scatter.
 const HAND: f64 = 10.0;
-/// Share of the variance of the averaged specific force that must remain after effects of pure rotation are fitted for
-/// hand motion to be detected. Without hand motion a smaller share remains. The largest shares without hand motion
-/// occur with a long lever arm and a noisy gyroscope.
+/// Minimum share of the variance of the averaged specific force that effects of pure rotation leave unexplained if the
+/// unit is moved by hand. Without hand motion, the unexplained share is smaller. It is largest with a long lever arm
+/// and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 
 impl ForwardSearch<'_> {
     /// Fits the model without effects, and returns it with the candidates that can be tested. If hand motion is
-    /// detected, candidates that require the specific force inside moves are excluded.
+    /// detected, candidates that need the specific force inside moves are excluded.
     pub(super) fn start(
         &mut self,
         prepared: &Prepared<'_>,
@@ -67,8 +67,8 @@ impl ForwardSearch<'_> {
         Ok((stage, open))
     }
 
-    /// Whether the specific force inside the moves of any recording indicates hand motion that no combination of
-    /// effects explains.
+    /// Whether the specific force inside the moves of any recording contains hand motion. It does if no combination of
+    /// effects explains its scatter.
     fn seems_hand_moved(
         &mut self,
         prepared: &Prepared<'_>,
@@ -77,8 +77,8 @@ impl ForwardSearch<'_> {
     ) -> Result<bool, Error> {
         let inside = |gram: &Gram, group: usize, columns: &[Column]| {
             let Some(place) = gram.groups.iter().position(|own| *own == group) else { return Ok(0.0) };
-            // If a lower bound of the scale already exceeds the threshold, the scale itself need not be computed by
-            // iteration.
+            // A lower bound of the noise scale is faster to compute than the scale. If the bound exceeds the threshold,
+            // it is sufficient.
             let least = gram.least_scale(group, columns).filter(|least| *least > HAND * HAND);
             let scale = least.or_else(|| gram.evidence(columns).map(|evidence| evidence.scales[place]));
             scale.ok_or_else(|| Error::Fit(NO_EVIDENCE.into()))
@@ -93,8 +93,8 @@ impl ForwardSearch<'_> {
         let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
-        // Effects can only reduce the scatter. Recordings whose scatter without effects is below the threshold
-        // therefore need no further test.
+        // Effects can only reduce the scatter. A recording needs no further test if its scatter without effects is
+        // below the threshold.
         let (gram, groups) = seen.insides_apart(prepared);
         let scales = groups.map(|group| Ok((group, inside(&gram, group, &seen.model)?)));
         let mut scattered: Vec<(usize, f64)> = scales.collect::<Result<_, Error>>()?;
@@ -115,8 +115,8 @@ impl ForwardSearch<'_> {
             let (gram, _) = seen.insides_apart(prepared);
             let mut is_hand_moved = false;
             for (group, plain) in &scattered {
-                // Effects of pure rotation cannot explain hand motion. If these effects explain the scatter almost
-                // completely, its cause is not hand motion.
+                // Effects of pure rotation cannot explain hand motion. If they explain almost the whole scatter, the
+                // unit was not moved by hand.
                 is_hand_moved |= inside(&gram, *group, &all_columns)? > HAND * HAND
                     && inside(&gram, *group, &of_rotation)? > UNEXPLAINED * plain;
             }

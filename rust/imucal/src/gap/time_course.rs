@@ -1,8 +1,9 @@
-//! Distinguishes a random walk from smooth and switching variations in time.
+//! Distinguishes three variations of a parameter in time: random walk, smooth variation, and switching between two
+//! levels.
 //!
-//! A generic hypothesis with the kernel of a random walk explains any slow variation. If it has the largest evidence,
-//! the deviation x of the varying parameter is therefore examined epoch by epoch. An epoch is a rest or a move. The
-//! residuals determine x up to their noise, after the parameters of the model are eliminated:
+//! A generic hypothesis with the kernel of a random walk explains any slow variation. If this hypothesis has the
+//! largest evidence, the deviation x of the parameter is examined epoch by epoch. An epoch is a rest or a move. After
+//! the parameters of the model are eliminated, the residuals determine x up to their noise:
 //!
 //! ```text
 //! log likelihood of x = eta^T x - 1/2 x^T Lambda x + constant
@@ -12,9 +13,10 @@
 //! switching   x = s v,   s of 0 or 1 in each epoch, v ~ N(0, a^2)
 //! ```
 //!
-//! Every course also contains white scatter from epoch to epoch. The evidence of each course is maximised over the
-//! sizes. The evidence of a switching course is that of its most likely states s, reduced by the information that the
-//! states contain: the number of changes, their places, and the share of an epoch in which a change lies.
+//! Every time course also contains white scatter from epoch to epoch. The evidence of each course is maximised over the
+//! sizes. The evidence of a switching course is that of its most likely states s, minus the information in these
+//! states. This information consists of the number of changes, their places, and the share of an epoch in which a
+//! change lies.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -32,25 +34,26 @@ use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 
-/// Minimum difference of log evidence, nats, from the random walk for another course to replace it. 8 nats are odds of
+/// Minimum difference of log evidence, nats, for another time course to replace the random walk. 8 nats are odds of
 /// 3000 to 1.
 const LEAST: f64 = 8.0;
-/// Minimum number of epochs for the courses to be told apart.
+/// Minimum number of epochs to distinguish the time courses.
 const LEAST_EPOCHS: usize = 8;
-/// Trial sizes of the deviation, in multiples of an estimate for each axis.
+/// Trial sizes of the deviation, in multiples of a first estimate for each axis.
 const SIZES: [f64; 5] = [0.5, 0.7, 1.0, 2.0, 4.0];
-/// Trial standard deviations of white scatter from epoch to epoch, in typical sizes of the block.
+/// Trial standard deviations of white scatter from epoch to epoch, in multiples of the typical deviation of the
+/// parameter.
 const SCATTERS: [f64; 4] = [1e-3, 0.1, 0.3, 1.0];
-/// Trial correlation lengths of a smooth course, as shares of the duration.
+/// Trial correlation lengths of a smooth time course, as shares of the duration.
 const LENGTHS: [f64; 4] = [0.025, 0.05, 0.1, 0.2];
-/// Trial states of an epoch in which a switch happens. Other epochs have the state 0 or 1.
+/// Trial states of an epoch that contains a switch. All other epochs have the state 0 or 1.
 const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Maximum number of passes over all epochs in the search for the most likely states.
 const MOST_PASSES: usize = 12;
 
 impl ForwardSearch<'_> {
-    /// The kernel that describes a variation of a block which was taken for a random walk, with the effects `members`
-    /// in the model.
+    /// The kernel of a variation in time that was at first taken for a random walk. `members` are the effects in the
+    /// model.
     pub(super) fn course(
         &mut self,
         prepared: &Prepared<'_>,
@@ -66,8 +69,8 @@ impl ForwardSearch<'_> {
         Ok(found?.and_then(|observed| observed.kernel()).unwrap_or(Kernel::RandomWalk))
     }
 
-    /// The information of rests and rest-to-rest moves about the deviation in each epoch. `None` if there are too few
-    /// epochs, or if the model cannot be fitted.
+    /// Information of rests and rest-to-rest moves about the deviation in each epoch. `None` if there are too few
+    /// epochs, or if the fit of the model fails.
     fn observed(
         &self,
         prepared: &Prepared<'_>,
@@ -98,15 +101,16 @@ impl ForwardSearch<'_> {
         let first = stage.design.gram.residual;
         let beside = (first..first + columns.ncols()).map(|place| (place, block.typical())).collect();
         let weighing = Weighing::new(&gram, &stage.design.model, beside);
-        // Residuals are weighted by sensor noise only, because the variation itself increases the estimated scales.
+        // Residuals are weighted by sensor noise only, because the variation itself would increase estimated noise
+        // scales.
         let Some(swept) = weighing.sweep(&vec![1.0; gram.sums.len()]) else { return Ok(None) };
         let (information, slope) = weighing.left(&swept).information();
         Ok(Some(Observed { epochs, information, slope }))
     }
 }
 
-/// Quadratic log likelihood of the deviation in each epoch, in typical sizes of the block. The deviations on the x axis
-/// in all epochs come first, then those on y and z.
+/// Quadratic log likelihood of the deviation in each epoch, in multiples of the typical deviation of the parameter. The
+/// deviations on the x axis in all epochs come first, then those on the y and z axes.
 struct Observed {
     epochs: Vec<Epoch>,
     information: Mat<f64>,
@@ -114,7 +118,8 @@ struct Observed {
 }
 
 impl Observed {
-    /// The kernel of a course whose evidence exceeds that of the random walk by [`LEAST`]; `None` if there is none.
+    /// The kernel of the time course whose evidence exceeds that of the random walk by [`LEAST`]; `None` if no course
+    /// does.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
@@ -129,7 +134,7 @@ impl Observed {
         best.filter(|(log, _)| *log > walk + LEAST).map(|(_, kernel)| kernel)
     }
 
-    /// Rms of the deviation on each axis, by a fit whose prior is independent in each epoch.
+    /// Rms of the deviation on each axis, from a fit with an independent prior for each epoch.
     fn rms(&self) -> Option<[f64; 3]> {
         let n = self.epochs.len();
         let x = self.most_likely(1.0)?;
@@ -140,8 +145,8 @@ impl Observed {
         }))
     }
 
-    /// Size of a random walk on each axis: rms difference between consecutive epochs, times the square root of their
-    /// number.
+    /// Estimated size of a random walk on each axis: the rms difference between consecutive epochs times the square
+    /// root of the number of differences.
     fn steps(&self) -> Option<[f64; 3]> {
         let n = self.epochs.len();
         let x = self.most_likely(1.0)?;
@@ -151,7 +156,7 @@ impl Observed {
         }))
     }
 
-    /// Deviations with a prior of this standard deviation in each epoch.
+    /// Most likely deviations if the prior in each epoch has the standard deviation `width`.
     fn most_likely(&self, width: f64) -> Option<Vec<f64>> {
         let mut normal = self.information.clone();
         (0..normal.nrows()).for_each(|i| normal[(i, i)] += width.powi(-2));
@@ -160,8 +165,8 @@ impl Observed {
         Some(solved.col_as_slice(0).to_vec())
     }
 
-    /// Largest log evidence of a normal process with this covariance for unit size, over trial sizes, which are
-    /// multiples of `sizes`, and over trial scatters.
+    /// Largest log evidence of a normal process. `covariance` is its covariance for unit size. The trial sizes are
+    /// multiples of `sizes`, and the scatter from epoch to epoch also has trial values.
     fn best_of(&self, sizes: [f64; 3], covariance: impl Fn(&Epoch, &Epoch) -> f64) -> Option<f64> {
         let n = self.epochs.len();
         let unit = Mat::from_fn(n, n, |i, j| {
@@ -192,7 +197,7 @@ impl Observed {
         trials.filter_map(|(size, scatter)| log(size, scatter)).reduce(f64::max)
     }
 
-    /// Log evidence of the most likely switching course, over trial scatters.
+    /// Log evidence of the most likely switching course, maximised over the trial scatters.
     fn switching(&self) -> Option<f64> {
         let rms = self.rms()?;
         let size = rms.iter().map(|rms| rms * rms).sum::<f64>().sqrt();
@@ -206,7 +211,7 @@ impl Observed {
         SCATTERS.iter().filter_map(|scatter| log(*scatter)).reduce(f64::max)
     }
 
-    /// The information about the mean of a deviation that also scatters from epoch to epoch.
+    /// Information about the time course of a deviation that also scatters from epoch to epoch.
     fn scattered(&self, scatter: f64) -> Option<Scattered> {
         let n = self.slope.len();
         let mut normal = self.information.clone();
@@ -227,7 +232,7 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
     2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
 }
 
-/// Start values of the states: the deviations along their principal direction, divided at three levels.
+/// Start values of the states: the deviations are projected on their principal direction and divided at three levels.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
     let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);
@@ -241,16 +246,16 @@ fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     [0.3, 0.5, 0.7].map(divided).to_vec()
 }
 
-/// The information about a deviation without its white scatter.
+/// Information about the time course of a deviation, after its white scatter is eliminated.
 struct Scattered {
     information: Mat<f64>,
     slope: Vec<f64>,
-    /// Log evidence of the scatter alone.
+    /// Log evidence of white scatter without a time course.
     log: f64,
 }
 
 impl Scattered {
-    /// Information about the deviation in epoch `k` and the deviation in epoch `j`.
+    /// Block of the information matrix for the deviations in the epochs `k` and `j`.
     fn between(&self, k: usize, j: usize) -> Matrix3<f64> {
         let n = self.slope.len() / 3;
         Matrix3::from_fn(|a, b| self.information[(a * n + k, b * n + j)])
@@ -261,12 +266,12 @@ impl Scattered {
         Vector3::from_fn(|a, _| self.slope[a * n + k])
     }
 
-    /// Largest log evidence of a switching course relative to no course. States are changed one at a time as long as
-    /// the evidence increases.
+    /// Largest log evidence of a switching course relative to white scatter only. States are changed one at a time as
+    /// long as the evidence increases.
     fn most_likely_states(&self, states: &[f64], size: f64) -> f64 {
         let n = states.len();
         let mut states = states.to_vec();
-        // Sum over all epochs of the information between this epoch and the other one, times the state of the other.
+        // Sum over all epochs j of the information between epochs k and j, times the state of epoch j.
         let mut beside: Vec<Matrix3<f64>> =
             (0..n).map(|k| (0..n).map(|j| self.between(k, j) * states[j]).sum()).collect();
         let mut information: Matrix3<f64> = (0..n).map(|k| beside[k] * states[k]).sum();
@@ -301,7 +306,7 @@ impl Scattered {
     }
 }
 
-/// Log evidence of levels on the three axes whose prior has the standard deviation `size`.
+/// Log evidence of the level difference on the three axes. The prior of the level has the standard deviation `size`.
 fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) -> f64 {
     let Some(factor) = (information + Matrix3::identity() / (size * size)).cholesky() else {
         return f64::NEG_INFINITY;
@@ -309,8 +314,8 @@ fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) ->
     0.5 * (slope.dot(&factor.solve(slope)) - factor.ln_determinant()) - 3.0 * size.ln()
 }
 
-/// Information in the states, nats: the number of changes, their places, and the state of each epoch that contains a
-/// change.
+/// Information in the states, nats: the number of changes, the places of the changes, and the state of each epoch that
+/// contains a change.
 fn cost(states: &[f64]) -> f64 {
     let n = states.len();
     let parts = states.iter().filter(|state| state.fract() != 0.0).count();

@@ -1,4 +1,4 @@
-//! Derivation of the verdict of a search.
+//! Derivation of a search's verdict from its fits and tests.
 //!
 //! ```text
 //! data_fault        faults of the data explain the residuals, may explain them, or affect too many samples
@@ -20,17 +20,17 @@ use crate::finding::{Finding, Severity};
 use crate::joint::is_unobservable_hand_held;
 use crate::recording::Recording;
 
-/// Log Bayes factor, nats, that decides about an effect that does not improve the prediction of unseen data. Above this
-/// value, the effect is reported as significant but not confirmed. 8 nats are odds of 3000 to 1.
+/// Minimum log Bayes factor, nats, for an effect to be reported as significant but not confirmed. Such an effect does
+/// not improve the prediction of unseen data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
-/// Minimum share of chi2 of one kind of unseen residuals that the effects must remove if the fit with the effects is
-/// still poor, or if unseen residuals still exceed noise. If they remove less, unseen data contradict the effects.
+/// Minimum share of chi2 of one kind of unseen residuals that the effects must remove. It applies if the fit with the
+/// effects is poor, or if unseen residuals exceed noise. If the effects remove less, unseen data contradict them.
 const LEAST_REMOVED: f64 = 0.1;
-/// Minimum share of chi2 of one kind of unseen residuals that the effects must remove if residuals at rest still
-/// scatter more than noise explains. It also decides whether unexplained residuals limit the use of the calibration.
+/// Minimum share of chi2 of one kind of unseen residuals that the effects must remove if residuals at rest scatter more
+/// than noise explains. The threshold also decides whether unexplained residuals limit the use of the calibration.
 const MOST_REMOVED: f64 = 0.5;
 /// Decrease of chi2 of unseen residuals, in standard deviations, that confirms the effects even if they remove a
-/// smaller share than [`LEAST_REMOVED`]. This criterion is not used for a poor fit.
+/// smaller share than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor.
 const SIGNIFICANT: f64 = 4.0;
 /// Codes of findings that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
@@ -43,8 +43,8 @@ const FAULTS: [&str; 8] = [
     "rest_not_still",
     "mount_slip",
 ];
-/// Code of a fault, and share of affected samples, %, below which this fault does not lead to the verdict `data_fault`.
-/// The limit applies only if noise explains all residuals.
+/// Code of a fault, and share of affected samples, %. A fault below this share does not lead to the verdict
+/// `data_fault` if noise explains all residuals.
 const FEW_PERCENT: [(&str, f64); 2] = [("samples_missing", 0.2), ("samples_duplicated", 0.2)];
 
 /// The conclusion of a search.
@@ -89,8 +89,8 @@ impl Verdict {
 pub struct Rivals {
     /// Name of the accepted effect.
     pub name: String,
-    /// Names of effects that were not accepted although their log evidence is within three nats of the log evidence of
-    /// the accepted effect.
+    /// Names of effects that were not accepted, but whose log evidence is within three nats of that of the accepted
+    /// effect.
     pub rivals: Vec<String>,
 }
 
@@ -113,14 +113,14 @@ pub(super) struct Judgement {
     pub(super) rivals: Vec<Rivals>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub(super) not_confirmed: Vec<Score>,
-    /// Evidence of unseen data because of which accepted effects were removed; `None` if no effects were removed.
+    /// Unseen data that contradict accepted effects, which were therefore removed; `None` if no effects were removed.
     pub(super) contradiction: Option<Contradiction>,
     /// Residuals that the accepted effects leave unexplained.
     pub(super) remainder: Remainder,
 }
 
-/// The data from which a verdict is derived: a search, the effects that were accepted, and the fits without and with
-/// these effects.
+/// The data from which a verdict is derived: a search, the accepted effects, and the fits without and with these
+/// effects.
 pub(super) struct Basis<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     pub(super) search: &'a Search,
@@ -189,15 +189,15 @@ impl Basis<'_> {
         }
         if let Some(worst) = last.unexplained(!are_accepted).into_iter().max_by(|a, b| a.ratio().total_cmp(&b.ratio()))
         {
-            // A real unit has several small deviations from the model. If the accepted effects remove most of the gap,
-            // the unexplained residuals therefore do not limit the use of the calibration.
+            // A real unit has several small deviations from the model. Unexplained residuals therefore do not limit the
+            // use of the calibration if the accepted effects remove most of the excess chi2.
             let matters = !are_accepted || after.removed(before).share < MOST_REMOVED;
             return Remainder { matters, ..Remainder::unknown(worst.group.name(), "above_noise", chance) };
         }
         Remainder::nothing(chance)
     }
 
-    /// Faults of the data, and whether any fault disturbs the noise estimates and the residuals of moves.
+    /// Faults of the data, and whether any of these faults disturbs the noise estimates and the residuals of moves.
     fn faults(&self, slips: &[Finding]) -> (Vec<Finding>, bool) {
         let Self { recordings, search, path, before, .. } = self;
         let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code);
@@ -208,7 +208,7 @@ impl Basis<'_> {
             faults.extend(clock_and_noise_faults(&before.outcome, recordings));
         }
         if faults.iter().any(|fault| fault.code == "clock_irregular") {
-            // If the clock is irregular, long sample intervals do not prove that samples were lost.
+            // If the clock is irregular, a long sample interval does not prove that samples are missing.
             faults.retain(|fault| fault.code != "samples_missing");
         }
         (faults, are_disturbing)
@@ -224,12 +224,12 @@ impl Basis<'_> {
         self.path.iter().map(rivals_of).collect()
     }
 
-    /// Evidence of unseen data against the effects. Unseen data contradict the effects if the residuals of the fit with
-    /// effects still exceed noise, and chi2 decreases by too small a share relative to the fit without effects.
+    /// Unseen data that contradict the effects. They contradict the effects if the residuals of the fit with effects
+    /// exceed noise and the effects reduce chi2 by too small a share.
     fn contradiction(&self) -> Option<Contradiction> {
         let Self { search, path, before, after, .. } = self;
         let removed = after.removed(before);
-        // Effects that act only inside moves, and effects of the stand, hardly change the residuals of rests and of
+        // Effects of the stand, and effects that act only inside moves, hardly change the residuals of rests and of
         // whole moves.
         let is_of_stand = |name: &String| Effect::<f64>::find(name).is_some_and(|own| own.sensor == Sensor::Encoder);
         let is_of_rests = !path.iter().any(|name| is_unobservable_hand_held(name) || is_of_stand(name));
@@ -255,7 +255,7 @@ impl Fit {
     }
 }
 
-/// Whether the fault affects so few samples that it does not disturb a fit.
+/// Whether the fault affects so few samples that it does not disturb the fit.
 fn are_few(fault: &Finding) -> bool {
     let limit = FEW_PERCENT.iter().find(|(code, _)| *code == fault.code).map_or(0.0, |(_, limit)| *limit);
     fault.severity == Severity::Warning && fault.value < limit

@@ -1,6 +1,6 @@
-//! The evidence of a model with additional columns, for several widths of their prior (docs/model.md (23)).
+//! Evidence of a model with additional columns, for several prior widths of these columns (docs/model.md (23)).
 //!
-//! At fixed scales s_g^2 the parameters of the model are first eliminated from the Gram matrix by the sweep operator.
+//! At fixed noise scales s_g^2, the sweep operator first eliminates the parameters of the model from the Gram matrix.
 //! The Schur complement S of the additional columns then gives the increase of the log evidence for every prior width
 //! s:
 //!
@@ -9,8 +9,8 @@
 //! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
 //! ```
 //!
-//! If the scales maximise the evidence, the expression is the increase of the maximum evidence. At other scales it is
-//! an approximation, which shows which prior widths are worth evaluating exactly.
+//! If the noise scales maximise the evidence, this expression is the increase of the maximum evidence. At other noise
+//! scales it is an approximation, which is used to select the prior widths that are evaluated exactly.
 
 mod left;
 
@@ -24,22 +24,22 @@ use crate::numerics::symmetric::SymmetricMatrix;
 
 pub(crate) use left::Left;
 
-/// Maximum number of alternations between estimating the noise scales and estimating the parameters, which depend on
-/// each other. If the iteration has not converged, the result of the last round is used.
+/// Maximum number of rounds of an iteration that alternately estimates the noise scales and the parameters. If the
+/// iteration does not converge, the result of the last round is used.
 const SCALE_ROUNDS: usize = 20;
-/// Convergence threshold: change of the log evidence by an update of the scales, nats, below which the parameters are
-/// not refitted. A refit of the parameters would increase the log evidence by at most 3 % of this threshold.
+/// Convergence threshold: increase of the log evidence by an update of the noise scales, nats. Below it, the parameters
+/// are not refitted. A refit would increase the log evidence by at most 3 % of this threshold.
 const FORESEEN: f64 = 0.05;
 
 /// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
-/// Columns of a model and additional columns. All columns are normalised to unit length.
+/// Columns of a model and additional columns, all normalised to unit length.
 pub(super) struct Columns<'a> {
     pub(super) gram: &'a Gram,
     pub(super) model: &'a [Column],
     pub(super) beside: Vec<Aside>,
-    /// Reciprocal length of each column. The last entry belongs to the residual and is one, because the residual is not
+    /// Reciprocal length of each column. The last entry is one, because it belongs to the residual, which is not
     /// normalised.
     pub(super) unit: Vec<f64>,
 }
@@ -47,12 +47,12 @@ pub(super) struct Columns<'a> {
 /// The Gram matrices of a model with additional columns.
 pub(crate) struct Weighing<'a> {
     pub(super) columns: Columns<'a>,
-    /// For each group of residuals, the Gram matrix of the normalised columns and the residual.
+    /// For each group of residuals: the Gram matrix of the normalised columns and the residual.
     pub(super) parts: Vec<SymmetricMatrix>,
 }
 
-/// The normal matrix after elimination of the model's parameters. It is the sum of the Gram matrices, each divided by
-/// its noise scale.
+/// Normal matrix after elimination of the model's parameters. Before the elimination, it is the sum of the Gram
+/// matrices, each divided by its noise scale.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
@@ -67,8 +67,8 @@ impl<'a> Columns<'a> {
     pub(super) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let faint = |&(place, typical): &Aside| Column { place, precision: typical.powi(-2) * RIDGE, value: 0.0 };
         let columns: Vec<Column> = model.iter().copied().chain(beside.iter().map(faint)).collect();
-        // Columns are normalised, because rounding errors of long columns would otherwise exceed the squared lengths of
-        // short columns.
+        // Columns are normalised. Otherwise, rounding errors of long columns would exceed the squared lengths of short
+        // columns.
         let unit = gram.sizes(&columns).iter().map(|size| 1.0 / size).chain([1.0]).collect();
         Self { gram, model, beside, unit }
     }
@@ -84,7 +84,7 @@ impl<'a> Columns<'a> {
         columns.chain([self.gram.residual]).collect()
     }
 
-    /// Writes the rows `rows` of the normalised Gram matrices to `sums`.
+    /// Writes the rows `rows` of the normalised Gram matrix of each group to `sums`.
     pub(super) fn fill(&self, sums: &mut [SymmetricMatrix], rows: &Range<usize>) {
         let (place, unit) = (self.places(), &self.unit);
         for (part, sum) in sums.iter_mut().zip(&self.gram.sums) {
@@ -96,8 +96,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Sets the rows of `to`, from row `from` to the last row, to the sum of the Gram matrices divided by their scales,
-    /// plus the prior precisions of the model.
+    /// Sets the rows of `to` from row `from` on. Their values are the sum of the Gram matrices divided by their noise
+    /// scales, plus the prior precisions of the model.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
@@ -126,7 +126,7 @@ impl<'a> Weighing<'a> {
         Self { columns, parts }
     }
 
-    /// Eliminates the model's parameters at these noise scales s_g^2; `None` if the normal matrix of the model is
+    /// Eliminates the model's parameters at the noise scales s_g^2. `None` if the normal matrix of the model is
     /// singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<Swept> {
         Instructions::Best.run(Sweep(self, scales))
@@ -147,15 +147,15 @@ impl<'a> Weighing<'a> {
         Left { sums, whole }
     }
 
-    /// The evidence of the model with the additional columns. The standard deviation of their prior is `width` typical
-    /// sizes. The iteration starts at the scales of `swept`. The second result is the eliminated normal matrix at the
-    /// converged scales. Returns `None` if the normal matrix is singular.
+    /// Evidence of the model with the additional columns. The prior of these columns has a standard deviation of
+    /// `width` typical sizes. The iteration starts at the noise scales of `swept`. The second result is the eliminated
+    /// normal matrix at the converged scales. `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Instructions::Best.run(Settle(self, width, swept))
     }
 
-    /// The sum of the Gram matrices divided by their scales, before any elimination. Only rows from row `from` on are
-    /// computed.
+    /// Sum of the Gram matrices divided by their noise scales, before any elimination. Only the rows from row `from` on
+    /// are computed.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
@@ -185,12 +185,12 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // With these coefficients, the columns and the residual combine to the residual after the fit.
+            // The residual after the fit is the combination of the columns and the residual with these coefficients.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // `held`: terms of the log evidence at the noise scales before this round. `gain`: increase of the log
-            // evidence if these scales are optimised and the parameters stay fixed. `deviance`: deviance at the
-            // optimised scales.
+            // `held` contains the terms of the log evidence at the noise scales before this round. `gain` is the
+            // increase of the log evidence if the noise scales are optimised and the parameters stay fixed. `deviance`
+            // is the deviance at the optimised noise scales.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {
@@ -208,8 +208,8 @@ impl<'a> Weighing<'a> {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
-                // The normalisation of columns does not affect comparisons of the evidence. The lengths of base columns
-                // are equal in all models, and the lengths of other columns cancel between `volume` and `given`.
+                // The normalisation of the columns cancels in comparisons of models. The lengths of base columns are
+                // equal in all models, and the lengths of other columns cancel between `volume` and `given`.
                 let evidence = Evidence {
                     log: gain - 0.5 * (held + prior + volume - given),
                     deviance,
@@ -253,8 +253,8 @@ impl Gram {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
     }
 
-    /// The evidence of a model with these columns. The iteration starts at the noise scales `near`. They should come
-    /// from a model with nearly the same columns.
+    /// Evidence of a model with these columns. The iteration starts at the noise scales `near`, which should be those
+    /// of a model with nearly the same columns.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
         weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)

@@ -4,17 +4,17 @@ use std::ops::Range;
 
 use faer::Mat;
 
-/// The column products that scoring needs. They are the products of the model's columns with all columns, the products
-/// within each block of candidate columns, and the products of each block with the last column. The model's columns
-/// come first.
+/// The column products that the scoring of candidates needs. They are the products of the model's columns with all
+/// columns, the products within each block of candidate columns, and the products of each block with the last column,
+/// the residual. The model's columns come first.
 pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,
     pub(super) blocks: &'a [Range<usize>],
-    /// Needed products of columns that are not in the model. Each entry is the index of a column, and the indices of
-    /// the later columns with which it is multiplied.
+    /// Needed products of columns that are not in the model. Each entry contains the index of a column and the indices
+    /// of the later columns with which it is multiplied.
     pairs: Vec<(usize, Vec<usize>)>,
-    /// Initial Gram matrix. Entries are zero for needed products and NaN for all other products.
+    /// Initial Gram matrix, with zeros for needed products and NaN for all other products.
     nothing_yet: Mat<f64>,
 }
 
@@ -31,16 +31,16 @@ impl<'a> Asked<'a> {
         Self { model, last, blocks, pairs, nothing_yet }
     }
 
-    /// Initial Gram matrix. Entries are zero for needed products and NaN for all other products.
+    /// Copy of the initial Gram matrix, with zeros for needed products and NaN for all other products.
     pub(super) fn nothing_yet(&self) -> Mat<f64> {
         let size = self.last + 1;
         let mut sums = Mat::zeros(size, size);
-        // Copied by column slices, because `Mat::clone` copies element by element.
+        // Column slices are copied, because `Mat::clone` copies element by element and is slower.
         (0..size).for_each(|j| sums.col_as_slice_mut(j).copy_from_slice(self.nothing_yet.col_as_slice(j)));
         sums
     }
 
-    /// Copies the computed products to the transposed entries of the Gram matrix.
+    /// Copies the computed products to the transposed entries of the Gram matrix, which is symmetric.
     pub(super) fn mirror(&self, sum: &mut Mat<f64>) {
         for j in self.model..=self.last {
             (0..self.model).for_each(|i| sum[(i, j)] = sum[(j, i)]);

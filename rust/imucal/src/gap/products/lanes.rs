@@ -1,4 +1,4 @@
-//! Gram matrices of columns that are stored row by row, computed with SIMD instructions.
+//! Gram matrices of columns that are stored row by row. They are computed with SIMD instructions.
 
 use std::iter::once;
 use std::ops::Range;
@@ -12,17 +12,17 @@ use crate::joint::{Insides, Lanes};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::workers::{in_order, processors};
 
-/// Number of moves per partial sum. It is constant, so that rounding does not depend on the number of threads.
+/// Number of moves per partial sum. It is fixed, so that rounding does not depend on the number of threads.
 const MOVES: usize = 8;
 /// Number of columns of the model in one job. In each row, a job multiplies the values of these columns by the values
-/// of one SIMD register. Seven is a third of the 21 base columns, so the base columns fill three jobs.
+/// in one SIMD register. Seven is a third of the 21 base columns, so the base columns fill three jobs.
 const OF_MODEL: usize = 7;
-/// Number of candidate columns, or of the residual's column, in one job.
+/// Number of candidate columns in one job. The residual counts as one of these columns.
 const OF_OTHERS: usize = 4;
 /// Number of rows that are processed together. Their values fit into the first-level cache.
 const NEAR: usize = 32;
 
-/// The requested products for each group of rows. `order` gives the position of each column within a row.
+/// Needed products for each group of rows. `order` contains the position of each column within a row.
 pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: &Asked<'_>) -> Vec<Mat<f64>> {
     let plan = Plan::new(lanes, order, asked);
     let of_group = |group: &Rows| {
@@ -40,7 +40,7 @@ pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: 
     groups.iter().map(of_group).collect()
 }
 
-/// The requested column products, summed over all rows inside moves, and the residuals of these rows.
+/// Needed products summed over all rows inside moves, and the residuals of these rows.
 pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();
@@ -63,11 +63,11 @@ pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) 
     (sum, residual)
 }
 
-/// A job is part of a Gram matrix. In each row, it multiplies the values of some columns by consecutive values that
-/// fill one SIMD register. The products are summed over the rows.
+/// A job computes part of a Gram matrix. In each row, it multiplies the values of some columns by the consecutive
+/// values of one SIMD register. The products are summed over the rows.
 struct Job {
     columns: Vec<usize>,
-    /// Position of each column within a row. In a job with fewer columns, the last position is repeated.
+    /// Position of each column within a row. If a job has fewer columns, the last position is repeated.
     places: [usize; OF_MODEL],
     /// `first` is the position within a row of the register's first value. `with` is the range of the columns whose
     /// products are used.
@@ -120,7 +120,7 @@ impl Plan {
         Self { columns, of_model, of_others, register }
     }
 
-    /// Sums of zeros for all jobs: one register for each column of a job.
+    /// Sums that are initially zero. Each column of a job has one register of sums.
     fn nothing_yet(&self) -> Vec<f64> {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }

@@ -1,4 +1,4 @@
-//! Schur complement of additional columns of a linear model, after elimination of the model's own columns.
+//! Schur complement of the additional columns of a linear model, after elimination of the model's own columns.
 
 use faer::Mat;
 use nalgebra::DMatrix;
@@ -7,21 +7,21 @@ use pulp::{Simd, WithSimd};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Upper bound of the rounding error of a column's squared length after the projection, as a share of the squared
-/// length before the projection.
+/// Upper bound of the rounding error of a column's squared length after the elimination, as a share of its squared
+/// length before the elimination.
 const ROUNDING: f64 = 1e-9;
 
-/// Schur complement of the additional columns, in units of their typical sizes, and of the residual, which is the last
-/// column.
+/// Schur complement of the additional columns, in units of the typical sizes of their parameters, and of the residual.
+/// The residual is the last column.
 pub(crate) struct Left {
     pub(super) sums: SymmetricMatrix,
-    /// Squared length of each column before the projection.
+    /// Squared length of each column before the elimination.
     pub(super) whole: Vec<f64>,
 }
 
 impl Left {
-    /// The quadratic log likelihood of the parameters of the additional columns, in typical sizes: `slope . x - 1/2 x^T
-    /// information x`.
+    /// Quadratic log likelihood of the parameters x of the additional columns, in units of their typical sizes: `slope
+    /// . x - 1/2 x^T information x`.
     pub(crate) fn information(&self) -> (Mat<f64>, Vec<f64>) {
         let k = self.columns();
         let matrix = Mat::from_fn(k, k, |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
@@ -32,8 +32,8 @@ impl Left {
         self.sums.size() - 1
     }
 
-    /// The prior width, in typical sizes, that gives the largest increase of the log evidence, and the increase in
-    /// nats. `None` if the normal matrix is singular for all widths.
+    /// The prior width, in typical sizes, with the largest increase of the log evidence, and this increase in nats.
+    /// `None` if the normal matrix is singular for all widths.
     pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
         Instructions::Best.run(BestWidth(self, widths))
     }
@@ -49,12 +49,12 @@ impl Left {
         Some(0.5 * (residual - *sums.at(k, k) - volume))
     }
 
-    /// Number of observable directions in parameter space. Along an observable direction, a parameter vector with a
-    /// length of one typical size changes chi2 by at least `least`. The change must also exceed the rounding errors of
-    /// the elimination.
+    /// Number of observable directions in parameter space. A direction is observable if a parameter vector along it,
+    /// with a length of one typical size, changes chi2 by at least `least`. The change must also exceed the rounding
+    /// errors of the elimination.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
-        // Fast path: a factorisation tests whether all eigenvalues exceed the threshold, which is usually the case.
+        // Fast path: all eigenvalues usually exceed the threshold, and a factorisation can test this.
         if Instructions::Best.run(AreAllAbove(self, least)) {
             return self.columns();
         }
@@ -65,7 +65,7 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// Change of chi2 if the parameter of one column changes by its typical size, summed over all columns.
+    /// Change of chi2 due to a change of one column's parameter by its typical size, summed over all columns.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }
