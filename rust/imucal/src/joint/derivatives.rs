@@ -1,5 +1,5 @@
-//! Compares derivatives of the whitened residuals with central differences, for every kind of residual and of
-//! parameter.
+//! Tests that compare the derivatives of the whitened residuals with central differences, for every kind of residual
+//! and every kind of parameter.
 
 use std::sync::Arc;
 
@@ -16,8 +16,8 @@ use crate::simulate::motion::Motion;
 use crate::simulate::tumble::{HandMoves, Tumble};
 use crate::simulate::{Faults, RandomMoves, Setup, Temperature, Unit};
 
-/// Calls `work` with the inputs of a fit with these effects in their full forms and a user-defined field. All effects
-/// are zero, and each time constant has its typical value.
+/// Calls `work` with the inputs of a fit. The fit has these effects in their full forms and a user-defined field. All
+/// effects are zero, and each time constant has its typical value.
 fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, Vec<f64>)) {
     let run = Run::new(&RandomMoves { moves: 12, hold_s: 1.5, ..RandomMoves::default() }, rate_hz, &EffectSet::none());
     let wave = |time_s: &f64| [0.0, 1.0, 2.0].map(|phase| (3.0 * time_s + phase).sin());
@@ -28,8 +28,8 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
     prepare(&[run.recording()], kinds, |prepared, accelerometer, gyroscope| {
         // The direction residuals are components along vectors that rotate with the measured gravity direction. The
-        // Jacobian neglects this rotation, which causes an error proportional to the residual. With the true stand
-        // parameters the residuals are small.
+        // Jacobian neglects this rotation, so its error is proportional to the residual. With the true stand
+        // parameters, the residuals are small, and so is this error.
         let stand = if kinds.encoders { STAND_RAD.to_vec() } else { Vec::new() };
         let values = super::start::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand };
@@ -39,7 +39,7 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     .unwrap();
 }
 
-/// Derivatives of the base parameters for a hand-held unit.
+/// The derivatives with respect to the base parameters are correct for a hand-held unit.
 #[test]
 fn derivatives_in_a_hand_meet_central_differences() {
     let moves = HandMoves { poses: 15, tremor_rad: 0.05_f64.to_radians(), ..HandMoves::default() };
@@ -70,20 +70,20 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
 }
 
-/// A Jacobian column counts as zero if a change of its parameter by ten typical sizes changes every whitened residual
-/// by less than this limit.
+/// Limit below which a Jacobian column counts as zero. It applies to the changes of all whitened residuals due to a
+/// change of the parameter by ten typical sizes.
 const SEEN: f64 = 1e-3;
 
-/// For each column of the Jacobian, the largest difference from a central difference, divided by the largest entry of
-/// the column.
+/// For each Jacobian column, the largest difference from a central difference, divided by the largest entry of the
+/// column.
 ///
-/// The difference step changes a whitened residual by at most one, and an effect by at most its typical size.
+/// The step of the difference changes a whitened residual by at most one, and an effect by at most its typical size.
 fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64> {
     let jacobian = problem.whitened(parameters).unwrap().1;
     let at = |p: usize, step: f64| {
         let mut changed = parameters.to_vec();
         changed[p] += step;
-        // A new linearisation is needed here, because for nearby parameters the problem returns a first-order update
+        // The residuals are linearised again here. For nearby parameters, the problem would return a first-order update
         // with unchanged derivatives.
         problem.whiten(&problem.prepared.linearise(terms, &changed).unwrap()).0
     };
@@ -115,15 +115,15 @@ fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: 
 
 const FEW: [&str; 4] = ["gyro_g_sensitivity", "earth_rate", "accel_scale_temperature", "accel_bias_warmup"];
 
-/// Without effects the derivatives are exact, except for encoder rows inside moves, where the attitude of the stand is
-/// that in the middle of a 40 ms block.
+/// Without effects, the derivatives are exact for all rows except the encoder rows inside moves. The derivatives of
+/// these rows use the attitude of the stand in the middle of a 40 ms block.
 #[test]
 fn derivatives_meet_central_differences() {
     const NONE: (bool, bool) = (false, false);
     let runs = [(NONE, 100.0), ((true, false), 100.0), ((false, true), 100.0), ((true, true), 100.0)];
     for ((in_motion, encoders), rate_hz) in runs.into_iter().chain([(NONE, 400.0), ((true, false), 400.0)]) {
-        // With the residuals of rests and moves, all effects are tested. With the residuals inside moves, the tested
-        // effects are those that need these residuals and those in `FEW`.
+        // All effects are tested with the residuals of rests and moves. With the residuals inside moves, only the
+        // effects that need these residuals and the effects in `FEW` are tested.
         let seen = |effect: &&'static Effect<f64>| {
             let own = match effect.sensor {
                 Sensor::Encoder => encoders,
@@ -143,8 +143,8 @@ fn derivatives_meet_central_differences() {
                 match p.checked_sub(BASE) {
                     _ if stand => 0.03,
                     Some(k) if encoder(k) => 0.03,
-                    // The derivative uses the middle of a segment. It does not resolve a sign change of the rate inside
-                    // the segment, nor the instant at which the motors stop accelerating.
+                    // The derivative is evaluated in the middle of a segment. It does not resolve a sign change of the
+                    // rate inside the segment, nor the instant at which the motors stop accelerating.
                     Some(_) if kinked || in_motion || encoders => 5e-4,
                     _ => 2e-4,
                 }
@@ -153,8 +153,8 @@ fn derivatives_meet_central_differences() {
     }
 }
 
-/// Rows that are whitened move by move equal the rows that are whitened in one matrix. This also holds after a
-/// first-order update of the linearisation.
+/// Rows whitened move by move are equal to rows whitened in one matrix, also after a first-order update of the
+/// linearisation.
 #[test]
 fn what_stands_apart_is_whitened_alike() {
     let kinds = Kinds { in_motion: true, encoders: false };

@@ -1,4 +1,4 @@
-//! Residuals of gravity and attitude relative to the encoders of a stand (model.md (21)).
+//! Residuals of gravity direction and attitude relative to the encoders of a stand (model.md (21)).
 //!
 //! ```text
 //! rests        perpendicular to u_k:  R_wb(q_k)^T e_z - u_k
@@ -6,8 +6,8 @@
 //! q = e - sum Phi(q, dq/dt, direction) theta,   e the encoder readings, rad
 //! ```
 //!
-//! The geometry of the stand is not exactly known. The mount rotation (3 parameters), the base tilt (2) and the
-//! non-orthogonality of the axes (2) are therefore estimated as well. These seven parameters are the last entries of
+//! The geometry of the stand is not known exactly, so seven parameters of the stand are also estimated: the mount
+//! rotation (3 parameters), the base tilt (2) and the non-orthogonality of the axes (2). They are the last entries of
 //! the parameter vector.
 
 mod directions;
@@ -31,14 +31,14 @@ use crate::rests::unit_rest::UnitRest;
 use crate::simulate::stand::Stand;
 use directions::directions;
 
-/// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error of such a
-/// difference is of the order of the square of the step, 1e-8.
+/// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error of a
+/// difference quotient is about the square of the step, 1e-8.
 const STEP_RAD: f64 = 1e-4;
-/// Changes of a reading below this limit are rounding errors of the stored numbers and not encoder counts, rad. The
-/// limit is far below the count of any real encoder.
+/// Largest change of an encoder reading that counts as a rounding error of the stored numbers, rad. The count
+/// (resolution) of any real encoder is far larger.
 const LEAST_COUNT_RAD: f64 = 1e-11;
-/// Number of fixed-point iterations for the motor angles. The iteration is needed because the effects of the encoders
-/// depend on the true motor angles and rates, which are known only after the correction.
+/// Number of fixed-point iterations for the motor angles. The encoder effects depend on the true motor angles and
+/// rates, which are known only after the correction, so the correction is repeated.
 const PASSES: usize = 3;
 
 /// Model of the stand: its attitude as a function of the motor angles, for given stand parameters.
@@ -49,7 +49,8 @@ pub(crate) struct StandModel {
 
 impl StandModel {
     pub(crate) fn of(parameters: &[f64]) -> Self {
-        // Without encoders `parameters` is empty. The model then describes a perfect stand, and no residual uses it.
+        // Without encoders, `parameters` is empty. The model then describes a stand without errors, and no residual
+        // uses it.
         let mut p = [0.0; STAND_PARAMETERS];
         p.iter_mut().zip(parameters).for_each(|(own, given)| *own = *given);
         let stand = Stand {
@@ -66,8 +67,8 @@ impl StandModel {
         self.stand.attitude(angle_rad)
     }
 
-    /// Derivative of the attitude with respect to each motor angle: rotation vectors in the world frame, one column per
-    /// motor.
+    /// Derivative of the attitude with respect to each motor angle. Each column is the rotation vector of one motor, in
+    /// the world frame.
     fn by_angle(&self, angle_rad: &Vector3<f64>) -> Matrix3<f64> {
         Matrix3::from_columns(&[0, 1, 2].map(|motor| {
             let step = Vector3::ith(motor, STEP_RAD);
@@ -76,7 +77,7 @@ impl StandModel {
         }))
     }
 
-    /// Derivative of the attitude with respect to stand parameter `p`: rotation vector in the world frame.
+    /// Derivative of the attitude with respect to the stand parameter `p`, as a rotation vector in the world frame.
     fn by_parameter(&self, p: usize, angle_rad: &Vector3<f64>) -> Vector3<f64> {
         let moved = |step: f64| {
             let mut changed = self.parameters;
@@ -87,13 +88,13 @@ impl StandModel {
     }
 }
 
-/// Start value of the mount rotation: the rotation that, by least squares, takes the up directions that follow from the
-/// encoder angles to the measured up directions `up`.
+/// Start value of the mount rotation. It is the least-squares rotation from the up directions computed from the encoder
+/// angles to the measured up directions `up`.
 pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Vector3<f64> {
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =
         angles.iter().zip(up).map(|(q, u)| square.attitude(q).inverse() * Vector3::z() * u.transpose()).sum();
-    // Closest rotation to the sum of outer products. The iteration needs no singular value decomposition, which might
+    // Rotation closest to the sum of outer products. The iteration avoids a singular value decomposition, which might
     // not converge.
     so3::log(&UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
         &sum,
@@ -103,15 +104,16 @@ pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Ve
     )))
 }
 
-/// Encoder angles of a range of samples, corrected for the effects of the encoders.
+/// Encoder angles of a range of samples, after correction of the effects on the encoders.
 pub(crate) struct Angles {
     pub(super) angle_rad: Vec<Vector3<f64>>,
-    /// Columns Phi of the encoder effects, which multiply their parameters: `terms.count` columns for each sample.
+    /// Columns Phi of the encoder effects, `terms.count` columns for each sample. The effect is the product of Phi and
+    /// the parameters.
     columns: Vec<Vector3<f64>>,
 }
 
-/// Count (resolution) of the encoders, rad: the smallest change between consecutive samples. Nearly zero for readings
-/// that are not quantised.
+/// Count (resolution) of the encoders, rad. It is the smallest change between consecutive samples, and nearly zero for
+/// readings that are not quantised.
 fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
     let changes = stand_rad.windows(2).flat_map(|w| [0, 1, 2].map(|motor| (w[1][motor] - w[0][motor]).abs()));
     let least = changes.filter(|change| *change > LEAST_COUNT_RAD).fold(f64::INFINITY, f64::min);
@@ -120,7 +122,7 @@ fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
 
 impl Angles {
     /// Corrects the encoder readings for the effects with the parameters `values`. `time_s`, `readings` and
-    /// `directions` have one entry per sample, and `sample` identifies the first sample.
+    /// `directions` have one entry per sample. `sample` is the recording and index of the first sample.
     fn of(
         values: &[f64],
         terms: &Terms<'_>,
@@ -150,9 +152,9 @@ impl Angles {
         all
     }
 
-    /// Mean derivative of the attitude over `samples` with respect to every parameter: rotation vectors in the world
+    /// Mean derivative of the attitude over `samples` with respect to every parameter, as rotation vectors in the world
     /// frame. The stand is linearised at the middle sample. The columns of the effects are averaged over all samples,
-    /// because they may jump where a motor reverses.
+    /// because they may jump when a motor reverses.
     pub(super) fn attitude_jacobian(
         &self,
         samples: Range<usize>,
@@ -174,8 +176,8 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest, rad: gravity direction from the stand minus measured gravity direction, as two components
-/// perpendicular to the measured direction. Each row contains the derivatives, followed by the residual.
+/// Two residuals of a rest, rad: the components, perpendicular to the measured gravity direction, of the direction
+/// computed from the stand minus the measured direction. Each row contains the derivatives, followed by the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,
@@ -185,7 +187,7 @@ pub(crate) fn rest_rows(
     let body_from_world = stand.attitude(&angles.angle_rad[0]).inverse();
     let across = rows_across(&measured.up);
     let residual = across * (body_from_world * Vector3::z() - measured.up);
-    // An attitude error `turn`, R <- exp(turn) R, changes the gravity direction R^T e_z by R^T (e_z x turn).
+    // An attitude error `turn`, with R <- exp(turn) R, changes the gravity direction R^T e_z by R^T (e_z x turn).
     let columns: Vec<_> = angles
         .attitude_jacobian(0..1, terms, stand)
         .iter()
@@ -220,7 +222,8 @@ impl Encoders {
         let at_rest = |r: &UnitRest| {
             let readings = &readings(&recordings[r.recording])?[r.rest.first..r.rest.end];
             let count = readings.len() as f64;
-            // Differences from the first reading avoid cancellation for angles of many turns.
+            // Differences from the first reading are averaged, because large angles (many turns) would cause
+            // cancellation.
             let first = Vector3::from(readings[0]);
             let mean = readings.iter().map(|e| Vector3::from(*e) - first).sum::<Vector3<f64>>() / count + first;
             let square = |e: &[f64; 3]| (Vector3::from(*e) - mean).norm_squared() / 3.0;
@@ -228,8 +231,8 @@ impl Encoders {
             Ok((mean, variance, variance / count))
         };
         let at_rests = rests.iter().map(at_rest).collect::<Result<Vec<_>, Error>>()?;
-        // Quantisation acts as noise in motion. At a rest all readings have the same quantisation error, which
-        // averaging does not reduce.
+        // In motion, quantisation acts as noise. At a rest, all readings have the same quantisation error, and
+        // averaging does not reduce it.
         let counts = recordings.iter().map(|recording| Ok(count_rad(readings(recording)?)));
         let rounding = counts.collect::<Result<Vec<_>, Error>>()?.into_iter().fold(0.0, f64::max).powi(2) / 12.0;
         let typical =

@@ -1,5 +1,5 @@
 //! Whitened derivatives of the residuals with respect to generic error fields, which are not effects of the catalogue
-//! (model.md (24)). A field has one value per column at each rest and in each segment of a move.
+//! (model.md (24)). Each column of a field has one value at each rest and in each segment of a move.
 //!
 //! ```text
 //! rest rates   -T Phi_k                      moves   E (R^T u) x turn(end)
@@ -22,8 +22,9 @@ use super::prepared::Prepared;
 use super::problem::Joint;
 use crate::rests::moves::{Move, rows_across};
 
-/// Columns of a generic error field of one sensor. Each column acts on one body axis. All columns for x come first,
-/// then equally many for y, then for z. Values are in rad/s (gyroscope) or m/s^2 (accelerometer).
+/// Columns of a generic error field of one sensor. Each column acts on one body axis. The columns of the x axis come
+/// first, then equally many columns of the y axis, then those of the z axis. Values are in rad/s (gyroscope) or m/s^2
+/// (accelerometer).
 pub(crate) struct Field {
     pub(crate) sensor: Sensor,
     /// Number of columns.
@@ -54,8 +55,8 @@ impl Field {
         axis * count..(axis + 1) * count
     }
 
-    /// Adds `matrix` times the field. For each column, component i of `to` is increased by `matrix[(i, axis)] * value`,
-    /// where `axis` is the body axis on which the column acts.
+    /// Adds `matrix` times the field to `to`. For each column, component i of `to` increases by `matrix[(i, axis)] *
+    /// value`, where `axis` is the body axis of the column.
     fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
         let width = to.len() / 3;
         for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {
@@ -67,7 +68,7 @@ impl Field {
     }
 }
 
-/// Segments of each move at a linearisation without effects. Only every `every`-th segment is kept.
+/// Segments of each move, integrated without effects. Only every `every`-th segment is kept.
 pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<MoveSegments> {
     let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);
@@ -77,8 +78,8 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// For each column, the attitude error at each segment of a move and at the end of the move, rad. Between two
-    /// segments, the attitude error is interpolated linearly.
+    /// Attitude error of each column at each segment of a move and at the end of the move, rad. Between two segments,
+    /// the attitude error is interpolated linearly.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);
@@ -97,8 +98,8 @@ impl Field {
 }
 
 impl Joint<'_> {
-    /// Whitened derivatives of all residuals, except those relative to the stand, with respect to the columns of a
-    /// field.
+    /// Whitened derivatives of the residuals with respect to the columns of a field. Residuals relative to the stand
+    /// are omitted.
     pub(crate) fn by_field(&self, linear: &Linear, ways: &[MoveSegments], field: &Field) -> Mat<f64> {
         let mut all = Mat::zeros(self.rows(), field.width);
         let mut lines = Mat::zeros(linear.lines.len(), field.width);
@@ -113,8 +114,8 @@ impl Joint<'_> {
         all
     }
 
-    /// Derivatives with respect to an error of the rate. The derivatives of the norm and move residuals are written to
-    /// `lines` before whitening. The whitened derivatives of all other residuals are written to `all`.
+    /// Derivatives with respect to an error of the angular rate. The derivatives of norm and move residuals are written
+    /// to `lines` and are not yet whitened. The derivatives of all other residuals are whitened and written to `all`.
     fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
         let mut row = lines.nrows();
@@ -153,8 +154,9 @@ impl Joint<'_> {
         }
     }
 
-    /// Derivatives with respect to an error of the specific force. The derivatives of the norm and move residuals are
-    /// written to `lines` without whitening. The whitened derivatives of all other residuals are written to `all`.
+    /// Derivatives with respect to an error of the specific force. The derivatives of norm and move residuals are
+    /// written to `lines` and are not yet whitened. The derivatives of all other residuals are whitened and written to
+    /// `all`.
     fn by_force(
         &self,
         linear: &Linear,
@@ -180,8 +182,8 @@ impl Joint<'_> {
             let Move { from, to, .. } = self.prepared.moves[k];
             let (at_start, at_end) = (field.at_rest(from), field.at_rest(to));
             let inside = Inside::new(pass, &before.up, &self.weights.inside[k], self.prepared.gravity_mps2);
-            // The field also changes the gravity directions of the rests before and after the move, because the same
-            // accelerometer measures them.
+            // The field acts on the same accelerometer at the rests before and after the move, so it also changes the
+            // gravity directions there.
             let level = |up: &Vector3<f64>, d: &Vector3<f64>| d - up * up.dot(d);
             let by_start = inside.directions.map(|d| level(&before.up, &d));
             let by_end = [1, 2].map(|c| level(&after.up, &pass.rotation.tr_mul(&inside.directions[c])));
@@ -199,8 +201,8 @@ impl Joint<'_> {
     }
 }
 
-/// Derivative of the two residuals of a move with respect to the attitude error at the end of the move. The attitude
-/// error is a rotation vector in the body frame at the start of the move.
+/// Derivative of a move's two residuals with respect to the attitude error at the end of the move. The attitude error
+/// is a rotation vector in the body frame at the start of the move.
 fn across(at_move: &AtMove) -> Matrix2x3<f64> {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);

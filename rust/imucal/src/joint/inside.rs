@@ -5,11 +5,11 @@
 //! z_j = d . (mean_j(R f) - g u),   z_j = x_j + white,   x_(j+1) = x_j + random walk
 //! ```
 //!
-//! The direction d is along gravity or along one of two directions perpendicular to it. Along gravity there is no
-//! random walk, because an attitude error does not change the vertical component of gravity to first order.
-//! Perpendicular to gravity, the integrated white noise of the gyroscope is a random walk. For each direction, a scalar
-//! Kalman filter whitens the z_j, and its normalised innovations are the residuals. The last residuals of a move
-//! compare the propagated gravity direction with the gravity direction at the rest after the move.
+//! The direction d is along gravity or along one of two directions perpendicular to it. The component along gravity
+//! contains no random walk, because an attitude error does not change it to first order. The perpendicular components
+//! contain the integrated white noise of the gyroscope, which is a random walk. For each direction, a scalar Kalman
+//! filter whitens the z_j, and its normalised innovations are the residuals. The last residuals of a move compare the
+//! propagated gravity direction with the gravity direction at the rest after the move.
 
 mod blocks;
 pub(super) mod filter;
@@ -26,23 +26,23 @@ use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// Derivatives of the residuals of a move with respect to one parameter, as far as they are due to the gravity
-/// directions of the adjacent rests, m/s^2. `start` is added to all residuals along each of the three directions. `end`
-/// is added to the last residual along each of the two directions perpendicular to gravity.
+/// Derivatives of a move's residuals with respect to one parameter, m/s^2. Only the part caused by the gravity
+/// directions of the adjacent rests is included. `start` is added to all residuals along each of the three directions.
+/// `end` is added to the last residual along each of the two directions perpendicular to gravity.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
 }
 
-/// Writes the whitened rows of the moves one after the other.
+/// Writes the whitened rows of one move after another.
 pub(super) struct Rows<'a> {
     target: Target<'a>,
     next: usize,
-    /// Number of positions already written in the rows of the current move; used by `Target::Lanes` only.
+    /// Number of positions already written in the rows of the current move. Only `Target::Lanes` uses it.
     place: usize,
 }
 
-/// Storage that receives the rows.
+/// Matrix that receives the rows.
 enum Target<'a> {
     Columns(&'a mut Mat<f64>),
     Lanes(&'a mut Lanes),
@@ -59,9 +59,9 @@ impl<'a> Rows<'a> {
         Self { target: Target::Lanes(lanes), next: 0, place: 0 }
     }
 
-    /// Writes whitened derivatives of the residuals of a move with respect to the parameters of `planes`. For each
-    /// block and each parameter, `planes` contains a 3-vector. The derivative of the block's residual along the
-    /// direction d is the dot product of this vector and `toward(block, d)`, plus the terms of `edges`.
+    /// Writes the whitened derivatives of a move's residuals with respect to the parameters of `planes`. For each block
+    /// and each parameter, `planes` contains a 3-vector. The derivative of the block's residual along the direction d
+    /// is the dot product of this vector and `toward(block, d)`, plus the terms of `edges`.
     pub(super) fn write_block(
         &mut self,
         inside: &Inside<'_>,
@@ -86,7 +86,7 @@ impl<'a> Rows<'a> {
         self.place += width;
     }
 
-    /// Advances the write position to the rows of the next move.
+    /// Moves the write position to the rows of the next move.
     pub(super) fn leave(&mut self, inside: &Inside<'_>) {
         self.next += count(inside.pass, false);
         self.place = 0;
@@ -97,8 +97,8 @@ impl<'a> Rows<'a> {
         self.next
     }
 
-    /// Writes all whitened rows of a move: derivatives with respect to all parameters, and the residuals as the last
-    /// column.
+    /// Writes all whitened rows of a move. The first columns are the derivatives with respect to all parameters, and
+    /// the last column is the residual.
     pub(super) fn write_move(&mut self, at_move: &AtMove, noise: &InsideNoise, gravity_mps2: f64) {
         let AtMove { pass, before, after } = at_move;
         let inside = Inside::new(pass, &before.up, noise, gravity_mps2);
@@ -122,17 +122,17 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Noise variances of one move.
+/// Noise variances of the residuals inside one move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InsideNoise {
-    /// Variance of the gravity direction at the start, per component, rad^2.
+    /// Variance of each component of the gravity direction at the start of the move, rad^2.
     pub(crate) start: f64,
-    /// Variance of the gravity direction at the end, per component, rad^2.
+    /// Variance of each component of the gravity direction at the end of the move, rad^2.
     pub(crate) end: f64,
-    /// Growth rate of the variance of the attitude error (angle random walk), rad^2/s.
+    /// Increase of the variance of the attitude error per second (angle random walk), rad^2/s.
     pub(crate) walk: f64,
-    /// Power spectral density of the force noise: variance of the mean force of a block times the duration of the
-    /// block, (m/s^2)^2 s.
+    /// Power spectral density of the force noise, (m/s^2)^2 s: the variance of the mean force of a block times the
+    /// duration of the block.
     pub(crate) force: f64,
 }
 
@@ -147,7 +147,7 @@ pub(in crate::joint) struct Inside<'a> {
     pub(in crate::joint) pass: &'a Pass,
     /// Unit vector along gravity at the start of the move, and two unit vectors perpendicular to it.
     pub(in crate::joint) directions: [Vector3<f64>; 3],
-    /// Filter gains: along gravity for each block (`along`), perpendicular to gravity for each block (`across`), and
+    /// Filter gains: for each block along gravity (`along`), for each block perpendicular to gravity (`across`), and
     /// for the rest after the move (`end`).
     pub(super) along: Vec<Gain<1>>,
     pub(super) across: Vec<Gain<1>>,

@@ -7,11 +7,10 @@ use faer::Mat;
 use super::pass::Pass;
 use crate::numerics::aligned::{Aligned, WIDEST};
 
-/// Matrix of derivatives, stored row by row, with the residual as the last column. Columns that are zero are not
-/// stored.
+/// Matrix of derivatives, stored row by row. The residual is the last column. Columns that are zero are not stored.
 #[derive(Clone)]
 pub(crate) struct Lanes {
-    /// Position of each column within a row, or `None` for a column that is zero. The last entry is the position of the
+    /// Position of each column within a row; `None` for a column that is zero. The last entry is the position of the
     /// residual.
     places: Vec<Option<usize>>,
     of_residual: usize,
@@ -28,24 +27,25 @@ impl Lanes {
         lanes
     }
 
-    /// Matrix without rows, for the residuals inside a move. Columns of parameters that affect the rate are stored
-    /// first, then those that affect the force.
+    /// Matrix without rows, for the residuals inside a move. The columns of parameters that affect the rate are stored
+    /// first, then the columns of parameters that affect the force.
     pub(super) fn inside(pass: &Pass) -> Self {
         let mut places = vec![None; pass.turn.len()];
         pass.changes.parameters().for_each(|(lane, column)| places[column] = Some(lane));
         Self::at(places, pass.changes.lanes())
     }
 
-    /// Matrix without rows. Within a row, column k is stored at position `places[k]` and the residual at `of_residual`.
+    /// Matrix without rows. Column k is stored at position `places[k]` of a row, and the residual at position
+    /// `of_residual`.
     fn at(mut places: Vec<Option<usize>>, of_residual: usize) -> Self {
         places.push(Some(of_residual));
-        // The padding after the last column allows SIMD code to read a full register from any position.
+        // The padding after the last column lets SIMD code read a full register from any position.
         let width = (of_residual + 1 + WIDEST).next_multiple_of(WIDEST);
         Self { places, of_residual, width, numbers: Aligned::default() }
     }
 
-    /// Matrix with the given positions of the columns within a row. The last entry of `places` is the position of the
-    /// residual. `number(row, column)` returns the value of an entry.
+    /// Matrix in which `places` gives the position of each column within a row. The last entry of `places` is the
+    /// position of the residual. `number(row, column)` returns the value of an entry.
     #[cfg(test)]
     pub(crate) fn of(places: &[Option<usize>], rows: usize, number: impl Fn(usize, usize) -> f64) -> Self {
         let (of_residual, places) = places.split_last().unwrap();
@@ -61,7 +61,7 @@ impl Lanes {
         lanes
     }
 
-    /// Number of stored values per row, a multiple of the SIMD register width.
+    /// Number of stored values per row. It is a multiple of the SIMD register width.
     pub(crate) fn width(&self) -> usize {
         self.width
     }
@@ -103,14 +103,15 @@ impl Lanes {
         self.numbers.chunks_exact(self.width).map(move |row| place.map_or(0.0, |place| row[place]))
     }
 
-    /// Copies the columns given by `order` to columns 0, 1, ... of a matrix, from row `first` on.
+    /// Copies the columns `order[0]`, `order[1]`, ... to the columns 0, 1, ... of a matrix, from row `first` on.
     pub(crate) fn copy_columns(&self, order: impl Iterator<Item = usize>, to: &mut Mat<f64>, first: usize) {
         for (j, column) in order.enumerate() {
             to.col_as_slice_mut(j)[first..].iter_mut().zip(self.column(column)).for_each(|(to, value)| *to = value);
         }
     }
 
-    /// Adds `J change` to the residuals, where J is the matrix of the derivatives.
+    /// Adds `J change` to the residuals, where J is the matrix of the derivatives and `change` a change of the
+    /// parameters.
     pub(crate) fn change(&mut self, change: &[f64]) {
         let by: Vec<(usize, f64)> = self.places.iter().zip(change).filter_map(|(p, by)| Some(((*p)?, *by))).collect();
         for row in self.numbers.chunks_exact_mut(self.width) {

@@ -1,4 +1,4 @@
-//! Residuals of the joint fit before whitening, and their derivatives, at given parameters.
+//! Residuals of the joint fit at given parameters, and their derivatives. The residuals are not yet whitened.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -23,14 +23,16 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::rests::moves::{End, rows_across};
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
-/// One scalar residual with its derivatives with respect to the parameters and to the mean forces of the rests.
+/// One scalar residual, with its derivatives with respect to the parameters and with respect to the mean forces of the
+/// rests.
 #[derive(Clone)]
 pub(crate) struct Line {
     pub(crate) residual: f64,
     pub(crate) jacobian: Vec<f64>,
     pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
     pub(crate) source: Source,
-    /// Whether the residual belongs to the second or a later epoch of a long rest, or to the step to such an epoch.
+    /// Whether the residual belongs to the second or a later epoch of a long rest, or to the step to such an epoch. A
+    /// long rest is divided into epochs, because the biases drift during it.
     pub(crate) is_of_later_epoch: bool,
 }
 
@@ -41,14 +43,14 @@ impl Line {
     }
 }
 
-/// The rest or the move to which a residual belongs, by index. `Norm` also stands for the mean rates of a rest.
+/// The rest or the move to which a residual belongs, by index. `Norm` is also used for the mean rates of a rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
     Norm(usize),
     Move(usize),
 }
 
-/// All residuals before whitening, linearised at given parameters (model.md (18)).
+/// All residuals, linearised at given parameters (model.md (18)). They are not yet whitened.
 #[derive(Clone)]
 pub(crate) struct Linear {
     pub(crate) model: Model,
@@ -58,13 +60,13 @@ pub(crate) struct Linear {
     pub(crate) moves: Arc<Vec<AtMove>>,
     /// Gravity direction at each rest that the fit uses.
     pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
-    /// Change of the parameters since the samples of the moves were integrated; empty if the parameters have not
+    /// Change of the parameters since the samples of the moves were last integrated; empty if the parameters have not
     /// changed. The residuals inside the moves are corrected by their derivatives times this change.
     pub(super) change: Vec<f64>,
     kinds: Kinds,
 }
 
-/// Row ranges of the whitened residuals that follow norms, moves and mean rates.
+/// Row ranges of the whitened residuals that come after the norms, moves and mean rates.
 pub(crate) struct Groups {
     pub(crate) inside: Range<usize>,
     pub(crate) stand_rests: Range<usize>,
@@ -82,8 +84,8 @@ impl Linear {
         self.kinds.in_motion
     }
 
-    /// Linearisation after a small change of the parameters: residuals are updated to first order, derivatives are
-    /// kept.
+    /// Linearisation after a small change of the parameters. The residuals are updated to first order, and the
+    /// derivatives stay unchanged.
     pub(super) fn moved(&self, change: &[f64], model: Model) -> Self {
         let inside = if self.kinds.in_motion { change } else { &[] };
         let mut moved = Self { model, change: inside.to_vec(), ..self.clone() };
@@ -107,8 +109,8 @@ impl Linear {
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
     }
 
-    /// Source and row range of each group of whitened residuals after the mean rates. The groups are the force inside
-    /// each move, each rest relative to the stand, and each move relative to the stand.
+    /// For each group of whitened residuals after the mean rates: the rest or move, and the range of rows. The groups
+    /// are the force inside each move, each rest relative to the stand, and each move relative to the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
         let mut row = self.lines.len() + 3 * self.rates.len();
         let mut found = Vec::new();
@@ -145,26 +147,26 @@ impl Linear {
     }
 }
 
-/// Index of a kind of residuals, see [`Linear::groups_of_rows`]: the force inside the moves.
+/// Index of a kind of residuals, see [`Linear::groups_of_rows`]: the specific force inside the moves.
 pub(crate) const INSIDE: usize = 5;
 /// Index of a kind of residuals: gravity directions at the rests relative to the stand.
 pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves relative to the stand.
 pub(crate) const STAND_MOVES: usize = 7;
-/// Index of a kind of residuals: norms at the second and later epochs of long rests. These norms scatter only because
-/// the biases drift within a rest, so they are kept out of the scatter of the norms at different poses.
+/// Index of a kind of residuals: norms at the second and later epochs of long rests. They are separate from the norms
+/// at different poses, because they scatter only due to the drift of the biases within a rest.
 pub(crate) const EPOCH_NORMS: usize = 8;
 /// Index of a kind of residuals: changes of the gravity direction between the epochs of a rest.
 pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Computing time of a sample with effects or with blocks inside the move, relative to a sample of plain
-/// preintegration. It determines the number of threads.
+/// Computing time per sample with effects or with blocks inside the move, relative to the time for plain
+/// preintegration. The number of threads is computed from it.
 const COST: usize = 30;
 
 impl Prepared<'_> {
-    /// Residuals and derivatives at these parameters.
+    /// Residuals and their derivatives at these parameters.
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
         let model = Model::of(parameters, terms)?;
         let rests = Rests::new(self, &model, terms);
@@ -175,8 +177,8 @@ impl Prepared<'_> {
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &evaluated), before, after }
         };
-        // If no effect changes the rate, only the rotations of the moves are integrated first, which is fast. The
-        // rotations determine the attitude of every rest, so the moves can then be processed in parallel.
+        // If no effect changes the rate, the rotations of all moves are integrated first, which is fast. They determine
+        // the attitude of every rest. The moves can then be integrated completely in parallel.
         let goes_ahead = evaluated.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
@@ -211,7 +213,7 @@ impl Prepared<'_> {
         Ok(self.lines(&model, terms, &rests, &attitudes, moves))
     }
 
-    /// Assembles the residuals from the forces at the rests, the attitudes of the rests and the integrated moves.
+    /// Computes the residuals from the forces at the rests, the attitudes of the rests, and the integrated moves.
     pub(super) fn lines(
         &self,
         model: &Model,
@@ -247,8 +249,8 @@ impl Prepared<'_> {
         Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds }
     }
 
-    /// Propagated minus measured gravity direction after a move: the two components perpendicular to the measured
-    /// direction.
+    /// Direction residual of a move: the propagated minus the measured gravity direction after the move. Its two
+    /// components are perpendicular to the measured direction.
     fn move_lines(&self, index: usize, at_move: &AtMove, forces: &[Force], by_mean: &Matrix3<f64>) -> [Line; 2] {
         let m = &self.moves[index];
         let AtMove { pass, after, .. } = at_move;
@@ -285,8 +287,8 @@ impl Prepared<'_> {
         let mut by_bias = -Matrix3::identity();
         let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
-            // The rotation within a hand-held rest is computed from the gravity directions at the ends of the rest.
-            // These directions depend on the gyroscope bias (model.md (27)).
+            // The rotation of the unit within a hand-held rest is computed from the gravity directions at the two ends
+            // of the rest. These directions depend on the gyroscope bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;
@@ -318,7 +320,7 @@ impl Prepared<'_> {
     }
 }
 
-/// Residuals inside the moves of a linearisation. The rows of a move are whitened when they are requested.
+/// Residuals inside the moves of a linearisation. The rows of a move are whitened only when they are requested.
 pub(crate) struct Insides {
     linear: Arc<Linear>,
     noise: Vec<InsideNoise>,
@@ -343,7 +345,7 @@ impl Insides {
         self.linear.moves.iter().map(|at_move| count(&at_move.pass, false)).sum()
     }
 
-    /// Layout of the rows: position of each column and of the residual.
+    /// Layout of the rows: the position of each column and of the residual.
     pub(crate) fn no_rows(&self) -> &Lanes {
         &self.no_rows
     }

@@ -1,13 +1,13 @@
-//! Goodness of fit of the whole fit and of each rest and move, relative to noise (model.md (26)).
+//! Goodness of fit relative to noise, for the whole fit and for each rest and move (model.md (26)).
 //!
 //! ```text
 //! chi2 = r^T P r  with  N - n degrees of freedom,     p = P(chi2 of as many degrees is larger)
 //! ```
 //!
 //! P is the matrix of equation (25) for all N residuals, and n is the number of fitted parameters. The chi2 of a rest
-//! (its norm and its mean rates) or of a move is d of equation (25): the decrease of chi2 if the residuals of this rest
-//! or move are excluded. This decrease has a chi2 distribution for any leverage of the rest or move. The weights
-//! contain sensor noise only; standard deviations are not increased for excess scatter.
+//! or of a move is d of equation (25): the decrease of chi2 if the residuals of this rest or move are excluded. The
+//! residuals of a rest are its norm and its mean rates. The decrease has a chi2 distribution for any leverage of the
+//! rest or move. The weights contain only sensor noise, and standard deviations are not increased for excess scatter.
 
 mod groups;
 
@@ -33,7 +33,7 @@ use groups::group_misfits;
 pub struct Misfit {
     /// Sum of squares of the residuals, after each residual is divided by its standard deviation.
     pub chi2: f64,
-    /// Degrees of freedom, the expected value of chi2 if noise explains the residuals.
+    /// Degrees of freedom. They are the expected value of chi2 if noise explains the residuals.
     pub degrees_of_freedom: usize,
     /// Probability of a larger chi2 if noise explains the residuals.
     pub p_value: f64,
@@ -48,15 +48,15 @@ impl Misfit {
 }
 
 /// Goodness of fit of all residuals, of each rest and of each move. `None` for rests and moves that the fit does not
-/// use, or whose leverage is so high that they cannot be judged.
+/// use. Also `None` if the leverage is so high that the residual is small for any value of the measurement.
 pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// For each held parameter, the residual of its prior in standard deviations, and one minus the leverage of this
-    /// residual. `None` if no other residual depends on the parameter.
+    /// For each parameter with a prior: the residual of the prior in standard deviations, and one minus the leverage of
+    /// this residual. `None` if no other residual depends on the parameter.
     pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 
@@ -66,7 +66,7 @@ impl Misfits {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let (residuals, jacobian) = problem.whiten(linear);
         let without = LeaveOut::new(&problem, linear, (&residuals, &jacobian));
-        // All epochs of a rest are judged as one rest.
+        // All epochs of a rest are tested together as one rest.
         let (whole, count) =
             (|k: usize| prepared.rests[k].whole, prepared.rests.last().map_or(0, |rest| rest.whole + 1));
         let (mut of_rests, mut of_moves) = (vec![Vec::new(); count], vec![Vec::new(); linear.moves.len()]);
@@ -98,16 +98,16 @@ impl Misfits {
     }
 }
 
-/// Limit of linear dependence: smallest relative length of a column after its projection onto the orthogonal complement
-/// of the other columns, dimensionless. The value is far above rounding errors.
+/// Threshold for linear dependence, dimensionless: the length of a column after projection orthogonal to the other
+/// columns, divided by its length. The value is far above rounding errors.
 const LEAST: f64 = 1e-6;
 
-/// Prediction errors of held-out rests and moves (model.md (34)). `None` if the residuals that are not held out do not
-/// determine all parameters.
+/// Prediction errors of held-out rests and moves (model.md (34)). `None` if the other residuals do not determine all
+/// parameters.
 pub(crate) struct HeldOut {
     /// Angle between propagated and measured gravity direction of each move, rad.
     pub(crate) direction_rad: Vec<Option<f64>>,
-    /// Error of |f| at each rest that the fit uses, m/s^2.
+    /// Error of |f| at each rest that the fit uses, with the index of the rest, m/s^2.
     pub(crate) norm_mps2: Vec<(usize, Option<f64>)>,
 }
 
@@ -147,22 +147,23 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals, divided into a correlated and an independent part. The fit can then be repeated without the
+/// Whitened residuals, divided into a correlated and an independent part, so that the fit can be repeated without the
 /// residuals of a fold.
 struct Parts {
-    /// Length of each column of the whitened Jacobian.
+    /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,
     kept: Vec<usize>,
-    /// Whitened rows of norms, moves and mean rates, whose errors are correlated before whitening: Jacobian columns
-    /// scaled to length one, and the residual.
+    /// Whitened rows of norms, moves and mean rates. The errors of these residuals are correlated before whitening. The
+    /// rows contain the Jacobian columns, scaled to length one, and the residual.
     shared: Mat<f64>,
-    /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move (inside moves, relative to the
-    /// stand).
+    /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move: residuals inside moves and
+    /// residuals relative to the stand.
     others: Vec<(Source, Mat<f64>)>,
     /// Gram matrix `[J r]^T [J r]` of the priors.
     given: Mat<f64>,
     /// Changes of the whitened residuals due to a unit error of each norm, move and mean-rate residual, and of each
-    /// component of the mean forces. Each change is stored as its first nonzero row and the values from that row on.
+    /// component of the mean forces. Each change is stored as the index of its first nonzero row and the values from
+    /// that row on.
     units: Vec<(usize, Vec<f64>)>,
 }
 
@@ -192,8 +193,8 @@ impl Parts {
         Self { size, kept, shared, others, given, units }
     }
 
-    /// Indices into `units` of the errors that become free parameters when rests are held out: the errors of the mean
-    /// rates and of the mean forces of these rests.
+    /// Indices into `units` of the errors that become free parameters if the given rests are held out. They are the
+    /// errors of the mean rates and of the mean forces of these rests.
     fn columns_of(&self, linear: &Linear, rests: &[usize]) -> Vec<usize> {
         let places = linear.rates.iter().enumerate().filter(|(_, (k, _))| rests.contains(k)).map(|(place, _)| place);
         let rates = linear.lines.len();
@@ -201,8 +202,8 @@ impl Parts {
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 
-    /// Change of the parameters in a fit in which the errors `columns` (indices into `units`) are free and the
-    /// independent residuals with `is_out` are omitted. `None` if this fit does not determine all parameters.
+    /// Change of the parameters in a modified fit. In this fit, the errors `columns` (indices into `units`) are free,
+    /// and the independent residuals with `is_out` are omitted. `None` if this fit does not determine all parameters.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());
@@ -210,7 +211,7 @@ impl Parts {
             let (first, values) = &self.units[column];
             let mut direction = Stretch { first: *first, values: values.clone() };
             let length = norm(&direction.values);
-            // Gram-Schmidt orthogonalisation; two passes reach machine precision.
+            // Gram-Schmidt orthogonalisation. Two passes give machine precision.
             for _ in 0..2 {
                 basis.iter().for_each(|known| direction.leave_out(known));
             }
@@ -240,7 +241,8 @@ impl Parts {
     }
 }
 
-/// Sparse column with consecutive nonzero rows. Only neighbouring residuals are correlated, so few columns overlap.
+/// Sparse column with consecutive nonzero rows. Few columns overlap, because only neighbouring residuals are
+/// correlated.
 struct Stretch {
     first: usize,
     values: Vec<f64>,
@@ -255,7 +257,7 @@ impl Stretch {
         row.checked_sub(self.first).and_then(|k| self.values.get(k)).copied().unwrap_or(0.0)
     }
 
-    /// Subtracts the component along the column `known`, which has length one.
+    /// Subtracts the component along the column `known`, whose length is one.
     fn leave_out(&mut self, known: &Self) {
         let (own, other) = (self.rows(), known.rows());
         let both = own.start.max(other.start)..own.end.min(other.end);

@@ -1,4 +1,4 @@
-//! Sensor model given by the parameter vector of the joint fit.
+//! Sensor model that corresponds to the parameter vector of the joint fit.
 
 use std::ops::Range;
 
@@ -19,8 +19,8 @@ pub(crate) struct Model {
     pub(crate) accelerometer: Triad<f64>,
     pub(crate) gyroscope: Triad<f64>,
     pub(crate) values: Vec<f64>,
-    /// Parameters of the stand, rad: mount rotation (3), base tilt (2), axis non-orthogonality (2). Empty without
-    /// encoder effects.
+    /// Parameters of the stand, rad: mount rotation (3), base tilt (2), non-orthogonality of the axes (2). Empty
+    /// without encoder effects.
     pub(crate) stand: Vec<f64>,
 }
 
@@ -44,8 +44,8 @@ impl Model {
     }
 }
 
-/// Derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer parameters: bias x,
-/// y, z, then the six entries of the symmetric T. Shape (3, 9).
+/// Derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer parameters. The
+/// parameters are the bias x, y, z and the six entries of the symmetric T. Shape (3, 9).
 pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64>) -> SMatrix<f64, 3, 9> {
     let inverse = -accelerometer.inverse();
     let mut columns = SMatrix::<f64, 3, 9>::zeros();
@@ -60,7 +60,7 @@ pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64
     columns
 }
 
-/// Temperature and time of a sample, as inputs of the effects.
+/// Temperature and time of a sample, on which the effects depend.
 pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundings<f64> {
     Surroundings {
         temperature_difference_k: recording.temperature_degc.map(|t| t[index] - REFERENCE_TEMPERATURE_DEGC),
@@ -69,8 +69,8 @@ pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundi
     }
 }
 
-/// Number of parts into which a rest is divided. Temperature and time are averaged over each part. The number is large
-/// enough to resolve drifts and warm-up within a rest.
+/// Number of parts into which a rest is divided to average temperature and time. It is large enough to resolve drifts
+/// and warm-up within a rest.
 const PARTS: usize = 16;
 
 /// Mean temperature and time of each part of a rest.
@@ -85,8 +85,8 @@ pub(crate) fn moments(recording: &Recording<'_>, range: Range<usize>) -> Vec<Sur
 pub(super) fn mean_surroundings(recording: &Recording<'_>, range: Range<usize>) -> Surroundings<f64> {
     let mean = |values: &[f64]| {
         let values = &values[range.clone()];
-        // Differences from the first value avoid cancellation for large time stamps. Four independent sums allow the
-        // processor to add in parallel.
+        // Subtracting the first value avoids cancellation for large time stamps. Four independent sums let the
+        // processor add in parallel.
         let (first, (fours, rest)) = (values[0], values.as_chunks::<4>());
         let mut sums = [0.0; 4];
         fours.iter().for_each(|four| sums.iter_mut().zip(four).for_each(|(sum, value)| *sum += value - first));

@@ -1,4 +1,4 @@
-//! Outlier detection of the joint fit: rests and moves that contradict all others (model.md (25)).
+//! Outlier detection of the joint fit: finds the rests and moves that contradict all others (model.md (25)).
 //!
 //! ```text
 //! d = (A^T P r)^T (A^T P A)^-1 (A^T P r),   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
@@ -6,12 +6,12 @@
 //!
 //! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again.
 //! There are two kinds of columns of A. The first kind selects the residuals of a move, the norm of a rest, or the mean
-//! rates of a rest. The second kind describes the effect of an error of the mean force of a rest on the norm of this
-//! rest and on the adjacent moves. Under the null hypothesis d has a chi2 distribution with as many degrees of freedom
-//! as A has columns, for any correlation of the residuals. C contains only sensor noise. Excess scatter that is common
-//! to all residuals of a kind is accounted for by dividing their d by a scale, which follows from the median of d. The
-//! item with the smallest p-value is excluded and all others are judged again, until no p-value is below
-//! `SIGNIFICANCE`.
+//! rates of a rest. The second kind describes an error of the mean force of a rest, which changes the norm of this rest
+//! and the adjacent moves. Under the null hypothesis, d has a chi2 distribution for any correlation of the residuals.
+//! Its degrees of freedom equal the number of columns of A. C contains only sensor noise. If all residuals of a kind
+//! have excess scatter, their d are divided by a common scale, which is computed from the median of d. An item is a
+//! rest or a move. The item with the smallest p-value is excluded, and the others are tested again, until no p-value is
+//! below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -35,17 +35,17 @@ use crate::numerics::stats::{dot, median, p_value};
 use crate::parameters::ACCEL;
 use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 
-/// Significance level: an item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), an item of
-/// a clean run is excluded with a probability of 0.4 %.
+/// Significance level. An item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), the
+/// probability is 0.4 % that an item of a run without outliers is excluded.
 const SIGNIFICANCE: f64 = 1e-5;
-/// Minimum share of the variance of a direction that the fit leaves in the residual (one minus the leverage) for this
-/// direction to be judged (model.md (25)).
+/// Minimum value of one minus the leverage for a direction to be tested (model.md (25)). It is the share of the
+/// variance along the direction that the fit leaves in the residual.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
-/// Smallest diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. Columns with a smaller
-/// entry are linearly dependent on the other columns. The limit is far above rounding errors.
+/// Minimum diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. A column with a smaller
+/// entry is linearly dependent on the other columns. The limit is far above rounding errors.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
-/// Smallest share of the variance of a prior that the fit leaves in the residual of the prior. With a smaller share,
-/// rounding errors dominate the standardised residual.
+/// Minimum value of one minus the leverage for the residual of a prior to be tested. With a smaller value, rounding
+/// errors dominate the standardised residual.
 const MIN_JUDGED: f64 = 1e-6;
 /// Minimum number of rests that remain after exclusion (model.md (25)).
 const MIN_REMAINING_RESTS: usize = 12;
@@ -65,7 +65,7 @@ struct Group {
     columns: Vec<usize>,
     kind: Kind,
     /// Whether the item is the second or a later epoch of a long rest, or the step to such an epoch. Such items have a
-    /// separate scale, because they share the errors of a single pose.
+    /// separate scale, because the epochs of a rest have the errors of its pose in common.
     is_of_later_epoch: bool,
 }
 
@@ -75,21 +75,23 @@ impl Group {
     }
 }
 
-/// Kinds of residuals. The decrease d of chi2 (model.md (25)) is divided by one common scale for all residuals of a
-/// kind.
+/// Kinds of residuals. The decreases d of chi2 (model.md (25)) of all residuals of a kind are divided by one common
+/// scale.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Norm,
     Rate,
     Move,
-    /// Error of the mean force of a rest: a wrong gravity direction affects the moves on both sides.
+    /// Error of the mean force of a rest, which gives a wrong gravity direction and affects the moves before and after
+    /// the rest.
     Mean,
 }
 
-/// Rests and moves that contradict all others under a model near the optimum, in the order of exclusion.
+/// Rests and moves that contradict all others, in the order of their exclusion. The model must be near the optimum.
 ///
-/// Moves are judged only by the gravity directions at their ends, even if the fit also uses the force inside the moves
-/// or the stand. `known` is an existing linearisation at the model; it must contain all rests and moves to be judged.
+/// Moves are tested only with the gravity directions at their ends, even if the fit also uses the force inside the
+/// moves or the stand. `known` is an existing linearisation at the model. It must contain all rests and moves to be
+/// tested.
 pub(crate) fn outliers(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -160,9 +162,9 @@ pub(crate) fn outliers(
     }
 }
 
-/// Rests whose norm the other rests do not predict, such as the only rest on one face of a box. Only the moves predict
-/// such a norm, so its excess scatter is assumed to equal the excess scatter of the moves. The rows of the design
-/// matrix of the norms are divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
+/// Rests whose norm is not predicted by the other rests, for example the only rest on one face of a box. Only the moves
+/// predict such a norm, so the excess scatter of the moves is used for it. The rows of the norms' design matrix are
+/// divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -183,23 +185,23 @@ fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     norms.iter().zip(leverages).filter(|(_, h)| 1.0 - h < MIN_RESIDUAL_SHARE).map(|((item, _), _)| *item).collect()
 }
 
-/// Logarithm of the p-value of chi2. An asymptotic expansion replaces p-values that underflow, so that extreme outliers
-/// can still be ranked.
+/// Logarithm of the p-value of chi2. If the p-value underflows, an asymptotic expansion is used, so that extreme
+/// outliers can still be ranked.
 fn log_p_value(misfit: f64, freedom: usize) -> f64 {
     let p = p_value(misfit, freedom);
     let (half, x) = (freedom as f64 / 2.0, misfit / 2.0);
     if p > 1e-200 { p.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
 }
 
-/// Groups of columns to be tested. There is one column for each norm, move and mean-rate residual, followed by three
-/// columns for the mean force of each rest.
+/// Groups of columns to be tested together. There is one column for each norm, move and mean-rate residual, followed by
+/// three columns for the mean force of each rest.
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
     let mut groups: Vec<Group> =
         (0..linear.moves.len()).map(|k| Group::new(Item::Move(k), Vec::new(), Kind::Move, false)).collect();
     let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
-    // The moves at a hand-held rest do not depend on the mean force of the rest, because the directions at its two ends
-    // are used instead.
+    // A hand-held rest enters the adjacent moves with the gravity directions at its two ends. These moves therefore do
+    // not depend on the mean force of the rest.
     let mut in_moves = vec![false; norm_of.len()];
     for (row, line) in lines.iter().enumerate() {
         match line.source {
@@ -224,8 +226,8 @@ fn groups(linear: &Linear) -> Vec<Group> {
 }
 
 /// Changes of the whitened residuals due to a unit error of the mean force of each rest and axis. `units` are the
-/// changes due to a unit error of each norm and move residual. Each change is stored as its first nonzero row and the
-/// values from there on.
+/// changes due to a unit error of each norm and move residual. Each change is stored as the index of its first nonzero
+/// row and the values from that row on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -255,22 +257,21 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
     if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
 }
 
-/// Linearised, whitened fit from which residuals can be excluded. Each excluded column of A becomes an additional
-/// parameter.
+/// Linearised and whitened fit from which residuals can be excluded. To exclude residuals, a column of A is added as a
+/// further parameter.
 pub(super) struct LeaveOut {
-    /// Columns of `L^-1 A`: first nonzero row, and the values from there on.
+    /// Columns of `L^-1 A`. Each is stored as the index of its first nonzero row and the values from that row on.
     columns: Vec<(usize, Vec<f64>)>,
     /// Orthonormal basis of the whitened Jacobian, one vector per column.
     basis: Vec<Vec<f64>>,
-    /// Products of the basis vectors with each of `columns`.
+    /// Dot products of the basis vectors and each of `columns`.
     seen: Vec<Vec<f64>>,
-    /// Whitened residuals after projection onto the orthogonal complement of the basis: the residuals of the linearised
-    /// fit.
+    /// Residuals of the linearised fit: the whitened residuals after projection orthogonal to the basis.
     residuals: Vec<f64>,
 }
 
 impl LeaveOut {
-    /// `residuals` and `jacobian` belong to the linearisation and are whitened by the problem.
+    /// `residuals` and `jacobian` belong to the linearisation and have been whitened by the problem.
     pub(super) fn new(problem: &Joint<'_>, linear: &Linear, (residuals, jacobian): (&Mat<f64>, &Mat<f64>)) -> Self {
         let mut columns = problem.whitened_units(linear);
         columns.extend(by_means(linear, &columns));
@@ -285,7 +286,7 @@ impl LeaveOut {
             let size: Vec<f64> = (0..jacobian.ncols()).map(|p| jacobian.col(p).norm_l2()).collect();
             let kept: Vec<usize> = (0..size.len()).filter(|&p| size[p] > 0.0).collect();
             let qr = Mat::from_fn(all, kept.len(), |row, p| jacobian[(row, kept[p])] / size[kept[p]]).col_piv_qr();
-            // An effect may be linearly dependent on the biases. Dependent columns do not add to the rank.
+            // An effect may be linearly dependent on the biases. Dependent columns do not increase the rank.
             let rank = (0..kept.len()).take_while(|&k| qr.thin_R()[(k, k)].abs() > LINEAR_DEPENDENCE).count();
             qr.compute_thin_Q().subcols(0, rank).to_owned()
         };
@@ -303,7 +304,7 @@ impl LeaveOut {
     }
 
     /// Residual of one row divided by its standard deviation after the fit, and one minus its leverage. `None` if the
-    /// leverage is so close to one that the fit follows the residual regardless of its value.
+    /// leverage is so close to one that the fit reproduces any value of the measurement.
     pub(super) fn standardised(&self, row: usize) -> Option<(f64, f64)> {
         let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))
@@ -315,7 +316,7 @@ impl LeaveOut {
     }
 
     /// Decrease d of chi2 if the residuals are free along these columns of A. The second value is the degrees of
-    /// freedom of d. Directions with a leverage near one cannot be judged and do not count.
+    /// freedom of d. Directions with a leverage near one cannot be tested and are not counted.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {
@@ -347,7 +348,7 @@ impl LeaveOut {
         let mut direction = vec![0.0; self.residuals.len()];
         direction[*first..first + column.len()].copy_from_slice(column);
         let size = dot(column, column).sqrt();
-        // Gram-Schmidt orthogonalisation; two passes reach machine precision.
+        // Gram-Schmidt orthogonalisation. Two passes give machine precision.
         for _ in 0..2 {
             for known in &self.basis {
                 let along = dot(known, &direction);

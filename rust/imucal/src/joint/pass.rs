@@ -1,7 +1,8 @@
-//! Integration over the samples of one move: its rotation, the attitude Jacobian, and the force inside the move.
+//! Integration over the samples of one move. It gives the rotation, the attitude Jacobian, and the force inside the
+//! move.
 //!
 //! R(t) rotates vectors from the body frame at time t to the body frame at the start of the move. A small change of the
-//! parameters changes R(t) to exp(turn(t)) R(t), where turn(t) is the attitude error in the frame at the start.
+//! parameters changes R(t) to exp(turn(t)) R(t). Here turn(t) is the attitude error in the body frame at the start.
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   R <- R exp(h s(w) + h^2/12 (w_0 x w_1))
@@ -10,18 +11,18 @@
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
 //!
-//! R is computed at every sample. The derivative d is evaluated at the midpoints of segments of samples. If only the
-//! rotation over the whole move is needed, the integrals for the base parameters come from preintegration,
-//! model.md (6).
+//! R is computed at every sample. The derivative d is evaluated at the midpoints of segments, which consist of several
+//! samples. If only the rotation over the whole move is needed, preintegration gives the integrals for the base
+//! parameters, model.md (6).
 //!
-//! For smooth motion the integration error falls with the fourth power of the sampling interval. With linear
-//! interpolation between samples, it would fall only with the second power, because the error due to the curvature of
-//! the rate does not cancel while the attitude changes.
+//! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
+//! interpolation between samples would give only the second power, because the error due to the curvature of the rate
+//! does not cancel while the attitude changes.
 //!
 //! The derivative of the effects with respect to the rate is neglected in d, which changes d by less than 1 %. The
-//! residuals themselves are exact. The derivative of the force with respect to the accelerometer parameters is
-//! evaluated at the propagated gravity and not at the sampled force. A column evaluated at the sample would contain the
-//! same noise as the residual, so a combination with a noise-free column could fit this noise (docs/decisions/0022).
+//! residuals are exact. The derivative of the force with respect to the accelerometer parameters is evaluated at the
+//! propagated gravity instead of the sampled force. A column evaluated at the sampled force would contain the noise of
+//! the residual. A combination with a noise-free column could then fit this noise (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -47,7 +48,7 @@ use attitude_jacobian::Turns;
 use corrected::Corrected;
 use planes::Changes;
 
-/// Duration of a block inside a move, s. Over this time the force is averaged (model.md (20)).
+/// Duration of a block inside a move over which the force is averaged, s (model.md (20)).
 pub(crate) const BLOCK_S: f64 = 0.04;
 
 /// Result of the integration over one move.
@@ -61,14 +62,15 @@ pub(crate) struct Pass {
     pub(crate) blocks: Vec<Block>,
     /// Derivatives of attitude and force in each block.
     pub(super) changes: Changes,
-    /// Rotation from every sample to the start of the move. Filled only for residuals relative to the encoders.
+    /// Rotation from every sample to the start of the move; empty unless residuals relative to the encoders are
+    /// computed.
     pub(super) attitudes: Vec<Matrix3<f64>>,
 }
 
 /// Effects of a model, grouped for the integration of all moves.
 pub(crate) struct EvaluatedTerms<'a> {
     terms: &'a Terms<'a>,
-    /// Effects with a nonzero parameter.
+    /// Effects with at least one nonzero parameter.
     active: Terms<'a>,
     on_rate: SideBySide<'a>,
     on_force: SideBySide<'a>,
@@ -81,7 +83,7 @@ impl<'a> EvaluatedTerms<'a> {
         Self { terms, active: terms.active(&model.values), on_rate, on_force }
     }
 
-    /// Whether all effects have zero parameters.
+    /// Whether all parameters of the effects are zero.
     pub(crate) fn adds_nothing(&self) -> bool {
         self.active.all.is_empty()
     }
@@ -106,13 +108,15 @@ pub(crate) struct Route<'a> {
     pub(crate) rotation_world_from_start: Option<UnitQuaternion<f64>>,
     /// Gravity in the body frame at the start of the move, m/s^2.
     pub(crate) gravity_at_start: Vector3<f64>,
-    /// Window width of the numerical derivative of the rate; it depends on how smooth the motion is (model.md (16)).
+    /// Window width of the numerical derivative of the rate. It depends on the smoothness of the motion (model.md
+    /// (16)).
     pub(crate) width: &'a Width,
     /// Duration of a block inside the move, s.
     pub(crate) block_s: f64,
     /// Whether blocks inside the move are requested, or only the rotation over the whole move.
     pub(crate) has_blocks: bool,
-    /// Rotation and Jacobian integrals without effects, if already computed. Not used if blocks are requested.
+    /// Rotation and Jacobian integrals without effects, if they are already computed. They are not used if blocks are
+    /// requested.
     pub(crate) preintegrated: Option<(Matrix3<f64>, Sums)>,
 }
 
@@ -135,7 +139,7 @@ impl Route<'_> {
         while start < last {
             let end = (start + of_block).min(last);
             let force = self.mean_force(start..end, &all, &rotations);
-            // The last integration steps of the move are not used if they do not form a complete block.
+            // The last integration steps of the move are omitted if they do not form a complete block.
             if end - start == of_block {
                 blocks.push(self.block(start..end, force));
                 turns.next_block();
@@ -149,14 +153,14 @@ impl Route<'_> {
         Pass { rotation, turn, blocks, changes, attitudes }
     }
 
-    /// Number of samples in a segment, and number of segments in a block. A block has two segments, or one if it has a
-    /// single sample.
+    /// Number of samples in a segment, and number of segments in a block. A block consists of two segments, or of one
+    /// segment if it has a single sample.
     pub(super) fn stretches_of_block(&self) -> [usize; 2] {
         let [stretch, block] = [self.block_s / 2.0, self.block_s].map(|length_s| self.samples_in(length_s));
         [stretch, if block > stretch { 2 } else { 1 }]
     }
 
-    /// Number of samples that span `length_s`, at least one.
+    /// Number of sample intervals in a time of `length_s`, at least one.
     pub(super) fn samples_in(&self, length_s: f64) -> usize {
         let Move { first, last, duration_s, .. } = self.span;
         ((length_s * (last - first) as f64 / duration_s).round() as usize).max(1)

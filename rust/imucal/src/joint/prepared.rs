@@ -1,4 +1,4 @@
-//! Input of a joint fit: recordings, rests, moves and their noise.
+//! Input of a joint fit: recordings, rests, moves and their noise. It is the same for all models.
 
 use std::sync::OnceLock;
 
@@ -16,7 +16,7 @@ use crate::rests::moves::{End, Move};
 use crate::rests::noise_density::NoiseDensity;
 use crate::rests::unit_rest::UnitRest;
 
-/// Input of a joint fit, the same for all models.
+/// Input of a joint fit. It does not depend on the model.
 pub(crate) struct Prepared<'a> {
     pub(crate) recordings: &'a [Recording<'a>],
     pub(crate) rests: &'a [UnitRest],
@@ -25,17 +25,17 @@ pub(crate) struct Prepared<'a> {
     pub(crate) moves: &'a [Move],
     /// Measured gravity direction at the start and the end of each move, with its variance.
     pub(crate) ends: &'a [[End; 2]],
-    /// Window width of the numerical derivative of the rate in each move. It is kept constant during a fit.
+    /// Window width of the numerical derivative of the rate, for each move. It stays constant during a fit.
     pub(crate) widths: &'a [Width],
     /// Eigenvectors of the flicker covariance relative to the noise of the mean rates, for each axis. They are computed
-    /// on first use and then kept, because the model affects them only through the lower limit of the noise.
+    /// when first needed and then kept, because they depend on the model only through the lower limit of the noise.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
     pub(crate) wander: Wander,
     /// Parameters with a prior.
     pub(crate) held: &'a [HeldParameter],
-    /// Encoder readings; `Some` if an effect of the encoders is estimated.
+    /// Encoder readings; present if an effect of the encoders is estimated.
     pub(crate) encoders: Option<Encoders>,
     /// Maximum number of iterations of a joint fit.
     pub(crate) max_iterations: u64,
@@ -44,15 +44,15 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Prepared<'_> {
-    /// The fit uses only some of the rests and moves. This is the first used rest whose heading is unknown, because no
-    /// used move leads to it. The first of all used rests is exempt, because its heading is the reference.
+    /// The first used rest whose heading is unknown, because no move leads to it. The first of all used rests is not
+    /// reported, because its heading is the reference.
     pub(crate) fn heading_lost(&self) -> Option<usize> {
         let first = self.used.iter().position(|used| *used)?;
         let is_reached = |k: usize| k == first || self.moves.iter().any(|m| m.to == k);
         (0..self.rests.len()).find(|&k| self.used[k] && !is_reached(k))
     }
 
-    /// The rests of one recording that the fit uses, and the start and end time of each, s.
+    /// The rests of one recording that the fit uses, with the start and end time of each rest, s.
     pub(super) fn rests_of(&self, recording: usize) -> (Vec<usize>, Vec<[f64; 2]>) {
         let own = |k: &usize| self.used[*k] && self.rests[*k].recording == recording;
         let rest = |k: usize| (k, [self.rests[k].rest.start_s, self.rests[k].rest.end_s]);
@@ -64,8 +64,8 @@ impl Prepared<'_> {
         self.recordings.iter().map(Recording::span_s).map(|[first, last]| last - first).fold(0.0, f64::max)
     }
 
-    /// Move `index` as input of the integration. `attitude` is the attitude at the start of the move, if an effect
-    /// needs it.
+    /// Move `index` as input of the integration. `attitude` is the attitude at the start of the move; it is needed only
+    /// by effects that depend on the attitude.
     pub(super) fn route(
         &self,
         index: usize,

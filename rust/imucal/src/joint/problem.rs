@@ -50,7 +50,7 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// Problem at a linearisation, with the weights of noise alone.
+    /// Problem at a linearisation, with weights from noise only.
     pub(crate) fn of_noise(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
@@ -99,8 +99,8 @@ impl<'a> Joint<'a> {
         Ok(())
     }
 
-    /// Bias instability and random walk of the biases: known from the unit's profile, or estimated from the mean rates.
-    /// `None` if the biases are constant.
+    /// Bias instability and random walk of the biases. They are known from the unit's profile, or are estimated from
+    /// the mean rates. `None` if the biases are constant.
     pub(crate) fn wander(&self, model: &Model) -> Option<UnitWander> {
         if let Wander::Known(unit) = self.prepared.wander {
             return Some(unit);
@@ -110,34 +110,34 @@ impl<'a> Joint<'a> {
         (seen != [0.0; 3]).then(|| UnitWander::of_gyroscope(seen.map(|b| b / raw)))
     }
 
-    /// Re-estimates the weights from the residuals of a fit.
+    /// Estimates the weights again from the residuals of a fit.
     pub(crate) fn weigh_by(&mut self, found: &Solution) -> Result<(), Error> {
         let excess = self.excess_of(found, None)?;
         self.weigh_with(found, &excess)
     }
 
-    /// Excess of the residuals of a fit over their noise. The standard deviations of the kinds of residuals in `kept`
-    /// are increased even if their excess is not significant.
+    /// Excess of a fit's residuals over their noise. For the kinds of residuals in `kept`, the standard deviations are
+    /// increased even if the excess is not significant.
     pub(super) fn excess_of(&self, found: &Solution, kept: Option<&Widened>) -> Result<Widening, Error> {
         let linear = self.linear(&found.parameters)?;
         Ok(self.weights.excess(self.prepared, &linear, found, kept))
     }
 
-    /// Sets the weights that follow from a given excess, at the end of a fit.
+    /// Sets the weights that correspond to a given excess, at the end of a fit.
     pub(super) fn weigh_with(&mut self, found: &Solution, excess: &Widening) -> Result<(), Error> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::with(self.prepared, self.terms, &linear, excess);
         self.let_biases_wander(&linear)
     }
 
-    /// Adds priors for effects that the recordings determine only partly.
+    /// Adds priors for effects whose parameters the recordings determine only in some directions.
     pub(crate) fn hold(&mut self, priors: Vec<Prior>) {
         self.rows += priors.iter().map(|prior| prior.typical.len()).sum::<usize>();
         self.priors = priors;
     }
 
-    /// Adds priors for the time constants, centred at their values in `parameters`. Without a prior, the time constant
-    /// is not determined if its effect is absent or cannot be distinguished from a drift.
+    /// Adds a prior for each time constant, centred at its value in `parameters`. Without a prior, the data do not
+    /// determine a time constant if its effect is absent or cannot be distinguished from a drift.
     pub(crate) fn hold_shapes(&mut self, parameters: &[f64]) {
         let place = |term: &Term<'_>| BASE + term.first + term.linear;
         let shapes = self.terms.all.iter().filter(|term| term.has_shape());
@@ -145,7 +145,8 @@ impl<'a> Joint<'a> {
         self.rows += self.shapes.len();
     }
 
-    /// Adapts the widths of the priors to the estimate. Returns whether any width changed by more than 10 %.
+    /// Adapts the widths of the priors to the estimated parameters. Returns whether any width changed by more than 10
+    /// %.
     pub(crate) fn widen(&mut self, found: &Solution) -> bool {
         if self.priors.is_empty() {
             return false;
@@ -160,15 +161,15 @@ impl<'a> Joint<'a> {
         changed
     }
 
-    /// Mean sensitivity of a sensor, raw units per SI unit.
+    /// Mean sensitivity of a sensor, in raw units per SI unit.
     pub(crate) fn raw_scale(&self, sensor: Sensor, parameters: &[f64]) -> f64 {
         let entries = if sensor == Sensor::Gyroscope { &parameters[GYRO_SENSITIVITY] } else { &parameters[3..6] };
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
     }
 
-    /// Whitened derivatives with respect to an individual bias at each rest, three columns per rest: first for the
-    /// gyroscope, then for the accelerometer. The gyroscope bias in a move is the mean of the biases at the two
-    /// adjacent rests. Only rows of norms, moves and mean rates are nonzero.
+    /// Whitened derivatives with respect to an individual bias at each rest, with three columns per rest. The first
+    /// matrix is for the gyroscope, the second for the accelerometer. The gyroscope bias in a move is the mean of the
+    /// biases at the two adjacent rests. Only the rows of norms, moves and mean rates are nonzero.
     pub(crate) fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
@@ -205,15 +206,16 @@ impl<'a> Joint<'a> {
         self.rows
     }
 
-    /// Whitens columns for the covariance of varying biases. Columns are not changed if the biases are constant.
+    /// Whitens columns for the covariance of varying biases. If the biases are constant, the columns are not changed.
     pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
         if let Some(wandering) = &self.wandering {
             wandering.apply(columns);
         }
     }
 
-    /// Columns of L^-1: changes of the whitened residuals due to a unit error of each norm, move and mean-rate
-    /// residual. Each column is stored as its first nonzero row and the values from that row on.
+    /// Columns of L^-1, where L is the Cholesky factor of the residual covariance. They are the changes of the whitened
+    /// residuals due to a unit error of each norm, move and mean-rate residual. Each column is stored as the index of
+    /// its first nonzero row and the values from that row on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -228,8 +230,8 @@ impl<'a> Joint<'a> {
         lines.chain(rates).map(white).collect()
     }
 
-    /// Whitened residuals and Jacobian. Rows: norms and moves, mean rates, force inside the moves, residuals relative
-    /// to the stand, held parameters, priors of effects.
+    /// Whitened residuals and Jacobian. The order of the rows is: norms and moves, mean rates, force inside the moves,
+    /// residuals relative to the stand, parameters with a prior, priors of effects.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
@@ -243,8 +245,9 @@ impl<'a> Joint<'a> {
         (residual, all)
     }
 
-    /// Whitened residuals and Jacobian without priors, row by row with the residual as the last column. If the force
-    /// inside the moves is used without a stand, its rows are returned separately and are whitened on request.
+    /// Whitened residuals and Jacobian without priors, stored row by row. The residual is the last column. If the force
+    /// inside the moves is used without a stand, the second result contains its rows, which are whitened when they are
+    /// requested.
     pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
         let rows = self.whiten_rows(linear);
         if self.terms.kinds.encoders || !self.terms.kinds.in_motion {
@@ -254,8 +257,8 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened rows of norms, moves and mean rates. With encoders, the rows relative to the stand and inside the moves
-    /// follow.
+    /// Whitened rows of norms, moves and mean rates. With encoders, they are followed by the rows relative to the stand
+    /// and the rows inside the moves.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
         let (head, groups) = (linear.lines.len(), linear.groups());
@@ -292,7 +295,7 @@ impl<'a> Joint<'a> {
         rows
     }
 
-    /// All whitened rows in one matrix, with the residual as the last column.
+    /// All whitened rows in one matrix. The residual is the last column.
     fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
         let (rows, mut all) = (self.whiten_rows(linear), Mat::zeros(self.rows, n + 1));
@@ -335,8 +338,8 @@ impl<'a> Joint<'a> {
 }
 
 impl Joint<'_> {
-    /// Residuals relative to the stand and of the force inside the moves. `push` receives each row with its standard
-    /// deviation.
+    /// Computes the residuals relative to the stand and the residuals of the force inside the moves. `push` receives
+    /// each row with its standard deviation.
     fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(About, &[f64], f64)) {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);
         let stand = StandModel::of(&model.stand);

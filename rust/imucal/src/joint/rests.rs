@@ -1,9 +1,9 @@
-//! Rests at given parameters: the mean force, the gravity direction at both ends of each move, and the contribution of
-//! the effects to the mean rate.
+//! Rests at given parameters: the mean force, the gravity direction at both ends of each move, and the change of the
+//! mean rate by the effects.
 //!
-//! The true rate at rest is zero. Therefore the effects on the force are solved first, by fixed-point iteration, and
-//! the effects on the rate are then evaluated once. No effect of the catalogue on the force depends on the attitude; a
-//! test of the catalogue checks this.
+//! The true rate at rest is zero, so the effects on the force are solved first, by fixed-point iteration. The effects
+//! on the rate are then evaluated once. No catalogue effect on the force depends on the attitude, which a test of the
+//! catalogue verifies.
 
 use std::sync::Arc;
 
@@ -25,11 +25,11 @@ pub(super) struct Force {
     pub(super) value: Vector3<f64>,
     /// Derivative with respect to every parameter.
     pub(super) jacobian: Vec<Vector3<f64>>,
-    /// Gravity direction, the direction of the force.
+    /// Direction of the force, which is the gravity direction.
     pub(super) direction: Arc<EndDirection>,
 }
 
-/// Contribution of the effects to the rate at a rest, rad/s, and its derivatives with respect to the parameters of the
+/// Change of the rate at a rest by the effects, rad/s, and its derivatives with respect to the parameters of the
 /// effects.
 pub(super) struct Rate {
     pub(super) added: Vector3<f64>,
@@ -42,18 +42,18 @@ pub(super) struct Rests<'a> {
     model: &'a Model,
     on_force: Terms<'a>,
     on_rate: Terms<'a>,
-    /// For each rest, the inputs of the effects, and the columns of the effects that act on the force but do not depend
-    /// on it.
+    /// For each rest: the inputs of the effects, and the columns of those effects on the force that do not depend on
+    /// the force.
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
-    /// For each recording, the mean contribution of the effects to the rate over its rests; empty if no rest is
-    /// hand-held, or no effect contributes.
+    /// For each recording, the mean change of the rate by the effects over its rests. Empty if no rest is hand-held, or
+    /// if no effect changes the rate.
     mean_rates: Vec<Rate>,
 }
 
-/// Error of the gyroscope bias with which the samples of a hand-held rest were propagated, and its derivatives with
-/// respect to the parameters of the effects, rad/s. The derivative with respect to the bias parameter is `T^-1` and is
+/// Error of the gyroscope bias with which the samples of a hand-held rest were propagated, rad/s, and its derivatives
+/// with respect to the parameters of the effects. The derivative with respect to the bias parameter is `T^-1` and is
 /// not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
@@ -88,7 +88,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// Mean contribution of the effects to the rate, over all rests of a recording that the fit uses.
+    /// Mean change of the rate by the effects, over all rests of a recording that the fit uses.
     fn mean_rate(&self, recording: usize) -> Rate {
         let (own, _) = self.prepared.rests_of(recording);
         let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };
@@ -100,11 +100,11 @@ impl<'a> Rests<'a> {
         mean
     }
 
-    /// Error of the bias of a hand-held rest; `None` for a rest without tremor. The bias was estimated without effects,
-    /// as the mean rate of the rest shrunk towards the mean rate of all rests. If the effects of the model explain why
-    /// the mean rates differ, the estimated bias lacks a part of this difference. The missing part is the error. It has
-    /// two contributions. The first is removed by the shrinkage. The second was interpreted as a rotation of the hand,
-    /// because the samples had been propagated with the mean bias.
+    /// Error of the bias of a hand-held rest; `None` for a rest without tremor. The bias was estimated without effects:
+    /// it is the mean rate of the rest, shrunk towards the mean rate of all rests. If the effects of the model explain
+    /// why the mean rates differ, the estimated bias lacks a part of this difference. This missing part is the error,
+    /// and it has two contributions. The first was removed by the shrinkage. The second was interpreted as a rotation
+    /// of the hand, because the samples had been propagated with the mean bias.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;
@@ -151,8 +151,8 @@ impl<'a> Rests<'a> {
         [self.end(from, before, true), self.end(to, after, false)]
     }
 
-    /// Gravity direction at the last sample (`at_end`) or at the first sample of a rest. For a hand-held rest the
-    /// direction was propagated with a preliminary gyroscope bias and is corrected here to the bias of the model
+    /// Gravity direction at the last sample (`at_end`) or at the first sample of a rest. At a hand-held rest, the
+    /// direction was propagated with a preliminary gyroscope bias. It is corrected here to the bias of the model
     /// (model.md (27)).
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
@@ -173,7 +173,7 @@ impl<'a> Rests<'a> {
         direction
     }
 
-    /// Contribution of the effects to the mean rate at a rest.
+    /// Change of the mean rate at a rest by the effects.
     pub(super) fn rate(&self, k: usize, attitude: Option<UnitQuaternion<f64>>) -> Rate {
         let Self { model, on_rate, stills, forces, .. } = self;
         let mut columns = vec![Vector3::zeros(); on_rate.count];

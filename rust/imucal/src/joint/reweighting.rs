@@ -1,45 +1,44 @@
-//! Weights of the repeated fits (model.md (19)).
+//! Weights of the residuals in repeated fits (model.md (19)).
 //!
-//! Each fit gives the excess of its residuals over noise, from which the weights of the next fit follow. Plain
+//! Each fit gives the excess of its residuals over noise, and this excess determines the weights of the next fit. Plain
 //! repetition has two defects. First, an excess near its significance limit may be significant after a fit with weights
-//! from noise alone, and not significant after a fit whose weights contain this excess. The weights then alternate.
-//! Second, if residuals of two kinds determine the same parameter, the excess converges slowly, by a constant factor
-//! per fit.
+//! from noise only, but not after a fit whose weights contain this excess. The weights then alternate. Second, if
+//! residuals of two kinds determine the same parameter, the excess converges slowly, by a constant factor per fit.
 
 use super::problem::Joint;
 use super::weights::{FACTORS, WIDENINGS, Widened, Widening};
 use crate::error::Error;
 use crate::numerics::lsq::Solution;
 
-/// Number of fits after which the weights are extrapolated. The first fits have preliminary weights, and most runs
-/// settle two or three fits later without extrapolation.
+/// Number of fits after which the weights are extrapolated. The first fits have preliminary weights. Most runs converge
+/// within two or three further fits without extrapolation.
 const EXTRAPOLATE_AFTER: usize = 3;
-/// Largest extrapolation, in multiples of the last change of the excess. A multiple of 10 is exact if the changes
-/// shrink by a factor of 0.9 per fit.
+/// Largest extrapolation, in multiples of the last change of the excess. A multiple of 10 is exact if each change is
+/// 0.9 times the previous change.
 const LARGEST_STEP: f64 = 10.0;
 
 /// State of the iteration over the weights.
 #[derive(Default)]
 pub(super) struct Reweighting {
-    /// For each set of weights so far, the kinds of residuals whose standard deviations were increased.
+    /// For each set of weights used so far: the kinds of residuals whose standard deviations were increased.
     widened: Vec<Widened>,
     /// Kinds of residuals whose standard deviations are increased even if their excess is not significant.
     kept: Option<Widened>,
-    /// Logarithms of the last excess in the weights, and of the excess estimated from the fit with these weights.
+    /// Logarithms of the last excess contained in the weights, and of the excess estimated from the fit with these
+    /// weights.
     last: Option<[[f64; WIDENINGS]; 2]>,
     fits: usize,
 }
 
 impl Reweighting {
-    /// Gives the problem new weights after a fit.
+    /// Sets new weights in the problem after a fit.
     pub(super) fn update(&mut self, problem: &mut Joint<'_>, found: &Solution) -> Result<(), Error> {
         self.fits += 1;
         let mut excess = problem.excess_of(found, self.kept.as_ref())?;
         let widened = excess.widened();
         if self.alternates(widened) {
-            // The significance test applies to a fit with weights from noise alone, and in that fit the excess is
-            // significant. From now on, the standard deviations of these kinds are therefore increased without the
-            // test.
+            // In a fit with weights from noise only, to which the significance test applies, the excess is significant.
+            // The standard deviations of these kinds are therefore increased without a test from now on.
             let all = self.widened.iter().copied().chain(self.kept).fold(widened, |all, one| one.union(all));
             self.kept = Some(all);
             self.widened.clear();
@@ -51,21 +50,23 @@ impl Reweighting {
         problem.weigh_with(found, &next)
     }
 
-    /// Whether the kinds with increased standard deviations alternate: `widened` differs from the kinds of the last
-    /// fit, but equals those of an earlier fit.
+    /// Whether the kinds with increased standard deviations alternate. They alternate if `widened` differs from the
+    /// kinds of the last fit but equals those of an earlier fit.
     fn alternates(&self, widened: Widened) -> bool {
         self.widened.last().is_some_and(|last| *last != widened) && self.widened.contains(&widened)
     }
 
-    /// Excess at which the iteration is expected to settle, by a secant step along the last change (Anderson
-    /// acceleration of depth one). `None` unless the last two fits increased the standard deviations of the same kinds.
+    /// Excess to which the iteration is expected to converge. It is extrapolated by a secant step along the last change
+    /// (Anderson acceleration of depth one). `None` unless the last two fits increased the standard deviations of the
+    /// same kinds.
     fn extrapolated(&mut self, from: &Widening, to: &Widening) -> Option<Widening> {
         let now = [from.logarithms(), to.logarithms()];
         let before = self.last.replace(now)?;
         if self.fits <= EXTRAPOLATE_AFTER {
             return None;
         }
-        // Factors of 1 and zero excess are not extrapolated, because these standard deviations are not increased.
+        // A factor of 1 or an excess of zero means that the standard deviation is not increased. Such values are not
+        // extrapolated.
         let is_none = |i: usize, value: f64| value == f64::NEG_INFINITY || (i < FACTORS && value == 0.0);
         let (mut along, mut square) = (0.0, 0.0);
         let mut next = now[1];

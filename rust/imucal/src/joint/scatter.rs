@@ -4,9 +4,10 @@
 //! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r
 //! ```
 //!
-//! r are residuals with independent noise N. `s C` is the covariance that must be added to N so that chi2 equals its
-//! degrees of freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). All candidate matrices C give the same
-//! chi2, so the likelihood is largest for the candidate with the smallest `sum_i ln(1 + s lambda_i)`.
+//! r are residuals with independent noise of covariance N. `s C` is the covariance that must be added to N so that chi2
+//! equals its degrees of freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). All candidate matrices C
+//! give the same chi2. The likelihood is therefore largest for the candidate with the smallest `sum_i ln(1 + s
+//! lambda_i)`.
 
 use faer::Mat;
 
@@ -18,7 +19,8 @@ pub(super) struct Scatter {
     lambda: Vec<f64>,
 }
 
-/// Joint diagonalisation of the noise and of another covariance: eigenvectors and eigenvalues of `N^-1/2 C N^-1/2`.
+/// Simultaneous diagonalisation of the noise covariance N and another covariance C: the eigenvectors and eigenvalues of
+/// `N^-1/2 C N^-1/2`.
 pub(crate) struct Modes {
     sigma: Vec<f64>,
     directions: Mat<f64>,
@@ -36,7 +38,7 @@ impl Modes {
         Some(Self { sigma, directions: eigen.U().to_owned(), lambda })
     }
 
-    /// Projects residuals onto the eigenvectors.
+    /// Projects whitened residuals onto the eigenvectors.
     pub(super) fn scatter(&self, residuals: &[f64]) -> Scatter {
         let white = Mat::from_fn(residuals.len(), 1, |i, _| residuals[i] / self.sigma[i]);
         let z = self.directions.transpose() * white;
@@ -47,7 +49,7 @@ impl Modes {
 /// Excess scatter of one axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Excess {
-    /// Factor s of the added covariance.
+    /// Factor s of the added covariance `s C`.
     pub(super) variance: f64,
     /// `sum_i ln(1 + s lambda_i)`; the candidate C with the smallest sum has the largest likelihood.
     pub(super) cost: f64,
@@ -69,8 +71,8 @@ impl Scatter {
         free > 0.0 && self.chi2(0.0) > free * significance_limit(free)
     }
 
-    /// Estimates the factor s with which chi2 equals `free`, and the cost, from which the likelihood follows. `None` if
-    /// chi2 does not exceed `free` even at s = 0, or if no s reduces chi2 to `free`.
+    /// Estimates the factor s at which chi2 equals `free`, and the cost `sum_i ln(1 + s lambda_i)`. `None` if chi2 does
+    /// not exceed `free` at s = 0, or if no s reduces chi2 to `free`.
     pub(super) fn excess(&self, free: f64) -> Option<Excess> {
         if free <= 0.0 || self.chi2(0.0) <= free {
             return None;
@@ -83,7 +85,7 @@ impl Scatter {
             }
         }
         let mut low = 0.0;
-        // chi2 falls monotonically with s. 60 bisections reach machine precision.
+        // chi2 decreases monotonically with s. 60 bisections give machine precision.
         for _ in 0..60 {
             let middle = (low + high) / 2.0;
             if self.chi2(middle) > free { low = middle } else { high = middle }

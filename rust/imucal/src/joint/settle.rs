@@ -1,4 +1,4 @@
-//! True rate and force from the corrected readings, if effects depend on the true values (model.md (16)).
+//! True rate and force, computed from the corrected readings if effects depend on the true values (model.md (16)).
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use super::terms::{Kind, Sample, Term, Terms, UserField};
 /// Maximum number of fixed-point iterations. Each iteration multiplies the error by about 0.01 for effects of typical
 /// size.
 const MAX_ITERATIONS: usize = 24;
-/// Safety factor by which the predicted next change is multiplied. The iteration stops when the predicted change is as
+/// Safety factor for the predicted next change. The iteration stops when the predicted change times this factor is as
 /// small as rounding errors.
 const SLACK: f64 = 10.0;
 
@@ -50,7 +50,7 @@ impl<'a> Settling<'a> {
             let by_force = if *reads_force { (force - state.specific_force).amax() } else { 0.0 };
             (state.angular_rate, state.specific_force) = (rate, force);
             let change = by_rate + by_force;
-            // Convergence is linear, so the next change is predicted from the ratio of the last two.
+            // Convergence is linear, so the next change is predicted from the ratio of the last two changes.
             let next = last_change.map_or(change, |last: f64| change * (SLACK * change / last).min(1.0));
             if next <= 1e-15 * (1.0 + seen_force.amax()) {
                 break;
@@ -71,7 +71,7 @@ pub(super) struct Still {
 
 impl Terms<'_> {
     /// True force at a rest. On entry, `columns` contains the columns of the effects that do not depend on the force.
-    /// The columns of all other effects are computed here.
+    /// The columns of the other effects are computed here.
     pub(super) fn force_at_rest(
         &self,
         values: &[f64],
@@ -92,8 +92,8 @@ impl Terms<'_> {
     }
 
     /// Computes the mean columns over a rest at the given force and attitude, for the effects that `is_asked` selects.
-    /// Columns that are constant during a rest are evaluated only once, for the first part of the rest. The columns of
-    /// a user-defined effect are averaged over the samples of the rest.
+    /// Columns that are constant during a rest are evaluated only for the first part of the rest. The columns of a
+    /// user-defined effect are averaged over the samples of the rest.
     pub(super) fn mean_columns(
         &self,
         values: &[f64],
@@ -121,8 +121,8 @@ impl Terms<'_> {
                 continue;
             }
             let count = if changes(term) { states.len() } else { 1 };
-            // All columns are stored before they are added, because reading values immediately after they were written
-            // one by one is slow.
+            // All columns are stored before they are added. Reading each value immediately after it was written would
+            // be slow.
             for (state, one) in states[..count].iter().zip(&mut each) {
                 term.columns_at(values, state, sample, one);
             }
@@ -144,8 +144,8 @@ impl Terms<'_> {
         self.all.iter().any(|term| matches!(term.kind, Kind::User(_)))
     }
 
-    /// Converts the mean columns of user-defined effects over a segment into values at its midpoint. The second
-    /// difference of the means of the segments before, at and after it, times `share`, is subtracted.
+    /// Converts the mean columns of user-defined effects over a segment to values at the midpoint of the segment. For
+    /// this, `share` times the second difference of the means of three consecutive segments is subtracted.
     pub(super) fn user_middles(
         &self,
         recording: usize,
@@ -164,7 +164,7 @@ impl Terms<'_> {
     }
 }
 
-/// Mean of a user-defined effect, which may vary from sample to sample, over a range of samples.
+/// Mean of a user-defined effect over a range of samples. The effect may vary from sample to sample.
 fn user_mean(field: &UserField<'_>, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
     let p = columns.len();
     columns.fill(Vector3::zeros());

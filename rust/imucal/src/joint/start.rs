@@ -9,8 +9,8 @@ use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 use crate::parameters::STAND_PARAMETERS;
 
-/// Model at the end of an earlier fit, from which fits with the same effects start. A warm start saves iterations and
-/// does not change the result.
+/// Model at the end of an earlier fit. Fits with the same effects start from it. A warm start saves iterations and does
+/// not change the result.
 #[derive(Clone, Debug)]
 pub struct WarmStart {
     model: Model,
@@ -28,8 +28,8 @@ impl WarmStart {
         Self::new(model, effects(terms))
     }
 
-    /// The model, if it has the effects of `terms`; otherwise `None`. Also `None` for effects with time constants,
-    /// because such fits try several start values.
+    /// The model if it has the effects of `terms`, otherwise `None`. Also `None` for effects with time constants,
+    /// because their fits try several start values.
     fn model(&self, terms: &Terms<'_>) -> Option<Model> {
         let is_same = self.effects == effects(terms) && !terms.all.iter().any(Term::has_shape);
         is_same.then(|| self.model.clone())
@@ -103,7 +103,8 @@ pub(crate) struct Prior {
 }
 
 impl Prior {
-    /// Updates the width to the value that maximises the evidence, model.md (23), from the estimate and its covariance.
+    /// Updates the width of the prior to the value that maximises the evidence, model.md (23). The value is computed
+    /// from the estimate and its covariance.
     pub(super) fn widen(&mut self, parameters: &[f64], covariance: &Mat<f64>) {
         let (mut square, mut seen) = (0.0, 0.0);
         for (k, typical) in self.typical.iter().enumerate() {
@@ -126,13 +127,13 @@ pub(crate) struct ShapePrior {
 }
 
 impl ShapePrior {
-    /// Standard deviation of the logarithm: ln 10, so values up to a factor of 10 above or below the centre are
-    /// plausible. A time constant far longer than the recording acts as a drift, and one far shorter than the first
-    /// rest affects no rest.
+    /// Standard deviation of the logarithm of the time constant. It is ln 10, so values up to a factor of 10 above or
+    /// below the centre are plausible. A time constant far longer than the recording acts as a drift. A time constant
+    /// far shorter than the first rest affects no rest.
     const WIDTH: f64 = std::f64::consts::LN_10;
 
-    /// Whitened residual at a value of the time constant, and its derivative. For a value that is not positive the
-    /// residual is NaN, so the solver takes a shorter step.
+    /// Whitened residual of the prior at a value of the time constant, and its derivative. If the value is not
+    /// positive, the residual is NaN, and the solver takes a shorter step.
     pub(super) fn residual(&self, value: f64) -> (f64, f64) {
         ((value / self.centre).ln() / Self::WIDTH, 1.0 / (value * Self::WIDTH))
     }

@@ -1,12 +1,13 @@
-//! Terms of a fit beyond the base parameters: effects of the catalogue, and user-defined effects given as columns.
+//! Terms of a fit in addition to the base parameters: effects of the catalogue, and user-defined effects given by their
+//! columns.
 //!
 //! ```text
 //! seen = true + sum_c Phi_c(true) theta_c,   true = seen - sum_c Phi_c(true) theta_c        model.md (15), (16)
 //! ```
 //!
-//! The parameters of a term are consecutive in the parameter vector. The last parameter of a term may be a nonlinear
-//! shape parameter, such as a time constant. Its column is `d(Phi theta)/d(shape)`, so that every column is the
-//! derivative of the sensor reading (before T) with respect to its parameter.
+//! The parameters of a term are consecutive in the parameter vector. The last parameter may be a nonlinear shape
+//! parameter, for example a time constant. The column of a shape parameter is `d(Phi theta)/d(shape)`. Every column is
+//! thus the derivative of the sensor reading, before multiplication by T, with respect to its parameter.
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;
@@ -19,7 +20,7 @@ use crate::parameters::{BASE, STAND_PARAMETERS};
 pub struct EffectChoice {
     /// Entry of the effect in the catalogue.
     pub effect: &'static Effect<f64>,
-    /// Whether the full form is estimated instead of the plain form with fewer parameters.
+    /// Whether the full form of the effect is estimated. Otherwise, the plain form with fewer parameters is estimated.
     pub full: bool,
 }
 
@@ -32,13 +33,13 @@ pub struct UserField<'a> {
     pub sensor: Sensor,
     /// Typical size of each parameter, in SI units.
     pub typical: Vec<f64>,
-    /// One slice per recording with the derivatives at each sample, shape (N, 3, p) in C order: sample, axis,
-    /// parameter.
+    /// Derivatives at each sample, one slice per recording. Each slice has the shape (N, 3, p) in C order: sample,
+    /// axis, parameter.
     pub columns: Vec<&'a [f64]>,
 }
 
 /// Step of the central difference with respect to a shape parameter, as a fraction of its value. The relative error of
-/// the derivative is of the order of the square of this step.
+/// the derivative is about the square of this step.
 const SHAPE_STEP: f64 = 1e-4;
 /// One effect of a fit, from the catalogue or user-defined.
 #[derive(Clone, Debug)]
@@ -49,7 +50,7 @@ pub(crate) struct Term<'a> {
     pub(crate) linear: usize,
     /// Index of the first parameter of this term among the parameters of all terms.
     pub(crate) first: usize,
-    /// Whether a prior may determine those directions of the effect that the recordings do not determine.
+    /// Whether a prior may determine the directions of the effect's parameters that the recordings do not determine.
     pub(crate) partly: bool,
 }
 
@@ -77,7 +78,7 @@ impl Term<'_> {
         }
     }
 
-    /// Value of the fixed shape parameter; `None` if the effect has none or if it is estimated.
+    /// Value of a shape parameter that is fixed; `None` if the effect has no shape parameter or if it is estimated.
     pub(crate) fn frozen_shape(&self) -> Option<f64> {
         match self.kind {
             Kind::Frozen(_, shape) => Some(shape),
@@ -175,8 +176,8 @@ pub(crate) struct Terms<'a> {
 pub(super) struct SideBySide<'a> {
     /// The terms. Their parameter indices count only the parameters in this set.
     pub(super) terms: Terms<'a>,
-    /// Values of the parameters of these terms, and in `places` the index of each parameter among the parameters of all
-    /// terms.
+    /// Values of the parameters of these terms. `places` contains the index of each parameter among the parameters of
+    /// all terms.
     pub(super) values: Vec<f64>,
     pub(super) places: Vec<usize>,
 }
@@ -191,7 +192,7 @@ pub(crate) struct Kinds {
 }
 
 impl Kinds {
-    /// Kinds of residuals without which the effects would not be observable.
+    /// Kinds of residuals that are needed to observe the effects.
     pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
         Self {
             in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),
@@ -241,7 +242,8 @@ impl<'a> Terms<'a> {
         self.push(Kind::Frozen(effect, shape), effect.sensor, effect.plain)
     }
 
-    /// Permits a prior for these effects in case the recordings determine only some directions of their parameters.
+    /// Permits a prior for these effects. The prior is used if the recordings determine the parameters only in some
+    /// directions.
     pub(crate) fn allow_partly(&mut self, names: &[String]) {
         for term in &mut self.all {
             term.partly = names.iter().any(|name| name == term.name());
@@ -260,13 +262,13 @@ impl<'a> Terms<'a> {
         Ok(())
     }
 
-    /// Buffer for the columns of all terms. Each term writes the columns of its full form. Columns beyond the
-    /// parameters in use are overwritten by the next term.
+    /// Buffer for the columns of all terms. Each term writes the columns of its full form. The columns beyond the
+    /// estimated parameters are overwritten by the next term.
     pub(super) fn room(&self) -> Vec<Vector3<f64>> {
         vec![Vector3::zeros(); self.count + MAX_PARAMETERS]
     }
 
-    /// Computes the column of each parameter at a true state. `room` is a buffer from [`Self::room`]; its entries after
+    /// Computes the column of each parameter at a true state. `room` is a buffer from [`Self::room`]. Its entries after
     /// the last parameter are undefined.
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {

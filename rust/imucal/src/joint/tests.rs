@@ -1,4 +1,4 @@
-//! Tests that a single simulated effect without noise is either estimated correctly or refused with the reason.
+//! Tests that a simulated effect without noise is either estimated correctly or refused with the reason.
 
 use imucal_core::effects::{Effect, EffectSet, EffectValues, State, Surroundings};
 use nalgebra::Vector3;
@@ -92,7 +92,8 @@ fn estimate(run: &Run, effect: &'static Effect<f64>, full: bool) -> Result<Outco
     calibrate(&[run.recording()], &options)
 }
 
-/// Largest error of the linear parameters relative to the largest parameter, and relative error of the shape.
+/// Largest error of the linear parameters divided by the largest parameter, and the relative error of the shape
+/// parameter.
 fn errors(outcome: &Outcome, truth: &EffectValues<f64>) -> (f64, f64) {
     let found = &outcome.effects[0];
     let size = truth.values().iter().fold(0.0, |largest: f64, v| largest.max(v.abs()));
@@ -102,7 +103,7 @@ fn errors(outcome: &Outcome, truth: &EffectValues<f64>) -> (f64, f64) {
     (values, shape)
 }
 
-/// One effect of each kind; the Python tests cover the whole catalogue.
+/// One effect of each kind is tested here. The Python tests cover the whole catalogue.
 #[test]
 fn effects_come_back() {
     for name in ["gyro_g_sensitivity", "accel_bias_warmup", "accel_size_effect", "encoder_eccentricity"] {
@@ -113,9 +114,9 @@ fn effects_come_back() {
     }
 }
 
-/// At rest the squares of the three force components add up to g^2. Therefore three of the nine directions of the
-/// effect are equivalent to a bias. Only forces with a norm other than g would distinguish them, and a stand does not
-/// produce such forces.
+/// At rest, the squares of the three force components add up to g^2. Three of the nine directions of the effect are
+/// therefore equivalent to a bias. Only forces with a norm other than g would distinguish these directions, and a stand
+/// does not produce such forces.
 #[test]
 fn what_a_stand_does_not_show_is_refused_with_the_reason() {
     let effect = Effect::find("gyro_g2_sensitivity").unwrap();

@@ -5,9 +5,9 @@
 //! covariance of b(t), b(s), up to a constant:   -B^2/pi ln |t - s|  -  K^2/2 |t - s|
 //! ```
 //!
-//! B is the bias instability and K the random walk of each axis. From the scatter of the mean rates, only a large B can
-//! be estimated. Smaller values of B, and K, come from the unit's profile. The estimated bias parameter is the mean
-//! over the recording. The bias in a move is the mean of the biases at the adjacent rests.
+//! B is the bias instability and K the random walk of each axis. The scatter of the mean rates determines only a large
+//! B. Smaller values of B, and K, are known from the unit's profile. The estimated bias parameter is the mean over the
+//! recording. The bias in a move is the mean of the biases at the adjacent rests.
 
 use std::f64::consts::PI;
 
@@ -15,23 +15,23 @@ use faer::Mat;
 
 use crate::error::Error;
 
-/// Maximum number of norm, move and mean-rate residuals for which the full covariance is factored. The time of the
+/// Maximum number of norm, move and mean-rate residuals for which the full covariance is factorised. The time of the
 /// factorisation grows with the third power of this number.
 pub(super) const MOST_ROWS: usize = 6000;
 
 /// Model of the bias variation between rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Wander {
-    /// The biases are constant. Excess scatter of the mean rates is independent from rest to rest.
+    /// The biases are constant. Excess scatter of the mean rates is then independent from rest to rest.
     Constant,
-    /// The bias instability of the gyroscope is estimated from the mean rates if it has a larger likelihood than
-    /// scatter that is independent from rest to rest.
+    /// The bias instability of the gyroscope is estimated from the mean rates. It is used if it has a larger likelihood
+    /// than scatter that is independent from rest to rest.
     Seen,
     Known(UnitWander),
 }
 
 impl Wander {
-    /// Variation known from the unit's datasheet or noise recording; constant biases if `known` is `None`.
+    /// Bias variation known from the unit's datasheet or noise recording; constant biases if `known` is `None`.
     pub(crate) fn of(known: Option<UnitWander>) -> Self {
         known.map_or(Self::Constant, Self::Known)
     }
@@ -56,7 +56,8 @@ pub struct UnitWander {
 }
 
 impl UnitWander {
-    /// Gyroscope with these bias instabilities in rad/s; all other figures are zero.
+    /// Gyroscope with these bias instabilities in rad/s. The random walk, and both figures of the accelerometer, are
+    /// zero.
     pub(crate) fn of_gyroscope(bias_instability: [f64; 3]) -> Self {
         let none = BiasWander { bias_instability: [0.0; 3], random_walk: [0.0; 3] };
         Self { accelerometer: none, gyroscope: BiasWander { bias_instability, ..none } }
@@ -79,7 +80,7 @@ impl UnitWander {
 }
 
 impl BiasWander {
-    /// Second integral over the lag of the covariance function of one axis.
+    /// Covariance function of one axis, integrated twice over the time lag.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();
         if lag_s == 0.0 {
@@ -90,13 +91,14 @@ impl BiasWander {
         -b * b / PI * flicker - k * k / 12.0 * lag_s.powi(3)
     }
 
-    /// Covariance of the mean biases over the time intervals `[a, b]` and `[c, d]`, up to a constant.
+    /// Covariance of the mean bias over the time interval `[a, b]` and the mean bias over `[c, d]`, up to a constant.
     fn covariance(&self, axis: usize, [a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
         let g = |lag_s: f64| self.integrated(axis, lag_s);
         (g(d - a) - g(c - a) - g(d - b) + g(c - b)) / ((b - a) * (d - c))
     }
 
-    /// Covariance of the mean biases over the rests of one recording, each minus the mean over the interval `whole`.
+    /// Covariance of the mean biases over the rests of one recording. Each bias is relative to its mean over the
+    /// interval `whole`.
     pub(super) fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
         let with_whole: Vec<f64> = rests.iter().map(|rest| self.covariance(axis, *rest, whole)).collect();
         let all = self.covariance(axis, whole, whole);

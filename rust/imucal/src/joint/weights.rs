@@ -2,8 +2,8 @@
 //!
 //! White noise is estimated from the rests of the recording. If residuals scatter significantly more than noise
 //! explains, the excess is estimated from the residuals. The excess of mean rates is modelled as a covariance between
-//! rests. The excess of norms, moves, the force inside moves, and residuals relative to the stand is modelled as one
-//! factor per kind.
+//! rests. The excess of other residuals is modelled as one factor per kind: norms, moves, force inside moves, residuals
+//! relative to the stand.
 
 mod whiten;
 mod widening;
@@ -30,29 +30,30 @@ use widening::rate_covariance;
 pub(super) use widening::{FACTORS, WIDENINGS, Widened};
 pub(crate) use widening::{Scales, Widening};
 
-/// Lower limit of the standard deviation of a mean rate, rad/s. It prevents infinite weights in noise-free simulations.
+/// Lower limit of the standard deviation of a mean rate, rad/s. Without it, weights would be infinite in noise-free
+/// simulations.
 const FINEST_RADPS: f64 = 1e-6;
 
 /// Weights of all residuals.
 #[derive(Clone)]
 pub(crate) struct Weights {
     pub(crate) whitening: Whitening,
-    /// Whitening matrix of the mean rate of each rest, per raw unit: inverse of the lower Cholesky factor of its
-    /// covariance.
+    /// Whitening matrix of the mean rate of each rest, per raw unit. It is the inverse of the lower Cholesky factor of
+    /// the covariance.
     pub(crate) rates: Vec<Matrix3<f64>>,
-    /// Noise inside each move.
+    /// Noise variances of the residuals inside each move.
     pub(crate) inside: Vec<InsideNoise>,
-    /// Standard deviation of the gravity direction at a rest, stand minus measured, rad.
+    /// Standard deviation of the residual of a rest relative to the stand, rad.
     pub(crate) stand_sigma_rad: f64,
     /// Variance of one encoder reading, rad^2.
     pub(crate) reading: f64,
-    /// Standard deviation of each component of the direction residual of a move, from noise alone, rad.
+    /// Standard deviation of each component of a move's direction residual from noise only, rad.
     pub(crate) move_sigma_rad: Vec<f64>,
     pub(crate) widening: Widening,
 }
 
 impl Weights {
-    /// Weights of noise alone, without any widening.
+    /// Weights from noise only; no standard deviation is increased.
     pub(crate) fn of_noise(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear) -> Self {
         Self::with(prepared, terms, linear, &Widening::NONE)
     }
@@ -62,8 +63,8 @@ impl Weights {
         Self::with(prepared, terms, linear, &Widening::of(prepared, linear, None, None))
     }
 
-    /// Excess of the residuals of the fit `found`, which had these weights and ended at `linear`. The standard
-    /// deviations of the kinds of residuals in `kept` are increased even if their excess is not significant.
+    /// Excess of the residuals of the fit `found`, which had these weights and ended at `linear`. For the kinds of
+    /// residuals in `kept`, the standard deviations are increased even if the excess is not significant.
     pub(super) fn excess(
         &self,
         prepared: &Prepared<'_>,
@@ -90,8 +91,8 @@ impl Weights {
                     (Source::Norm(_), false) => scales.norms,
                     (Source::Move(_), _) => 1.0,
                 };
-                // The epochs of a rest share the model error of their pose. The first epoch determines |f| at the pose,
-                // like any other rest. The later epochs determine only changes of |f|, so they do not count as
+                // All epochs of a rest have the model error of their pose in common. The first epoch determines |f| at
+                // the pose, as any other rest does. The later epochs determine only changes of |f|, so they are not
                 // additional poses.
                 let pose = match line.source {
                     Source::Norm(k) if line.is_of_later_epoch => {
@@ -126,19 +127,20 @@ impl Weights {
         }
     }
 
-    /// Bias instability of the gyroscope estimated from the mean rates, raw units. Zero if it is not significant or is
-    /// known from the profile.
+    /// Bias instability of the gyroscope, estimated from the mean rates, raw units. Zero if it is not significant, or
+    /// if it is known from the profile.
     pub(crate) fn bias_instability(&self) -> [f64; 3] {
         self.widening.bias_instability
     }
 
-    /// Variance of the mean rates between the epochs of a long rest beyond noise, for each axis, raw units squared.
+    /// Variance, in excess of noise, of the mean rates between the epochs of a long rest, for each axis, raw units
+    /// squared.
     pub(crate) fn epoch_rates(&self) -> [f64; 3] {
         self.widening.epoch_rates
     }
 
-    /// Ratio of scatter to noise that the weights assume for each kind of residuals. The ratio of the mean rates is
-    /// last.
+    /// Ratio of scatter to noise that the weights contain for each kind of residuals. The last entry is the ratio of
+    /// the mean rates.
     pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 7] {
         let Scales { norms, moves, inside, stand_rests, stand_moves, epochs } = self.widening.scales;
         let mut rates = 1.0f64;
@@ -153,14 +155,14 @@ impl Weights {
     }
 }
 
-/// Standard deviation of each component of the direction residual of a move, from noise alone, rad.
+/// Standard deviation of each component of a move's direction residual from noise only, rad.
 fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     let shared: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Contribution of the mean-force errors of a rest to a residual. For each error: its index, and its standard deviation
-/// times the derivative of the residual.
+/// Part of a residual that is due to the errors of a rest's mean force. For each error: its index, and its standard
+/// deviation times the derivative of the residual.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
@@ -180,9 +182,9 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
             let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
             let own = walk * walk + ends + FINEST_RAD * FINEST_RAD;
             if m.is_within_rest(prepared.rests) {
-                // The residual of the step from one epoch to the next contains the noise of the mean forces of both
-                // epochs. `scales.epochs` is the ratio of the scatter of such means to their noise, so the variance in
-                // excess of noise is added.
+                // The residual of the step from one epoch to the next contains the noise of both epochs' mean forces.
+                // `scales.epochs` is the ratio of the scatter of such means to their noise. The variance in excess of
+                // noise is added here.
                 let means: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
                 return own + means * (scales.epochs * scales.epochs - 1.0);
             }
@@ -213,8 +215,8 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
         .collect()
 }
 
-/// Standard deviation of the gravity direction at a rest relative to the stand, rad: noise of the accelerometer (median
-/// over all ends of moves) and of the encoders.
+/// Standard deviation of the residual of a rest relative to the stand, rad. It contains the noise of the accelerometer
+/// (median over all ends of moves) and of the encoders.
 fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let mut shared: Vec<f64> =
         prepared.ends.iter().flatten().map(|end| end.shared_variance + end.own_variance).collect();
@@ -228,8 +230,8 @@ fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
-/// Covariance of the mean gyroscope biases at the rests that the fit uses, for unit bias instability. Second and later
-/// epochs of long rests are left out. `None` if there are too many residuals to factor their covariance.
+/// Covariance of the mean gyroscope biases at the rests that the fit uses, for unit bias instability. The second and
+/// later epochs of long rests are omitted. `None` if there are too many residuals to factorise their covariance.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let is_later = |k: usize| prepared.rests[k].is_later_epoch();
     let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k] && !is_later(k)).collect();
@@ -251,7 +253,7 @@ pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     Some(covariance)
 }
 
-/// Number of residuals: one norm and three mean rates per rest, two direction components per move.
+/// Number of residuals: one norm and three mean rates per rest, and two direction components per move.
 fn rows(rests: usize, moves: usize) -> usize {
     4 * rests + 2 * moves
 }

@@ -1,8 +1,8 @@
-//! Direction of the last motion of each motor of a stand, from the encoder readings.
+//! Direction of the last motion of each motor of a stand, computed from the encoder readings.
 //!
-//! When a motor reverses, its reading jumps by twice the backlash (model.md (21)). A sample that is assigned the wrong
-//! direction therefore has an error of this size. A motor starts so slowly that differences of readings detect the
-//! motion too late. Therefore the first sample of the motion is estimated by least squares. It is the sample `o` with
+//! When a motor reverses, its reading jumps by twice the backlash (model.md (21)). If the wrong direction is assigned
+//! to a sample, the sample has an error of this size. A motor starts slowly, so differences of readings detect the
+//! motion too late. The first sample of the motion is therefore estimated by least squares. It is the sample `o` with
 //! the smallest sum of squared noise in the model
 //!
 //! ```text
@@ -10,8 +10,8 @@
 //! from o on   c_0 + c_2 t^2 + c_3 t^3 + c_4 t^4 + noise
 //! ```
 //!
-//! The time t is counted from sample o. The polynomial has no linear term because a motor starts from standstill. c_0
-//! is free because the size and the sign of the jump are unknown.
+//! The time t is counted from sample o. The polynomial has no linear term, because a motor starts from standstill. c_0
+//! is free, because the size and the sign of the jump are unknown.
 
 use std::ops::Range;
 
@@ -19,28 +19,28 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Quantile that defines the change of a reading at standstill. It is taken over the rests; the value of a rest is the
-/// largest change within `SPAN_S`. At 0.9, up to a tenth of the rests may be disturbed.
+/// Quantile over the rests of the largest change of a reading within `SPAN_S`. The quantile defines the change of a
+/// reading at standstill. With 0.9, up to a tenth of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
-/// Time interval over which the change of a reading is computed to detect motion, s. Rotations of half a degree or more
-/// change a reading within this interval by more than the largest change at rest.
+/// Time interval of the change of a reading from which motion is detected, s. A rotation of half a degree or more
+/// changes the reading within this interval by more than the largest change at rest.
 const SPAN_S: f64 = 0.3;
 /// Minimum number of samples at standstill from which the level is computed.
 const FEWEST: usize = 8;
-/// A reading has left the level if two consecutive samples deviate from it by more than this number of standard
-/// deviations.
+/// Minimum deviation from the level for a reading to have left it, in standard deviations. Two consecutive samples must
+/// deviate by more than this number.
 const OFF: f64 = 3.0;
-/// Margin of the search for the first sample of a motion, in samples. If the motion is detected n samples after the
-/// reading leaves the level, the search begins n samples plus this margin before the reading leaves the level.
+/// Margin of the search for the first sample of a motion, in samples. The motion is detected n samples after the
+/// reading leaves the level. The search begins n samples plus this margin before the reading leaves the level.
 const EARLIER: usize = 5;
-/// Angle over which the start of a motion is fitted, as a multiple of the largest change at rest. At larger angles, a
+/// Angle over which the start of a motion is fitted, in multiples of the largest change at rest. For larger angles, a
 /// polynomial of fourth degree no longer describes the motion.
 const START: f64 = 100.0;
 /// Lower limit of the noise of a reading, rad, for noise-free simulated encoders.
 const FINEST_RAD: f64 = 1e-12;
 
-/// Direction of the last motion of each motor (+1 or -1), for every sample of a recording with these rests. Zero before
-/// the first motion.
+/// Direction of the last motion of each motor (+1 or -1), for every sample of a recording with the rests `rests`. It is
+/// zero before the first motion.
 pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<usize>]) -> Vec<Vector3<f64>> {
     let mut all = vec![Vector3::zeros(); stand_rad.len()];
     let span = ((SPAN_S / sample_interval_s(time_s)).round() as usize).max(1);
@@ -54,7 +54,7 @@ pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<
     all
 }
 
-/// Limit between standstill and motion, rad: 1.5 times the largest change of a reading within `span` samples at an
+/// Largest change of a reading within `span` samples at standstill, rad. It is 1.5 times the largest change at an
 /// undisturbed rest.
 fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     let largest = |rest: &Range<usize>| {
@@ -66,7 +66,7 @@ fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
 }
 
 /// Encoder readings of one motor, rad; the length of a span, in samples; and the largest change of a reading within a
-/// span at which the motor counts as standing still, rad.
+/// span at standstill, rad.
 struct Motor {
     readings: Vec<f64>,
     span: usize,
@@ -76,9 +76,9 @@ struct Motor {
 impl Motor {
     /// Sign of the last motion, for every sample.
     ///
-    /// Motion is detected at a sample if the changes of the reading over the span before the sample and over the span
-    /// after it both exceed the limit of standstill. The sign is the sign of the later change, because the earlier
-    /// change may contain the jump of the backlash.
+    /// Motion is detected at a sample if the change of the reading exceeds the limit of standstill both over the span
+    /// before the sample and over the span after it. The sign is that of the later change, because the earlier change
+    /// may contain the jump of the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];
@@ -99,8 +99,8 @@ impl Motor {
         signs
     }
 
-    /// Estimates the first sample of a motion. The motion is detected at the end of `stretch`, and its slow start lies
-    /// within `stretch`. If `stretch` is too short for an estimate, its end is returned.
+    /// Estimates the first sample of a motion. The motion is detected at the end of `stretch`, and its slow start is
+    /// inside `stretch`. If `stretch` is too short for an estimate, its end is returned.
     fn start(&self, stretch: Range<usize>) -> usize {
         let (readings, clear) = (&self.readings, stretch.end);
         // The first half of `stretch` is not used because it contains the end of the previous motion.
@@ -130,7 +130,7 @@ fn about_level(readings: &[f64]) -> f64 {
 }
 
 /// Sum of squared deviations from the polynomial of a motion that starts from standstill at the first reading. The
-/// angle at the start is free.
+/// angle at the start is a free parameter.
 fn about_start(readings: &[f64]) -> f64 {
     let powers = |k: usize| {
         let t = k as f64 / readings.len() as f64;

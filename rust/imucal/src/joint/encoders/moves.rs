@@ -1,4 +1,5 @@
-//! Whitened residuals inside a move with encoders and, if used, the force (model.md (20), (21)).
+//! Whitened residuals inside a move with encoders. They are the residuals relative to the stand and, if it is used, the
+//! force (model.md (20), (21)).
 //!
 //! ```text
 //! stand   log(C_0^T C(t) R(t)^T),   C = R_wb(q)      = random walk + encoder noise
@@ -7,7 +8,7 @@
 //!
 //! The residual relative to the stand is a random walk (integrated gyroscope noise) measured with encoder noise. The
 //! force residuals contain the same random walk, so one filter whitens both. The gravity direction at the end of the
-//! move is not used, because the residuals of the rests relative to the stand contain it.
+//! move is not used here, because the residuals of the rests relative to the stand contain it.
 
 use imucal_core::so3;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
@@ -42,7 +43,7 @@ pub(crate) fn count(pass: &Pass) -> usize {
 }
 
 impl EncoderMove<'_> {
-    /// Passes every whitened residual to `push`: the derivatives with respect to all parameters, followed by the
+    /// Passes every whitened residual to `push`: first its derivatives with respect to all parameters, then the
     /// residual. `reading` is the variance of one encoder reading, rad^2.
     pub(crate) fn innovations(
         &self,
@@ -55,7 +56,7 @@ impl EncoderMove<'_> {
         let (AtMove { pass, before: start, .. }, n) = (at_move, terms.total());
         let first = self.stand.attitude(&self.rest.angle_rad[0]).inverse();
         let rest_jacobian = self.rest.attitude_jacobian(0..1, terms, self.stand);
-        // Mean attitude residual of each block and its derivatives, rad, in the body frame at the start of the move.
+        // Mean attitude residual of each block, rad, and its derivatives, in the body frame at the start of the move.
         let turns: Vec<(Vector3<f64>, Vec<Vector3<f64>>)> = (pass.blocks.iter().enumerate())
             .map(|(k, block)| {
                 let residual = |i: usize| {
@@ -78,12 +79,13 @@ impl EncoderMove<'_> {
             .collect();
         let [side, other] = across(&start.up);
         // The random-walk state x is the negative attitude error of the gyroscope. It changes the propagated gravity
-        // direction u by x cross u. The change along `side` is x . other, the change along `other` is -x . side, and
-        // the change along gravity is zero.
+        // direction u by x cross u. The component of this change along `side` is x . other, the component along `other`
+        // is -x . side, and the component along gravity is zero.
         let mut z = vec![0.0; n + 1];
         let mut by_lane = vec![0.0; pass.changes.lanes()];
         for (d, along, observation) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
-            // The second state is the error of the gravity direction at the start. It affects only the force residuals.
+            // The second state is the error of the gravity direction at the start. Only the force residuals depend on
+            // it.
             let mut filter = Filter::new(n + 1, WalkFilter::new([0.0, noise.start]));
             let mut last_s = 0.0;
             let at_start: Vec<f64> =
@@ -95,8 +97,8 @@ impl EncoderMove<'_> {
                 for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
                     *value = d.dot(column);
                 }
-                // The mean of a random walk over n steps has a smaller variance than its value at the centre. With the
-                // variance q per step, the difference is q (n - 1/n) / 6.
+                // The mean of a random walk over n steps has a smaller variance than the value of the random walk at
+                // the centre. With the variance q per step, the difference is q (n - 1/n) / 6.
                 let count = block.samples.len() as f64;
                 let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
                 filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);

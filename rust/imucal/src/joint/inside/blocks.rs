@@ -1,4 +1,5 @@
-//! Whitening of the derivatives inside a move with SIMD. Each lane of a SIMD register processes one parameter.
+//! Whitening of the derivatives inside a move with SIMD instructions. Each lane of a SIMD register processes one
+//! parameter.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -13,12 +14,12 @@ use crate::joint::pass::planes::Planes;
 pub(super) struct Derivatives<'a> {
     pub(super) inside: &'a Inside<'a>,
     pub(super) planes: &'a Planes,
-    /// For each block, one vector for each of the three directions. The dot product of this vector and the block's
-    /// values in `planes` is the derivative of the block's residual along the direction.
+    /// For each block: one vector for each of the three directions. The dot product of this vector and the block's
+    /// 3-vector in `planes` is the derivative of the block's residual along the direction.
     pub(super) toward: &'a [[Vector3<f64>; 3]],
-    /// Contributions of the gravity directions at both ends of the move to the derivatives. Each row has one value per
-    /// parameter. The first three rows belong to the direction at the start, the last two rows to the direction at the
-    /// end.
+    /// Parts of the derivatives that are due to the gravity directions at both ends of the move. Each row has one value
+    /// per parameter. The first three rows belong to the direction at the start, and the last two rows to the direction
+    /// at the end.
     pub(super) at_edges: &'a [f64],
 }
 
@@ -29,7 +30,8 @@ pub(super) struct IntoColumns<'a> {
     pub(super) first: usize,
 }
 
-/// Writes the whitened rows of a move to `lanes`. The first parameter is written at position `place` of each row.
+/// Writes the whitened rows of a move to `lanes`. The values of the first parameter are written at position `place` of
+/// each row.
 pub(super) struct IntoLanes<'a> {
     pub(super) seen: Derivatives<'a>,
     pub(super) lanes: &'a mut Lanes,
@@ -40,7 +42,7 @@ impl WithSimd for IntoColumns<'_> {
     type Output = ();
 
     /// Processes the parameters of one register from the start of the move to its end. The results are then transposed
-    /// into columns of the matrix, while they are still in the L1 cache.
+    /// into columns of the matrix while they are in the L1 cache.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { seen: Derivatives { inside, planes, toward, at_edges }, matrix, first } = self;
@@ -106,7 +108,7 @@ impl WithSimd for IntoLanes<'_> {
     }
 }
 
-/// Splits the rows of a move, each with `length` values, by direction. The direction along gravity has no row for the
+/// Divides the rows of a move, each with `length` values, by direction. The direction along gravity has no row for the
 /// rest after the move.
 fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3] {
     let (along, across) = rows.split_at_mut(blocks * length);
@@ -114,8 +116,8 @@ fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3
     [along, one, other]
 }
 
-/// Dot product of `direction` and a vector whose x, y and z components are in `planes`, added to `there`. Each SIMD
-/// lane is one parameter.
+/// Dot product of `direction` and a vector, added to `there`. `planes` contains the x, y and z components of the
+/// vector. Each SIMD lane is one parameter.
 #[inline(always)]
 fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s; 3], there: S::f64s) -> S::f64s {
     let mut seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.x), planes[0], there);
@@ -123,7 +125,7 @@ fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s;
     simd.mul_add_e_f64s(simd.splat_f64s(direction.z), planes[2], seen)
 }
 
-/// Innovation of one measurement divided by its standard deviation. Updates the filter state.
+/// Innovation of one measurement, divided by its standard deviation. Also updates the filter state.
 #[inline(always)]
 fn innovation<S: Simd>(simd: S, seen: S::f64s, gain: &Gain<1>, state: &mut S::f64s) -> S::f64s {
     let innovation = simd.sub_f64s(seen, *state);

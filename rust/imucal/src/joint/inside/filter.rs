@@ -5,12 +5,12 @@ use pulp::{Simd, WithSimd};
 
 use crate::numerics::instructions::Instructions;
 
-/// Covariance of the filter states. State 0 is a random walk; all others are constant.
+/// Covariance of the filter states. State 0 is a random walk, and all other states are constant.
 pub(crate) struct WalkFilter<const N: usize> {
     covariance: [[f64; N]; N],
 }
 
-/// Kalman gain of one measurement `seen`: `innovation = seen - observation . states`, `states += shares innovation`.
+/// Kalman gain for one measurement `seen`: `innovation = seen - observation . states`, `states += shares innovation`.
 #[derive(Clone, Copy)]
 pub(crate) struct Gain<const N: usize> {
     pub(crate) shares: [f64; N],
@@ -26,12 +26,12 @@ impl<const N: usize> WalkFilter<N> {
         Self { covariance }
     }
 
-    /// Prediction: adds `variance` to the random walk.
+    /// Prediction step: adds `variance` to the variance of the random walk.
     pub(crate) fn predict(&mut self, variance: f64) {
         self.covariance[0][0] += variance;
     }
 
-    /// Update with a measurement `observation . states + white noise`; returns the gain.
+    /// Update step with a measurement `observation . states + white noise`; returns the gain.
     pub(crate) fn update(&mut self, observation: [f64; N], white_variance: f64) -> Gain<N> {
         let shared: [f64; N] =
             std::array::from_fn(|i| self.covariance[i].iter().zip(&observation).map(|(c, l)| c * l).sum::<f64>());
@@ -46,7 +46,7 @@ impl<const N: usize> WalkFilter<N> {
     }
 }
 
-/// Filter states for a residual and for all its derivatives. All of them have the same gains.
+/// Filter states for a residual and for all its derivatives. The same gains apply to all of them.
 pub(crate) struct Filter<const N: usize> {
     states: Vec<[f64; N]>,
     pub(crate) walk: WalkFilter<N>,
@@ -58,8 +58,8 @@ impl<const N: usize> Filter<N> {
         Self { states: vec![[0.0; N]; width], walk }
     }
 
-    /// Replaces each measurement `observation . states + white noise` by its innovation divided by the standard
-    /// deviation.
+    /// Replaces each measurement `observation . states + white noise` by its innovation, divided by the standard
+    /// deviation of the innovation.
     pub(crate) fn innovate(&mut self, seen: &mut [f64], observation: [f64; N], white_variance: f64) {
         let gain = self.walk.update(observation, white_variance);
         Instructions::Best.run(Innovate { states: &mut self.states, seen, observation, gain });

@@ -1,8 +1,8 @@
 //! Goodness of fit of each kind of residuals, relative to noise (model.md (26)).
 //!
 //! The degrees of freedom of a kind are the sum of 1 - h over its residuals, where h is the leverage of a residual. The
-//! residuals come from the final fit, in which kinds with excess scatter have reduced weights. In a fit with the
-//! weights of noise alone, these kinds would distort the residuals of other kinds.
+//! residuals are those of the final fit, in which kinds with excess scatter have reduced weights. In a fit with weights
+//! from noise only, these kinds would distort the residuals of other kinds.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -16,12 +16,12 @@ use crate::numerics::lsq;
 use crate::numerics::stats::rms;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// Minimum degrees of freedom for a kind of residuals to be judged. With fewer, the fit follows the residuals
-/// regardless of their values.
+/// Minimum degrees of freedom for a kind of residuals to be tested. With fewer degrees of freedom, the fit reproduces
+/// any values of the measurements.
 const MIN_FREEDOM: f64 = 1.0;
 
-/// Goodness of fit of each kind of residuals. `white` contains the residuals and the Jacobian of the linearisation,
-/// whitened with `noise`, the weights of noise alone.
+/// Goodness of fit of each kind of residuals. `white` contains the residuals and the Jacobian of the linearisation.
+/// They are whitened with `noise`, the weights from noise only.
 pub(super) fn group_misfits(
     linear: &Linear,
     (residuals, jacobian): (&Mat<f64>, &Mat<f64>),
@@ -33,8 +33,8 @@ pub(super) fn group_misfits(
         let free: f64 = own().map(|row| 1.0 - leverages[row]).sum();
         (own().map(|row| residuals[(row, 0)].powi(2)).sum::<f64>(), free)
     };
-    // Poses and epochs are judged separately and the worse one is reported. Otherwise the many epochs of a long rest
-    // would mask the scatter between poses, and many poses would mask the drift within a rest.
+    // Poses and epochs are tested separately, and the worse result is reported. In a common test, the many epochs of a
+    // long rest would mask the scatter between poses, and many poses would mask the drift within a rest.
     let worse = |poses: (f64, f64), epochs: (f64, f64)| {
         let are_worse = epochs.1 >= MIN_FREEDOM && epochs.0 / epochs.1 > poses.0 / poses.1;
         if are_worse { (epochs, true) } else { (poses, false) }
@@ -48,8 +48,8 @@ pub(super) fn group_misfits(
     let [inside, rests, encoders] = [INSIDE, STAND_RESTS, STAND_MOVES].map(|kind| of(&|own| own == kind));
     let inverse = linear.model.gyroscope.inverse();
     let rate = |lines: &[Line; 3]| <[f64; 3]>::from(inverse * Vector3::from_fn(|axis, _| lines[axis].residual));
-    // A whitened residual inside a move or relative to the stand is dimensionless. Its size in SI units follows from
-    // the standard deviation of its noise.
+    // A whitened residual inside a move or relative to the stand is dimensionless. Multiplication by the standard
+    // deviation of its noise gives its size in SI units.
     let of_noise = |(chi2, free): (f64, f64), sigma: f64| sigma * (chi2 / free).sqrt();
     let force_sigma = rms(noise.inside.iter().map(|noise| (noise.force / BLOCK_S).sqrt()));
     let against_stand = [(rests, noise.stand_sigma_rad), (encoders, noise.reading.sqrt())];
@@ -57,7 +57,7 @@ pub(super) fn group_misfits(
     let worst = worst.max_by(|((a, n), _), ((b, m), _)| (a / n).total_cmp(&(b / m)));
     let groups = [
         Some((ResidualGroup::RestNorms, norms, rms(of_norms))),
-        // The angle is the root sum square of its two components.
+        // The angle is the root of the sum of the squares of its two components.
         Some((ResidualGroup::MoveDirections, moves, rms(of_moves) * 2f64.sqrt())),
         Some((ResidualGroup::RestRates, rates, rms(of_rates.flat_map(|(_, lines)| rate(lines))))),
         Some((ResidualGroup::MoveForces, inside, of_noise(inside, force_sigma))),
@@ -69,8 +69,8 @@ pub(super) fn group_misfits(
         .collect()
 }
 
-/// Residuals of norms or of moves, before whitening. `are_of_epochs` selects the second and later epochs of long rests;
-/// otherwise all other residuals are selected.
+/// Residuals of norms or of moves, not yet whitened. `are_of_epochs` selects the second and later epochs of long rests.
+/// Otherwise, all other residuals are selected.
 fn of_lines(linear: &Linear, are_norms: bool, are_of_epochs: bool) -> impl Iterator<Item = f64> {
     let is_own = move |line: &&Line| {
         matches!(line.source, Source::Norm(_)) == are_norms && line.is_of_later_epoch == are_of_epochs

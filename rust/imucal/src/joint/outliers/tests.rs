@@ -1,4 +1,4 @@
-//! Compares the statistic with repeated fits, and verifies the exclusions in runs with simulated errors.
+//! Tests that the outlier statistic agrees with repeated fits, and that simulated errors are excluded.
 
 use imucal_core::effects::Effect;
 use nalgebra::Rotation3;
@@ -40,7 +40,7 @@ impl Simulation {
         self
     }
 
-    /// Adds 100 deg/s to one axis for 50 ms, in the move after this rest.
+    /// Adds 100 deg/s to one axis for 50 ms in the move after the rest `from`.
     fn with_bad_move(mut self, from: usize) -> Self {
         let middle_s = (self.rests[from].1 + self.rests[from + 1].0) / 2.0;
         let first = (middle_s * RATE_HZ) as usize;
@@ -73,8 +73,8 @@ fn a_bad_move_is_named() {
     }
 }
 
-/// With the effect `accel_lever_arm`, the fit also uses the force in blocks inside the moves. A short disturbance of
-/// the gyroscope is not visible in the residuals of these blocks.
+/// With the effect `accel_lever_arm`, the fit also uses the force in blocks inside the moves. The residuals of these
+/// blocks do not show a short disturbance of the gyroscope.
 #[test]
 fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     let run = paper(1).with_bad_move(20);
@@ -83,8 +83,8 @@ fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     assert_eq!(left_out(&outcome), (vec![], vec![(20, 21, "contradicts_other_moves")]));
 }
 
-/// The direction of gravity at one rest is wrong, and the fit excludes this rest. The moves before and after the rest
-/// are accurate and are not reported as excluded. A single move from the previous rest to the next rest replaces them.
+/// The direction of gravity at one rest is wrong, and the fit excludes this rest. The moves before and after it are
+/// accurate and are not reported as excluded. A single move from the previous rest to the next rest replaces them.
 #[test]
 fn a_rest_with_a_wrong_direction_is_named() {
     for (seed, rest) in [(1, 1), (2, 20), (3, 44)] {
@@ -108,8 +108,8 @@ fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
             let (rests, moves) = left_out(&outcome);
             let near = |k: usize| (19..=22).contains(&k);
             assert!(rests.iter().all(|(k, _)| near(*k)) && moves.iter().all(|(from, to, _)| near(*from) && near(*to)));
-            // No bad residual remains that would increase the standard deviations. The standard deviations grow only
-            // slightly, because the data of two rests are missing.
+            // No bad residual remains that would increase the standard deviations. They grow only slightly, because the
+            // data of two rests are missing.
             assert_eq!(outcome.joint_scales.unwrap().moves, 1.0, "seed {seed}: {rests:?} {moves:?}");
             for (p, row) in outcome.covariance.iter().enumerate() {
                 assert!(row[p] < 3.0 * clean.covariance[p][p], "seed {seed} {p}");
@@ -138,7 +138,7 @@ fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) 
     .unwrap();
 }
 
-/// With a much larger error of the mean rate, the interval would not be detected as a rest.
+/// The error of the mean rate is small enough for the interval to be detected as a rest.
 #[test]
 fn a_rest_with_a_wrong_rate_is_named() {
     for rest in [0, 20, 45] {
@@ -152,7 +152,7 @@ fn a_rest_with_a_wrong_rate_is_named() {
     }
 }
 
-/// Results computed from the final residuals of a fit equal the results after a new integration of the samples.
+/// Results computed from the final residuals of a fit equal the results after the samples are integrated again.
 #[test]
 fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let run = paper(2).with_bad_move(20);
@@ -177,7 +177,7 @@ fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     .unwrap();
 }
 
-/// Chi-square of the weighted least squares of these rows only.
+/// Chi-square of a weighted least-squares fit to these rows only.
 fn chi2(covariance: &DMatrix<f64>, jacobian: &DMatrix<f64>, residuals: &DVector<f64>, rows: &[usize]) -> f64 {
     let n = rows.len();
     let factor = DMatrix::from_fn(n, n, |i, j| covariance[(rows[i], rows[j])]).cholesky().unwrap();
@@ -189,8 +189,8 @@ fn chi2(covariance: &DMatrix<f64>, jacobian: &DMatrix<f64>, residuals: &DVector<
     residuals.norm_squared() - (q.transpose() * &residuals).norm_squared()
 }
 
-/// The statistic equals the decrease of chi-square in a repeated fit without the rows, or with the mean of a rest as
-/// three additional parameters. This is tested for every group of every item, also after the removal of other groups.
+/// The statistic equals the decrease of chi-square in a repeated fit. This fit omits the rows, or has the mean of a
+/// rest as three additional parameters. Every group of every item is tested, also after the removal of other groups.
 #[test]
 fn the_statistic_is_that_of_a_fit_without_the_item() {
     let small = run(&RandomMoves { moves: 13, ..RandomMoves::default() }, 4).with_bad_move(6);
@@ -237,7 +237,7 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
             let before = refit(&gone);
             for group in groups.iter().filter(|group| !group.columns.iter().any(|column| gone.contains(column))) {
                 let (misfit, freedom) = without.misfit(&group.columns);
-                // Groups with a leverage of one in some direction are not tested.
+                // Groups with a leverage of one in some direction cannot be tested.
                 if freedom == group.columns.len() {
                     let after = refit(&[&gone[..], &group.columns].concat());
                     assert!((misfit - (before - after)).abs() < 1e-6 * before, "{:?}: {misfit}", group.item);

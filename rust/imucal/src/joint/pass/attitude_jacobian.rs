@@ -1,4 +1,4 @@
-//! Attitude Jacobian and force Jacobian of the blocks inside a move.
+//! Jacobians of attitude and force in the blocks inside a move.
 //!
 //! A segment of a move has n samples. For one parameter, G is the attitude error that accumulates over the segment, and
 //! F is the change of the force at the midpoint of the segment. Gdot is the central difference of G between the
@@ -27,8 +27,8 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::numerics::instructions::Instructions;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates attitude and force Jacobians inside a move, block by block. The Jacobians have the sign of an effect.
-/// The correction of rate and force subtracts effects, so it subtracts these Jacobians.
+/// Accumulates the Jacobians of attitude and force inside a move, block by block. The Jacobians have the sign of an
+/// effect on the reading. The correction subtracts effects, so it subtracts these Jacobians.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -36,15 +36,16 @@ pub(super) struct Turns<'a> {
     stretches: Stretches,
     /// For each segment, the rotation at its midpoint times its duration, s.
     weights: Vec<Matrix3<f64>>,
-    /// For each parameter, the attitude error over each segment (`on_rate`) and the change of the force at the midpoint
-    /// of each segment (`on_force`), in the body frame at the start of the move.
+    /// For each parameter: the attitude error over each segment (`on_rate`), and the change of the force at the
+    /// midpoint of each segment (`on_force`), in the body frame at the start of the move.
     on_rate: Turned,
     on_force: Turned,
     /// Derivatives of rate and force with respect to the parameters at the midpoint of a segment, in the body frame at
     /// this midpoint.
     rates: Columns<'a>,
     forces: Columns<'a>,
-    /// `next` is the first segment of the next block. `turned` is the attitude error accumulated up to this segment.
+    /// `next` is the first segment of the next block. `turned` is the attitude error accumulated up to the start of
+    /// this segment.
     next: usize,
     turned: Vec<f64>,
     /// Number of segments per block.
@@ -53,7 +54,8 @@ pub(super) struct Turns<'a> {
     changes: Changes,
 }
 
-/// Derivatives of the reading of one sensor: base parameters first, then the parameters of the effects on this sensor.
+/// Derivatives of the reading of one sensor. The base parameters come first, then the parameters of the effects on this
+/// sensor.
 struct Columns<'a> {
     base: usize,
     terms: &'a SideBySide<'a>,
@@ -115,8 +117,8 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Computes the columns of all segments before `end` that have not been computed before. The force columns of the
-    /// base parameters are evaluated at the propagated gravity.
+    /// Computes the columns of all segments before `end` that have not been computed yet. The force columns of the base
+    /// parameters are evaluated at the propagated gravity.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();
@@ -148,13 +150,13 @@ impl<'a> Turns<'a> {
         self.next += self.of_block;
     }
 
-    /// Adds the contribution of segment `k` to the means over its block.
+    /// Adds the contribution of segment `k` to the means over the block of the segment.
     #[inline(always)] // Compiled for the widest SIMD registers of the processor.
     fn take_stretch(&mut self, k: usize) {
         let Self { stretches, on_rate, on_force, turned, of_block, changes, .. } = self;
         let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
-        // Second differences are valid only if the midpoints of the adjacent segments are equally far away. Otherwise
-        // the second differences are set to zero.
+        // Second differences are valid only if the midpoints of the two adjacent segments are at equal distances.
+        // Otherwise, they are set to zero.
         let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
         let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
         let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));
@@ -169,8 +171,8 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Derivative of the attitude at the end of the move with respect to each of `total` parameters, and the results of
-    /// all blocks.
+    /// Derivative of the attitude at the end of the move with respect to each of the `total` parameters, and the
+    /// Jacobians of all blocks.
     pub(super) fn at_end(mut self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
         self.look_to(self.stretches.count());
         let mut turn = vec![Vector3::zeros(); total];
@@ -193,8 +195,8 @@ impl WithSimd for NextStretch<'_, '_> {
 /// Number of segments that are kept in memory: a segment and its two neighbours.
 const KEPT: usize = 3;
 
-/// For each parameter, a matrix times the parameter's derivative (a vector): one product for each of the latest
-/// segments, and the sum of the products over all segments.
+/// For each parameter, the product of a matrix and the derivative with respect to the parameter (a vector). The
+/// products of the latest segments are kept, together with the sum of the products over all segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,
@@ -202,13 +204,13 @@ pub(super) struct Turned {
 }
 
 impl Turned {
-    /// A sum over no segments. `parameters` are the indices of the parameters in the parameter vector.
+    /// Storage without segments. `parameters` are the indices of the parameters in the parameter vector.
     pub(super) fn new(parameters: Vec<usize>) -> Self {
         let last = Planes::zeros(parameters, KEPT);
         Self { sum: Aligned::zeros(3 * last.width()), last, count: 0 }
     }
 
-    /// Appends a segment: the products of `matrix` and each vector in `columns`. `columns` must be padded to full SIMD
+    /// Appends a segment: the product of `matrix` and each vector in `columns`. `columns` must be padded to full SIMD
     /// registers.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
@@ -217,7 +219,7 @@ impl Turned {
         self.count += 1;
     }
 
-    /// Adds the products of `matrix` and each vector in `columns` to the sum only. The products are not kept.
+    /// Adds the products of `matrix` and each vector in `columns` to the sum, without keeping the products.
     pub(super) fn add(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         Instructions::Best.run(Push::<false> { columns, matrix, to: &mut [], sum: &mut self.sum });
@@ -228,30 +230,31 @@ impl Turned {
         self.count
     }
 
-    /// Products of one of the latest segments: the x components for all parameters, then the y components, then the z
-    /// components.
+    /// Products of one of the latest segments: first the x components of all parameters, then the y components, then
+    /// the z components.
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         self.last.of(state % KEPT)
     }
 
-    /// Sum of the products over all segments: the x components for all parameters, then y, then z.
+    /// Sum of the products over all segments: first the x components of all parameters, then the y components, then the
+    /// z components.
     pub(super) fn sum(&self) -> &[f64] {
         &self.sum
     }
 
-    /// Writes the negative sum to `to`, at the index of each parameter.
+    /// Writes the sum with negative sign to `to`, at the index of each parameter.
     pub(super) fn write_negative_sum(&self, to: &mut [Vector3<f64>]) {
         self.last.write_negative(&self.sum, to);
     }
 
-    /// Empty storage for `states` segments with the same parameters.
+    /// Empty storage for the Jacobian columns of the same parameters in `states` segments.
     pub(super) fn room(&self, states: usize) -> Planes {
         Planes::new(self.last.parameters().to_vec(), states)
     }
 }
 
-/// Adds a segment to the sum. `KEEPS` states whether the products of the segment are kept as well.
+/// Adds a segment to the sum. If `KEEPS` is true, the products of the segment are also kept.
 struct Push<'a, const KEEPS: bool> {
     columns: &'a [Vector3<f64>],
     matrix: &'a Matrix3<f64>,

@@ -1,4 +1,4 @@
-//! Samples of a move, corrected for the triads and the effects.
+//! Samples of a move, corrected with both triads and for the effects.
 
 use std::ops::Range;
 
@@ -31,8 +31,8 @@ pub(super) struct Step {
     /// Index of the sample at the start of the step.
     pub(super) before: usize,
     is_linear: bool,
-    /// Weights of four samples in the mean rate over the step: the sample before the step, the two samples at its ends,
-    /// and the sample after it.
+    /// Weights of four samples in the mean rate over the step. The samples are the sample before the step, the two
+    /// samples at its ends, and the sample after it.
     shares: [f64; 4],
 }
 
@@ -59,10 +59,10 @@ impl Step {
     }
 }
 
-/// Number of fixed-point iterations for the angular acceleration. They are needed because the angular acceleration is
-/// the derivative of the corrected rate, and the correction depends on it. Each iteration multiplies the error by the
-/// delay of the gyroscope divided by the time scale of the motion, about 1/50. For long delays, more iterations would
-/// amplify noise.
+/// Number of fixed-point iterations for the angular acceleration. Iterations are needed because the angular
+/// acceleration is the derivative of the corrected rate, and the correction depends on the angular acceleration. Each
+/// iteration multiplies the error by the delay of the gyroscope divided by the time scale of the motion, about 1/50.
+/// For long delays, more iterations would amplify noise.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
@@ -103,7 +103,7 @@ impl Route<'_> {
         all
     }
 
-    /// One iteration: corrects the samples for the effects at the current angular acceleration.
+    /// One iteration: corrects the samples for the effects, with the current estimate of the angular acceleration.
     fn free(&self, all: &mut Corrected, model: &Model, active: &Terms<'_>) {
         let mut attitude = self.rotation_world_from_start;
         let mut settling = Settling::new(active, &model.values);
@@ -115,8 +115,8 @@ impl Route<'_> {
             around.angular_acceleration = all.slopes.get(k).copied();
             if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
                 let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
-                // The corrected rate of this sample is not known yet, so the contribution of the effects at the
-                // previous sample is used.
+                // The corrected rate of this sample is not known yet. The effects at the previous sample are used
+                // instead.
                 *attitude *= so3::exp(&increment(&all.rate[k - 1], &(seen_rate - added_rate), h));
             }
             around.rotation_world_from_body = attitude;
@@ -127,8 +127,8 @@ impl Route<'_> {
         }
     }
 
-    /// Mean contributions of the effects to rate and force over `samples`. The indices in `samples` are relative to the
-    /// start of `reach`.
+    /// Mean change of rate and force by the effects over `samples`. The indices in `samples` are relative to the start
+    /// of `reach`.
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
         if !freed.has_effects {
             return [Vector3::zeros(); 2];

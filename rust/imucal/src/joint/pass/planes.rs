@@ -13,7 +13,7 @@ use crate::numerics::instructions::Instructions;
 
 /// Jacobian columns (3-vectors) of several parameters in a sequence of states.
 pub(crate) struct Planes {
-    /// Index in the parameter vector of each stored column.
+    /// Indices, in the parameter vector, of the parameters whose columns are stored.
     parameters: Vec<usize>,
     /// Number of values per plane, padded to full registers.
     width: usize,
@@ -34,7 +34,7 @@ impl Planes {
         planes
     }
 
-    /// Index in the parameter vector of each stored column.
+    /// Indices, in the parameter vector, of the parameters whose columns are stored.
     pub(crate) fn parameters(&self) -> &[usize] {
         &self.parameters
     }
@@ -44,7 +44,7 @@ impl Planes {
         self.width
     }
 
-    /// Appends a state of zeros, and returns its planes for writing.
+    /// Appends a state with zeros, and returns its planes so that they can be filled.
     #[inline(always)]
     pub(crate) fn next(&mut self) -> &mut [f64] {
         let start = self.numbers.len();
@@ -71,7 +71,7 @@ impl Planes {
         vec![0.0; 3 * self.width]
     }
 
-    /// Writes the negated columns in `planes` to `to`, at the index of each parameter.
+    /// Writes the columns in `planes`, with negative sign, to `to` at the index of each parameter.
     pub(crate) fn write_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
         self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
     }
@@ -94,19 +94,19 @@ impl Planes {
         &self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 
-    /// The planes x, y and z of one state, for writing.
+    /// Mutable access to the planes x, y and z of one state.
     pub(super) fn of_mut(&mut self, state: usize) -> &mut [f64] {
         &mut self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 }
 
-/// Division of the samples of a move into groups (segments) of equal size. The first and the last group may be
-/// incomplete.
+/// Division of the samples of a move into groups (segments) of equal size. The first and the last group may contain
+/// fewer samples.
 #[derive(Clone, Copy)]
 pub(super) struct Groups {
     /// Number of samples in a complete group.
     size: usize,
-    /// Number of samples by which the first group is smaller than a complete group.
+    /// Number of samples that the first group lacks compared with a complete group.
     lacking: usize,
     /// Total number of samples.
     samples: usize,
@@ -135,8 +135,8 @@ impl Groups {
     }
 }
 
-/// Derivatives inside a move, with one state per block. They have the sign of an effect. The correction of rate and
-/// force subtracts effects, so it subtracts these values.
+/// Derivatives of attitude and force inside a move, with one state per block. They have the sign of an effect on the
+/// reading. The correction subtracts effects, so it subtracts these values.
 pub(crate) struct Changes {
     /// Mean attitude error over each block, rad per unit of the parameter.
     pub(crate) turn: Planes,
@@ -151,12 +151,12 @@ impl Changes {
         Self { turn, force }
     }
 
-    /// Number of values per vector component in a state: one value per parameter, including padding.
+    /// Number of values of each vector component in a state: one value per parameter, plus padding.
     pub(crate) fn lanes(&self) -> usize {
         self.turn.width() + self.force.width()
     }
 
-    /// For each parameter, its position among the values of a state (its lane), and its index in the parameter vector.
+    /// For each parameter: its position among the values of a state (its lane), and its index in the parameter vector.
     pub(crate) fn parameters(&self) -> impl Iterator<Item = (usize, usize)> {
         let first = self.turn.width();
         let of_turn = self.turn.parameters().iter().copied().enumerate();
@@ -170,7 +170,8 @@ impl Changes {
         turns
     }
 
-    /// For each parameter, adds the derivative of the component along `d` of a block's mean force to `lanes`.
+    /// Computes, for each parameter, the derivative of the component of a block's mean force along `d`, and adds it to
+    /// `lanes`.
     pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
         Instructions::Best.run(AddAlong { changes: self, block, force, d, lanes });
     }
@@ -196,7 +197,8 @@ impl WithSimd for AddAlong<'_> {
     }
 }
 
-/// For each parameter, adds the dot product of `direction` and the parameter's column in `planes` to `to`.
+/// Computes, for each parameter, the dot product of `direction` and the parameter's column in `planes`, and adds it to
+/// `to`.
 #[inline(always)] // Compiled for the SIMD registers of the caller.
 fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
     let (x, yz) = planes.split_at(to.len());

@@ -1,5 +1,5 @@
-//! Integration over a move in segments. It provides the attitude Jacobian over the whole move, for base parameters and
-//! effects, and the segments at which generic error fields have their values.
+//! Integration over a move in segments. It gives the attitude Jacobian over the whole move, for base parameters and
+//! effects. It also gives the segments at which generic error fields are evaluated.
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -15,28 +15,29 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::preintegration::{Sums, preintegrate};
 use crate::recording::Samples;
 
-/// Segment of a move. Generic error fields have one value for each segment.
+/// Segment of a move. A generic error field has one value in each segment.
 pub(crate) struct Stretch {
     /// Time of the midpoint since the first sample of the recording, s.
     pub(crate) time_s: f64,
     /// Index of the sample at the midpoint.
     pub(crate) sample: usize,
-    /// `v_start = attitude v_here`.
+    /// Rotation from the body frame at the midpoint to the start of the move: `v_start = attitude v_here`.
     pub(crate) attitude: Matrix3<f64>,
     pub(crate) rate: Vector3<f64>,
-    /// Attitude error at the midpoint due to a constant unit error of the rate about each axis, s.
+    /// Attitude error at the midpoint if the rate about each axis has a constant error of one unit since the start of
+    /// the move, s.
     pub(crate) turn: Matrix3<f64>,
 }
 
-/// Segments of a move, and the attitude error at the end of the move due to a constant unit error of the rate.
+/// Segments of a move, and the attitude error at the end of the move if the rate has a constant error of one unit.
 pub(crate) struct MoveSegments {
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) end: Matrix3<f64>,
 }
 
 impl Route<'_> {
-    /// Segments of a move without effects. Only every `every`-th segment is kept. `pass` is the integration of this
-    /// move.
+    /// Segments of a move, integrated without effects. Only every `every`-th segment is kept. `pass` is the result of
+    /// the integration over this move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();
@@ -69,8 +70,8 @@ const STRETCH_S: f64 = 0.04;
 /// Minimum number of segments per move.
 const FEWEST: f64 = 24.0;
 
-/// Attitude Jacobian at the end of the move with respect to the base parameters, rad per unit. Entries of effects are
-/// zero.
+/// Attitude Jacobian at the end of the move with respect to the base parameters, rad per unit of the parameter. The
+/// entries of effects are zero.
 fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
     let (inverse, sensitivity) = (model.gyroscope.inverse(), &base.sensitivity);
     let mut turn = vec![Vector3::zeros(); total];
@@ -120,7 +121,8 @@ impl Route<'_> {
         pass(rotation, turn)
     }
 
-    /// Rotation over the move and Jacobian integrals of the base parameters, for samples corrected for the effects.
+    /// Rotation over the move, and the integrals for the Jacobian of the base parameters. The samples have been
+    /// corrected for the effects.
     fn preintegrate_corrected(
         &self,
         model: &Model,
@@ -133,8 +135,8 @@ impl Route<'_> {
         let (first, last) = (span.first - reach.start, span.last - reach.start);
         let time_s = &self.recording.time_s[reach];
         let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
-        // The entries of T multiply the rate before the correction for effects. The contribution of the effects is
-        // therefore added to the corrected rate.
+        // The entries of T multiply the rate that still contains the effects. The rate of the effects is therefore
+        // added to the corrected rate.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);

@@ -23,17 +23,17 @@ use crate::rests::moves::Move;
 
 /// Segments of a move.
 pub(super) struct Stretches {
-    /// Division of the corrected samples into segments, counted from the first corrected sample.
+    /// Division of the corrected samples into segments. Samples are counted from the first corrected sample.
     pub(super) groups: Groups,
     /// True state at the midpoint of each segment.
     pub(super) states: Vec<State<f64>>,
-    /// `v_start = rotation v_here`.
+    /// Rotation from the body frame at each midpoint to the start of the move: `v_start = rotation v_here`.
     pub(super) rotations: Vec<Matrix3<f64>>,
-    /// Duration of the part of each segment that lies within the move, s.
+    /// Duration of each segment's part inside the move, s.
     pub(super) durations_s: Vec<f64>,
-    /// For each segment, whether the midpoints of the previous and of the next segment are at equal distances in time.
+    /// For each segment: whether the midpoints of the previous and the next segment are equally far away in time.
     pub(super) are_even: Vec<bool>,
-    /// Correction factor `1 - 1/n^2` of the second difference for means over n discrete samples.
+    /// Factor `1 - 1/n^2` of the second difference. It corrects for the mean being taken over n discrete samples.
     pub(super) spread: f64,
 }
 
@@ -50,8 +50,8 @@ impl Stretches {
 
 impl Route<'_> {
     /// Segments of `size` samples. One segment begins after the first sample of the move. `freed` are the corrected
-    /// samples. If it is `None`, the raw samples are averaged, which is sufficient if all effects are zero. The angular
-    /// acceleration is computed if `wants_slopes` is set and `freed` does not contain it.
+    /// samples. If it is `None`, the raw samples are averaged, which is sufficient if all effects are zero. If
+    /// `wants_slopes` is true and `freed` contains no angular acceleration, the angular acceleration is computed here.
     pub(super) fn stretches(
         &self,
         model: &Model,
@@ -66,7 +66,7 @@ impl Route<'_> {
             specific_force: Vector3::zeros(),
             surroundings: Surroundings::unknown(),
         };
-        // A state is large, so it is modified in place.
+        // A state is large, so it is modified in place instead of copied.
         let mut states = vec![none; groups.count()];
         states.iter_mut().enumerate().for_each(|(k, state)| self.set_means(groups, k, (model, freed), state));
         let time_s: Vec<f64> = states.iter().map(|state| state.surroundings.time_s.unwrap_or_default()).collect();
@@ -115,8 +115,8 @@ impl Route<'_> {
             freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
     }
 
-    /// Rotation from the midpoint of each segment to the start of the move, integrated from the rates at the midpoints.
-    /// Segments before the start of the move get the rotation of the first segment of the move.
+    /// Rotation from the body frame at the midpoint of each segment to the start of the move, integrated from the rates
+    /// at the midpoints. Segments before the start of the move have the rotation of the first segment of the move.
     fn rotations(&self, start: usize, states: &[State<f64>], time_s: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
         let since_start_s = time_s[start] - (self.recording.time_s[self.span.first] - self.recording.time_s[0]);
@@ -128,7 +128,8 @@ impl Route<'_> {
         rotations
     }
 
-    /// Duration of each segment within the move, s: the sum of the weights of its samples in the trapezoidal rule.
+    /// Duration of each segment inside the move, s. It is the sum of the weights of the segment's samples in the
+    /// trapezoidal rule.
     fn durations_s(&self, groups: Groups) -> Vec<f64> {
         let Move { first, last, .. } = *self.span;
         let time_s = |i: usize| self.recording.time_s[i.clamp(first, last)];
@@ -141,8 +142,8 @@ impl Route<'_> {
         (0..groups.count()).map(own_s).collect()
     }
 
-    /// Columns of the effects at the midpoint of segment `k`. User-defined effects are averaged over the segment and
-    /// corrected to the midpoint.
+    /// Columns of the effects at the midpoint of segment `k`. User-defined effects are averaged over the segment, and
+    /// the mean is corrected to the midpoint.
     pub(super) fn columns(
         &self,
         terms: &Terms<'_>,
@@ -169,7 +170,7 @@ impl Route<'_> {
     }
 }
 
-/// Whether time `k` is equally far from the previous and from the next time.
+/// Whether the times before and after time `k` are equally far from it.
 fn is_even(time_s: &[f64], k: usize) -> bool {
     match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
         Some([t0, t1, t2]) => are_equal_steps(t1 - t0, t2 - t1),
@@ -177,15 +178,15 @@ fn is_even(time_s: &[f64], k: usize) -> bool {
     }
 }
 
-/// Converts means over segments into values at the midpoints of the segments: subtracts `share` times the second
-/// difference of the means. Segments with unequal spacing keep their mean.
+/// Converts means over segments to values at the midpoints of the segments. For this, `share` times the second
+/// difference of the means is subtracted. Segments with unequal spacing keep their mean.
 fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     let means = |state: &State<f64>| {
         let slope = state.surroundings.angular_acceleration.unwrap_or_default();
         [state.angular_rate, state.specific_force, slope]
     };
     let Some(mut before) = states.first().map(means) else { return };
-    // The first and the last segment have only one neighbour and keep their mean.
+    // The first and the last segment have a neighbour on one side only and keep their mean.
     for k in 1..states.len() - 1 {
         let (own, after) = (means(&states[k]), means(&states[k + 1]));
         if are_even[k] {
@@ -201,8 +202,8 @@ fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     }
 }
 
-/// Computes the angular acceleration from the rates, with the five-point formula for equally spaced segments and a
-/// difference quotient otherwise.
+/// Computes the angular acceleration from the rates. Equally spaced segments use the five-point formula, and all other
+/// segments a difference quotient.
 fn find_slopes(states: &mut [State<f64>], time_s: &[f64], are_even: &[bool]) {
     let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
     for (k, state) in states.iter_mut().enumerate() {

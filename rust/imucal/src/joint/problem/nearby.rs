@@ -1,5 +1,5 @@
-//! Cache of linearisations. For parameters near the last linearisation, a first-order update replaces another
-//! integration of the samples.
+//! Cache of linearisations. For parameters near the last linearisation, a first-order update of it is used instead of a
+//! new integration of the samples.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -13,9 +13,9 @@ use crate::joint::model::Model;
 use crate::joint::terms::{Kinds, Term};
 use crate::numerics::lsq::Solution;
 
-/// Largest distance from the last linearisation, in standard deviations, at which the first-order update is used. The
+/// Largest distance from the last linearisation at which the first-order update is used, in standard deviations. The
 /// neglected second-order terms are then at most a thousandth of a standard deviation. A search uses the update without
-/// further computation. A final fit that ends at an update is linearised from the samples again and continued.
+/// further computation. If a final fit ends at an update, the samples are linearised again and the fit is continued.
 const NEAR: f64 = 3.0;
 
 /// Cached linearisations, shared by all threads.
@@ -38,7 +38,7 @@ fn known(place: &Mutex<Place>) -> MutexGuard<'_, Place> {
 }
 
 impl Nearby {
-    /// Starts with one known linearisation.
+    /// Creates a cache that contains one linearisation.
     pub(crate) fn new(linear: Arc<Linear>) -> Self {
         let place = Place { parameters: linear.model.parameters(), linear };
         Self { last: Mutex::new(place.clone()), near: Mutex::new(place) }
@@ -46,8 +46,8 @@ impl Nearby {
 }
 
 impl Joint<'_> {
-    /// Linearisation at these parameters, or the first-order update of the last linearisation if the parameters are
-    /// near it.
+    /// Linearisation at these parameters. If the parameters are near the last linearisation, it is the first-order
+    /// update of that linearisation.
     pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         for place in [&self.nearby.last, &self.nearby.near] {
             let place = known(place);
@@ -58,8 +58,8 @@ impl Joint<'_> {
         self.linear_within(parameters, None)
     }
 
-    /// Linearisation at the end of a fit. The last step of the fit is small, so a first-order update is normally
-    /// sufficient.
+    /// Linearisation at the end of a fit. A first-order update is usually sufficient, because the last step of the fit
+    /// is small.
     pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
         self.linear_within(&found.parameters, Some(&found.jacobian))
     }
@@ -78,8 +78,8 @@ impl Joint<'_> {
         Ok(linear)
     }
 
-    /// Computes the linearisation at these parameters from the samples if only a first-order update is known. Returns
-    /// whether it was computed.
+    /// Computes the linearisation at these parameters from the samples, if only a first-order update is known so far.
+    /// Returns whether it was computed.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
         let is_moved = known(&self.nearby.last).parameters != parameters && self.moved(parameters, None)?.is_some();
         if is_moved {
@@ -88,17 +88,17 @@ impl Joint<'_> {
         Ok(is_moved)
     }
 
-    /// First-order update of the last linearisation, if these parameters are near it and no residuals relative to the
-    /// stand exist. With residuals inside the moves, the distance is computed from the whitened Jacobian `jacobian`,
-    /// and there is no update if it is `None`.
+    /// First-order update of the last linearisation. `None` if these parameters are not near it, or if there are
+    /// residuals relative to the stand. With residuals inside the moves, the distance is computed from the whitened
+    /// Jacobian `jacobian`; if that is `None`, there is no update.
     ///
-    /// There is also no update for time constants. The derivative with respect to a time constant is zero while its
-    /// effect is zero, so the distance would be underestimated.
+    /// There is also no update if a time constant is estimated. The derivative with respect to a time constant is zero
+    /// while its effect is zero, so the distance would be underestimated.
     fn moved(&self, parameters: &[f64], jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*known(&self.nearby.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
-        // The distance does not include priors. There is therefore no update either if parameters are held, which
-        // means that each of them has a prior given by the user.
+        // The distance does not include priors. There is therefore also no update if the user gave priors for
+        // parameters.
         if encoders || !self.prepared.held.is_empty() || self.terms.all.iter().any(Term::has_shape) {
             return Ok(None);
         }

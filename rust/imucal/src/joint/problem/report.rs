@@ -23,7 +23,7 @@ use crate::rests::moves::Ends;
 /// Result of a joint fit, with its residuals and weights.
 pub(crate) struct JointFit {
     pub(crate) model: Model,
-    /// Covariance of all parameters, symmetric frame.
+    /// Covariance of all parameters in the symmetric frame.
     pub(crate) covariance: Mat<f64>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
@@ -41,8 +41,8 @@ pub(crate) struct JointFit {
     pub(crate) shapes: Vec<ShapePrior>,
 }
 
-/// Ratio of scatter to noise for each kind of residuals. The standard deviations of the residuals are multiplied by
-/// this ratio. It is 1 if noise explains the residuals, or if there are no residuals of a kind.
+/// Ratio of scatter to noise for each kind of residuals. The standard deviations of the residuals are multiplied by it.
+/// The ratio is 1 if noise explains the residuals, or if there are no residuals of a kind.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
     /// Norms of the specific force at the rests.
@@ -62,15 +62,15 @@ pub struct TermEstimate {
     pub name: String,
     /// Values of the linear parameters, in the units of the effect.
     pub values: Vec<f64>,
-    /// Value of the nonlinear parameter, such as a time constant.
+    /// Value of the nonlinear parameter, for example a time constant; `None` if there is none.
     pub shape: Option<f64>,
     /// Names of all parameters, `<effect>_<parameter>`, with the nonlinear parameter last. The parameters of a
     /// user-defined effect are numbered from 0.
     pub parameter_names: Vec<String>,
     /// Whether the effect is in the catalogue.
     pub in_catalogue: bool,
-    /// Wald statistic `theta^T C^-1 theta` of the linear parameters. Under the null hypothesis it has a chi2
-    /// distribution with as many degrees of freedom as parameters.
+    /// Wald statistic `theta^T C^-1 theta` of the linear parameters theta with covariance C. Under the null hypothesis,
+    /// it has a chi2 distribution with as many degrees of freedom as there are parameters.
     pub statistic: f64,
 }
 
@@ -109,8 +109,8 @@ impl JointFit {
             .collect();
         let scales = &problem.weights.widening.scales;
         let mut report = FitReport { inflation: scales.largest(), iterations, ..FitReport::of(&solution) };
-        // The gradient test of the last minimisation does not show whether the weights have settled. `ending` states
-        // this.
+        // The gradient test of the last minimisation does not show whether the weights have converged. The argument
+        // `ending` does.
         if let Some(ending) = ending.filter(|_| report.termination == Termination::Converged) {
             report.termination = ending;
         }
@@ -139,14 +139,14 @@ impl JointFit {
     }
 }
 
-/// Gravity directions at the ends of each move, the standard deviation of the direction residual from noise alone, and
-/// the rotation of the move.
+/// For each move: the gravity directions at its ends, the standard deviation of the direction residual from noise only,
+/// and the rotation.
 pub(crate) fn moves_of(linear: &Linear, weights: &Weights) -> Vec<(Ends, Matrix3<f64>)> {
     let ends = |m: &AtMove, sigma_rad: f64| Ends { before: m.before.up, after: m.after.up, sigma_rad };
     linear.moves.iter().zip(&weights.move_sigma_rad).map(|(m, sigma)| (ends(m, *sigma), m.pass.rotation)).collect()
 }
 
-/// Wald statistic `theta^T C^-1 theta`.
+/// Wald statistic `theta^T C^-1 theta` of parameters theta with the covariance C.
 fn wald(covariance: &Mat<f64>, theta: &[f64]) -> f64 {
     use faer::prelude::Solve;
     let right = Mat::from_fn(theta.len(), 1, |i, _| theta[i]);

@@ -1,5 +1,5 @@
-//! Whitening for errors that are correlated between rests: biases that vary between rests, rounding, and the pose error
-//! that the epochs of a long rest share.
+//! Whitening for errors that are correlated between rests: biases that vary between rests, rounding errors, and the
+//! pose error that all epochs of a long rest have in common.
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -16,30 +16,31 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// Limit that defines the quiet ends of a move, in quantisation steps. At a quiet end, the rate of an axis differs by
-/// less than this limit from the mean rate of the axis at the adjacent rest. The rounding error of the rate is then
-/// taken to be the rounding error at this rest. With a limit of 0.8 steps, the computed rotation error agrees best with
-/// the rotation error of simulated moves, for filter bandwidths from 5 to 40 Hz.
+/// Limit that defines the quiet ends of a move, in quantisation steps. At a quiet end, the rate of an axis differs from
+/// the mean rate at the adjacent rest by less than this limit. The rounding error of the rate is then assumed to be
+/// that of the rest. In simulated moves, the computed rotation error agrees best with the true error at a limit of 0.8
+/// steps, for filter bandwidths from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
-/// The epochs of a long rest share a pose, so their mean rates share an error. This is its standard deviation, rad/s:
-/// 0.1 deg/s, the g-sensitivity of a consumer gyroscope at 1 g. The later epochs therefore determine only changes of
-/// the bias.
+/// Standard deviation of the error that the mean rates of all epochs of a long rest have in common, because the epochs
+/// have one pose, rad/s. It is 0.1 deg/s, the effect of 1 g on a consumer gyroscope (g-sensitivity). With this error,
+/// the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
 /// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
-/// model.md (28), and for the covariance of the rounding errors of the means of the rests, model.md (37).
+/// model.md (28), and for the covariance of rounding errors in the means of the rests, model.md (37).
 pub(crate) struct Wandering {
-    /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the biases and errors. D contains the whitened
-    /// derivatives with respect to the bias at each rest, or to the errors of its mean rate and mean force.
+    /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the biases and errors. D contains the derivatives
+    /// of the whitened residuals with respect to the bias at each rest, or with respect to the errors of its mean rate
+    /// and mean force.
     factor: Mat<f64>,
 }
 
 impl Wandering {
-    /// `None` if the biases are constant and the means have no rounding errors. If there are too many rests to factor
-    /// their covariance, rounding errors and pose errors are neglected.
+    /// `None` if the biases are constant and the means have no rounding errors. If there are too many rests to
+    /// factorise their covariance, rounding errors and pose errors are neglected.
     ///
     /// # Errors
-    /// [`Error::Input`] if the biases vary and there are too many rests to factor their covariance.
+    /// [`Error::Input`] if the biases vary and there are too many rests to factorise their covariance.
     pub(crate) fn new(joint: &Joint<'_>, linear: &Linear, unit: Option<&UnitWander>) -> Result<Option<Self>, Error> {
         let rows = linear.lines.len() + 3 * linear.rates.len();
         let is_rounded = rows <= MOST_ROWS && joint.is_rounded();
@@ -89,7 +90,7 @@ impl Wandering {
         matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
     }
 
-    /// Whitens the rows of norms, moves and mean rates, stored row by row.
+    /// Whitens the rows of norms, moves and mean rates of a matrix that is stored row by row.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
         let head = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
@@ -116,7 +117,7 @@ impl Wandering {
 }
 
 impl Joint<'_> {
-    /// Covariance of the whitened residuals due to biases that vary between rests. The derivatives come from
+    /// Covariance of the whitened residuals caused by biases that vary between rests. The derivatives are those of
     /// [`Joint::by_biases_of_rests`].
     fn varying_biases(
         &self,
@@ -144,10 +145,11 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Adds, to the covariance of the whitened mean rates, an error that is common to the later epochs of a rest.
+    /// Adds the covariance of an error that the later epochs of a rest have in common to the covariance of the whitened
+    /// mean rates.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
-        // The bias may also have drifted between the first epoch and the later epochs.
+        // The bias may also drift between the first epoch and the later epochs.
         let variance = Matrix3::from_diagonal(&Vector3::from(self.weights.epoch_rates().map(|drift| variance + drift)));
         let later: Vec<(usize, usize)> = linear
             .rates
@@ -167,14 +169,14 @@ impl Joint<'_> {
         }
     }
 
-    /// Whether rounding leaves an error in the means of any rest that the fit uses.
+    /// Whether rounding causes an error in the means of any rest that the fit uses.
     fn is_rounded(&self) -> bool {
         let is_coarse = |mean: &RestMean| mean.rounding.iter().any(Rounding::is_coarse);
         let rests = self.prepared.rests.iter().zip(self.prepared.used).filter(|(_, used)| **used);
         rests.into_iter().any(|(k, _)| is_coarse(&k.rest.angular_rate) || is_coarse(&k.rest.specific_force))
     }
 
-    /// Covariance of the whitened residuals due to rounding at the rests.
+    /// Covariance of the whitened residuals caused by rounding at the rests.
     fn rounding(&self, linear: &Linear, rows: usize) -> Mat<f64> {
         let mut covariance = Mat::<f64>::zeros(rows, rows);
         let used: Vec<usize> = linear.rates.iter().map(|(rest, _)| *rest).collect();
@@ -192,11 +194,12 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Two matrices: derivatives of the whitened residuals with respect to the rounding errors of the mean rates, and
-    /// with respect to the rounding errors of the mean forces. Each rest has three columns.
+    /// Two matrices: the derivatives of the whitened residuals with respect to the rounding errors of the mean rates,
+    /// and those with respect to the rounding errors of the mean forces. Each rest has three columns.
     ///
-    /// These errors are multiplied by the widening factors of norms and moves, too. Otherwise the whitened residuals
-    /// would barely depend on the factors wherever rounding is the dominant error, and the factors would not settle.
+    /// These errors are also multiplied by the factors on the standard deviations of norms and moves. Otherwise, the
+    /// whitened residuals would hardly depend on these factors if rounding is the dominant error, and the factors would
+    /// not converge.
     fn by_rounding(&self, linear: &Linear, rows: usize) -> [Mat<f64>; 2] {
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let scales = &self.weights.widening.scales;
@@ -206,7 +209,7 @@ impl Joint<'_> {
             for ((rest, by), axis) in line.by_means.iter().flat_map(|by| [0, 1, 2].map(|axis| (by, axis))) {
                 by_force[(row, 3 * rest + axis)] -= scale * by[axis];
             }
-            // The two components of a move are consecutive; both are written when the first component is reached.
+            // The two components of a move are consecutive rows. Both are written when the first one is reached.
             if let Source::Move(k) = line.source
                 && linear.lines.get(row + 1).is_some_and(|next| next.source == line.source)
             {
@@ -233,9 +236,9 @@ impl Joint<'_> {
         [by_rate, by_force]
     }
 
-    /// Derivatives of the two components of a move with respect to the rounding errors of the rates at the rests before
-    /// and after the move. These errors change the rotation over the quiet ends of the move. In the middle of a move,
-    /// the rate passes through many quantisation steps and rounding errors average out.
+    /// Derivatives of a move's two components with respect to the rounding errors of the rates at the rests before and
+    /// after the move. These errors change the rotation over the quiet ends of the move. In the middle of a move, the
+    /// rate passes through many quantisation steps, so rounding errors average out.
     fn by_quiet_ends(&self, m: &Move, at_move: &AtMove, model: &Model) -> [(usize, Matrix2x3<f64>); 2] {
         let AtMove { pass, before, after } = at_move;
         let (across, inverse) = (rows_across(&after.up), model.gyroscope.inverse());
@@ -245,9 +248,9 @@ impl Joint<'_> {
         [(m.from, start), (m.to, end)]
     }
 
-    /// Duration, s, of the quiet start (or end, with `at_end`) of a move, for each axis. During this time, the rate
-    /// stays within `QUIET` quantisation steps of its mean at the adjacent rest. Zero for an axis without rounding
-    /// errors.
+    /// Duration of the quiet start of a move for each axis, s; with `at_end`, of the quiet end. During this time, the
+    /// rate is within `QUIET` quantisation steps of its mean at the adjacent rest. It is zero for an axis without
+    /// rounding errors.
     fn quiet_s(&self, m: &Move, at_end: bool) -> Vector3<f64> {
         let recording = &self.prepared.recordings[m.recording];
         let rest = &self.prepared.rests[if at_end { m.to } else { m.from }].rest.angular_rate;
@@ -257,7 +260,7 @@ impl Joint<'_> {
             let samples = m.first..=m.last;
             let count =
                 if at_end { samples.rev().take_while(is_quiet).count() } else { samples.take_while(is_quiet).count() };
-            // The sample at the boundary belongs to the move only for half a sampling interval.
+            // Only half a sampling interval of the sample at the boundary belongs to the move.
             (count as f64 - 0.5).max(0.0) * m.interval_s
         })
     }

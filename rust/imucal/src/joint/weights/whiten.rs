@@ -1,10 +1,10 @@
-//! Whitening of residuals with common errors.
+//! Whitening of residuals that have errors in common.
 //!
 //! ```text
 //! C = diag(own) + sum_e sigma_e^2 j_e j_e^T,   C = L L^T,   r <- L^-1 r,   J <- L^-1 J           model.md (19)
 //! ```
 //!
-//! Each error of a rest affects only the residuals of that rest and of its adjacent moves, so C and L are banded.
+//! Each error of a rest affects only the residuals of this rest and of its adjacent moves, so C and L are banded.
 
 use faer::Mat;
 use pulp::{Simd, WithSimd};
@@ -22,11 +22,11 @@ pub(crate) struct Whitening {
 }
 
 impl Whitening {
-    /// `own` contains the variance of each residual's independent error, which must be positive. `shares` contains the
-    /// dependence of each residual on common errors.
+    /// `own` contains the variance of the independent error of each residual, which must be positive. `shares` contains
+    /// the dependence of each residual on the common errors.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
-        // For each error, the first residual that depends on it. It determines where the nonzero entries of a row
-        // begin.
+        // For each error: the first residual that depends on it. The nonzero entries of a row begin at the column of
+        // this residual.
         let mut first_row_of = vec![usize::MAX; error_count];
         let mut rows: Vec<(usize, Vec<f64>)> = Vec::with_capacity(own.len());
         for (i, seen) in shares.iter().enumerate() {
@@ -43,8 +43,8 @@ impl Whitening {
                 row[j - first] = (row[j - first] - dot) / other[j - start];
             }
             let square: f64 = row[..i - first].iter().map(|v| v * v).sum();
-            // In exact arithmetic the diagonal term is at least the independent variance. The lower limit guards
-            // against rounding.
+            // In exact arithmetic, the diagonal term is at least the independent variance. The lower limit protects
+            // against rounding errors.
             row[i - first] = (row[i - first] - square).max(0.5 * own[i]).sqrt();
             rows.push((first, row));
         }
@@ -88,7 +88,7 @@ impl WithSimd for Apply<'_> {
 }
 
 impl Whitening {
-    /// Column `L^-1 e_j` from row j on, up to the row after which all entries are negligible.
+    /// Entries of the column `L^-1 e_j` from row j on, as far as they are not negligible.
     pub(crate) fn unit(&self, j: usize) -> Vec<f64> {
         let band = self.rows.iter().enumerate().map(|(i, (first, _))| i - first).max().unwrap_or(0);
         let mut column = vec![1.0 / self.rows[j].1[j - self.rows[j].0]];

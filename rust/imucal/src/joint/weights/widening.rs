@@ -12,10 +12,10 @@ use crate::numerics::fit_report::significance_limit;
 use crate::numerics::lsq::{self, Solution};
 use nalgebra::Matrix3;
 
-/// Number of quantities of a `Widening`: six factors, three variances between rests, three bias instabilities and three
-/// variances between epochs.
+/// Number of quantities in a `Widening`: six factors, three variances between rests, three bias instabilities, and
+/// three variances between epochs.
 pub(in crate::joint) const WIDENINGS: usize = FACTORS + 9;
-/// Number of factors of `Scales`, which are the first quantities of a `Widening`.
+/// Number of factors in `Scales`. They are the first quantities of a `Widening`.
 pub(in crate::joint) const FACTORS: usize = 6;
 
 /// Excess of the residuals over noise: factors on the standard deviations, and variances that are added.
@@ -30,8 +30,7 @@ pub(crate) struct Widening {
     pub(super) epoch_rates: [f64; 3],
 }
 
-/// Factors by which the standard deviations of the residuals exceed those from noise; 1 if noise explains the
-/// residuals.
+/// Factors on the standard deviations of the residuals from noise; 1 if noise explains the residuals.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
     pub(crate) norms: f64,
@@ -43,11 +42,11 @@ pub(crate) struct Scales {
     pub(crate) epochs: f64,
 }
 
-/// Kinds of residuals whose standard deviations are increased beyond noise (widened), and whether the excess of the
-/// mean rates is modelled as bias instability.
+/// Kinds of residuals whose standard deviations are increased (widened), and whether the excess of the mean rates is
+/// modelled as bias instability.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::joint) struct Widened {
-    /// In the order of `Scales`.
+    /// One flag for each kind, in the order of `Scales`.
     kinds: [bool; FACTORS],
     rates: [bool; 3],
     epoch_rates: [bool; 3],
@@ -55,8 +54,8 @@ pub(in crate::joint) struct Widened {
 }
 
 impl Widened {
-    /// Kinds of residuals that are widened in `self` or in `other`. The flag for bias instability is copied from
-    /// `other`.
+    /// Kinds of residuals whose standard deviations are increased in `self` or in `other`. The flag for bias
+    /// instability is that of `other`.
     pub(in crate::joint) fn union(self, other: Self) -> Self {
         let either = |(a, b): (bool, bool)| a || b;
         let mut all = other;
@@ -71,9 +70,9 @@ impl Widening {
     pub(super) const NONE: Self =
         Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3], epoch_rates: [0.0; 3] };
 
-    /// Excess of the residuals at a linearisation. `found` is the fit that ended at this linearisation, if any, with
-    /// the scales used in that fit. The standard deviations of a kind of residuals are increased if the excess of this
-    /// kind is significant, or if `kept` contains this kind.
+    /// Excess of the residuals at a linearisation. If a fit ended at this linearisation, `found` contains the fit and
+    /// the scales used in it. The standard deviations of a kind of residuals are increased if its excess is
+    /// significant, or if `kept` contains the kind.
     pub(super) fn of(
         prepared: &Prepared<'_>,
         linear: &Linear,
@@ -107,7 +106,7 @@ impl Widening {
         }
     }
 
-    /// Logarithms of all quantities, minus infinity for an excess of zero.
+    /// Logarithms of all quantities. The logarithm of an excess of zero is minus infinity.
     pub(in crate::joint) fn logarithms(&self) -> [f64; WIDENINGS] {
         let mut all = [0.0; WIDENINGS];
         let values = self.scales.all().into_iter().chain(self.between_rests).chain(self.bias_instability);
@@ -116,7 +115,7 @@ impl Widening {
         all
     }
 
-    /// The widening with these logarithms. No factor is below 1.
+    /// Quantities with these logarithms. Factors below 1 are set to 1.
     pub(in crate::joint) fn from_logarithms(all: &[f64; WIDENINGS]) -> Self {
         let value = |i: usize| all[i].exp();
         let [norms, moves, inside, stand_rests, stand_moves, epochs] = [0, 1, 2, 3, 4, 5].map(|i| value(i).max(1.0));
@@ -129,14 +128,14 @@ impl Widening {
     }
 }
 
-/// Covariance of the mean rate of rest k from noise alone.
+/// Covariance of the mean rate of rest k from noise only.
 pub(super) fn rate_covariance(prepared: &Prepared<'_>, model: &Model, k: usize) -> Matrix3<f64> {
     let finest = model.gyroscope.sensitivity().norm() / 3f64.sqrt() * FINEST_RADPS;
     prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest)
 }
 
-/// Excess scatter of the mean rates, as variances between rests and as bias instability of the gyroscope. The excess is
-/// modelled either as independent from rest to rest or as bias instability, whichever has the larger likelihood.
+/// Excess scatter of the mean rates. It is modelled either as a variance that is independent from rest to rest or as
+/// bias instability of the gyroscope. The model with the larger likelihood is chosen.
 fn excess_of_rates(
     prepared: &Prepared<'_>,
     linear: &Linear,
@@ -158,7 +157,7 @@ fn excess_of_rates(
             Some([x?, y?, z?])
         })
     {
-        // If one axis has bias instability, the bias instability of all axes is estimated.
+        // If any axis has bias instability, the bias instability of all axes is estimated.
         let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
         let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
         let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();
@@ -171,8 +170,8 @@ fn excess_of_rates(
     (between_rests, [0.0; 3])
 }
 
-/// Excess scatter of the mean rates of the later epochs of long rests, as variances between epochs. The drift within a
-/// long rest does not predict the biases at other rests, so it is kept separate from the variance between rests.
+/// Excess scatter of the mean rates of the later epochs of long rests, as variances between epochs. It is separate from
+/// the variance between rests, because the drift within a long rest does not predict the biases at other rests.
 fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], kept: Option<&Widened>) -> [f64; 3] {
     [0, 1, 2].map(|axis| {
         let (residuals, variances) = rates_of(prepared, linear, axis, true);
@@ -183,13 +182,13 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
     })
 }
 
-/// Residuals of the mean rates on one axis and their variances from noise, raw units. `later` selects the second and
-/// later epochs of long rests; otherwise all other rests and epochs are selected.
+/// Residuals of the mean rates on one axis, and their variances from noise, in raw units. `later` selects the second
+/// and later epochs of long rests. Otherwise, all other rests and epochs are selected.
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {
-        // Rounding errors differ between rests only if the readings differ, so their variance is an upper bound of the
-        // variance between rests.
+        // If all rests have the same readings, they have the same rounding error. The variance of the rounding error is
+        // therefore an upper bound of its variance between rests.
         let covariance = rate_covariance(prepared, &linear.model, *k);
         (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
     };
@@ -209,7 +208,7 @@ impl Scales {
         self.all().into_iter().fold(1.0, f64::max)
     }
 
-    /// Scales for which chi2 of each kind equals its degrees of freedom.
+    /// Scales at which chi2 of each kind equals its degrees of freedom.
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64], kept: Option<&Widened>) -> Self {
         let lines = &linear.lines;
         let groups = linear.groups();
@@ -232,9 +231,9 @@ impl Scales {
     }
 }
 
-/// New scale of the chosen residuals. The candidate is the scale with which these residuals have unit variance. The
-/// candidate is returned if it is significantly above 1, or if it is above 1 and `is_kept` is set. Otherwise the new
-/// scale is 1. The scale is not changed if the residuals have less than one degree of freedom.
+/// New scale of the chosen residuals. The candidate is the scale at which these residuals have unit variance. It is
+/// used if it is significantly above 1, or if it is above 1 and `is_kept` is set. Otherwise, the new scale is 1. With
+/// less than one degree of freedom, the scale is not changed.
 fn refine(
     (scale, is_kept): (f64, bool),
     residuals: &Mat<f64>,
