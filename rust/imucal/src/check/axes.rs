@@ -1,18 +1,18 @@
 //! Signed permutations of axes, and the recommendations for a gyroscope whose axes do not match the axes of the
 //! accelerometer.
 //!
-//! Let G and A be the signed permutations by which the reported gyroscope and accelerometer axes differ from the axes
-//! of one right-handed body. The motion of gravity determines only P = det(A) A G^T (see [`super::kinematics`]). For
-//! each of the 48 possible P there are 48 pairs (A, G), which form two classes. Pairs within a class differ only by a
-//! rotation of the body axes, that is, by the names of the axes. The two classes differ in det A:
+//! Let G and A be the signed permutations from the axes of one right-handed body to the reported gyroscope and
+//! accelerometer axes. The motion of gravity determines only P = det(A) A G^T (see [`super::kinematics`]). For each of
+//! the 48 possible P, there are 48 pairs (A, G), which form two classes. Pairs within a class differ only by a rotation
+//! of the body axes, which is a matter of naming the axes. The two classes differ in det A:
 //!
 //! ```text
 //! det A = +1   A = I,   G = P^T     the accelerometer is right, the gyroscope columns need P
 //! det A = -1   A = -I,  G = P^T     the accelerometer is mirrored: an odd number of its axes is reversed or exchanged
 //! ```
 //!
-//! Gravity cannot distinguish the two classes. A turn about the vertical can, because the rate about the axis that
-//! points up has opposite signs in the two classes. The recommendation therefore names both classes and this test.
+//! Gravity cannot distinguish the two classes. A rotation about the vertical can, because the rate about the axis that
+//! points up has opposite signs in the two classes. The recommendation therefore describes both classes and this test.
 
 use nalgebra::Matrix3;
 
@@ -45,8 +45,8 @@ impl SignedPermutation {
         })
     }
 
-    /// The signed permutation with the largest correlation with P, among those with the handedness of P, and this
-    /// correlation. The correlation is the normalised sum of the three entries of P that the permutation selects. It is
+    /// The signed permutation closest to P and its correlation with P. Only permutations with the handedness of P are
+    /// considered. The correlation is the normalised sum of the three entries of P that the permutation selects. It is
     /// 1 if P equals the permutation up to a scale.
     pub(super) fn closest(p: &Matrix3<f64>) -> (Self, f64) {
         let handedness = p.determinant().signum();
@@ -75,13 +75,13 @@ impl SignedPermutation {
         Self { sign_of: self.sign_of.map(|sign| -sign), ..*self }
     }
 
-    /// The axis of a half turn about a coordinate axis: this axis has a positive sign and the other two are reversed.
-    /// `None` for any other permutation.
+    /// The rotation axis, if the permutation is a half turn about a coordinate axis. Such a half turn keeps the sign of
+    /// this axis and reverses the other two. `None` for any other permutation.
     pub(super) fn half_turn(&self) -> Option<usize> {
         (0..3).find(|&axis| self.in_order() && (0..3).all(|k| (self.sign_of[k] > 0.0) == (k == axis)))
     }
 
-    /// The axis whose sign is reversed, if the permutation reverses exactly one axis and keeps the order of the axes.
+    /// The axis with the reversed sign, if the permutation reverses exactly one axis and keeps the order of the axes.
     pub(super) fn reversed_axis(&self) -> Option<usize> {
         self.negated().half_turn()
     }
@@ -104,7 +104,7 @@ impl SignedPermutation {
         self.exchanged_with(1.0)
     }
 
-    /// Text such as "gyro x follows accelerometer -y" for each axis that is not mapped to itself.
+    /// Text for each axis that is not mapped to itself, such as "gyro x follows accelerometer -y".
     pub(super) fn mapping(&self) -> String {
         let parts: Vec<String> = (0..3)
             .filter(|&k| self.column_of[k] != k || self.sign_of[k] < 0.0)
@@ -123,7 +123,7 @@ impl SignedPermutation {
     }
 }
 
-/// A possible cause, with the option that corrects it.
+/// A possible cause of wrong axes, with the option that corrects it.
 pub(super) struct Cause {
     words: String,
     option: Option<String>,
@@ -191,7 +191,7 @@ fn mirrored_accelerometer(p: &SignedPermutation) -> Cause {
             option: None,
         };
     }
-    // If only the accelerometer is wrong, then G = I and det(A) = -1, so P = -A.
+    // If only the accelerometer is wrong, G = I and det(A) = -1, and therefore P = -A.
     let alone = p.negated();
     if let Some(axis) = p.half_turn() {
         return Cause {

@@ -1,5 +1,5 @@
-//! Check for packet time stamps. They occur if all samples of a packet get nearly equal stamps when the packet arrives
-//! or is read.
+//! Check for packet time stamps. All samples of a packet have nearly equal stamps if they are stamped when the packet
+//! arrives or is read.
 
 use super::{names, stamps};
 use crate::finding::{Finding, Place};
@@ -11,15 +11,15 @@ use crate::recording::Recording;
 const LEAST_SAMPLES: f64 = 3.0;
 /// Minimum number of packets for a finding.
 const FEWEST_PACKETS: usize = 10;
-/// Maximum time step between packets, s. Longer time steps are pauses of a logger that sleeps.
+/// Maximum time step between packets, s. A longer time step is a pause of a logger that sleeps.
 const LONGEST_S: f64 = 2.0;
 /// Minimum share of the recording's duration that the time steps between packets must cover.
 const SHARE_OF_TIME: f64 = 0.5;
-/// Minimum share of packets with nearly the typical number of samples. It excludes random loss of samples, which leaves
-/// groups of varying size.
+/// Minimum share of packets whose number of samples is near the typical number. Random loss of samples leaves groups of
+/// varying size, and this limit excludes it.
 const ALIKE: f64 = 0.9;
-/// Maximum relative difference between a packet's number of samples and the typical number for the two to count as
-/// nearly equal; a difference of one sample is always permitted.
+/// Maximum relative difference between the number of samples of a packet and the typical number, for the two to count
+/// as equal. A difference of one sample is always permitted.
 const WITHIN: f64 = 0.25;
 
 /// Finding `clock_irregular` for time stamps that come in bursts. The time stamps must not decrease.
@@ -27,8 +27,7 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let time_s = recording.time_s;
     let (first_s, last_s) = (*time_s.first()?, *time_s.last()?);
     let mean_s = (last_s - first_s) / (time_s.len() - 1) as f64;
-    // A packet starts after a time step longer than 1.5 times the mean time step. No packet starts after a step that is
-    // NaN.
+    // A packet starts after a time step longer than 1.5 times the mean time step. A time step of NaN starts no packet.
     let starts: Vec<usize> = (1..time_s.len()).filter(|&i| time_s[i] - time_s[i - 1] > 1.5 * mean_s).collect();
     let (&first, &last) = (starts.first()?, starts.last()?);
     if starts.len() <= FEWEST_PACKETS {

@@ -6,22 +6,23 @@ use crate::finding::{Finding, Place};
 use crate::numerics::stats::{quantile_of, steps_s};
 use crate::recording::Recording;
 
-/// Minimum number of samples in a recording. Fewer samples cannot contain rests, moves and a measurable noise level.
+/// Minimum number of samples in a recording. With fewer samples, a recording cannot contain rests, moves and a
+/// measurable noise level.
 const MIN_SAMPLES: usize = 200;
-/// Minimum duration of a recording, s. It is the time needed for two rests and a move.
+/// Minimum duration of a recording, s. Two rests and a move need this time.
 const MIN_DURATION_S: f64 = 5.0;
 /// Plausible sampling rates of inertial sensors, Hz. Outside this range, the unit of time is wrong, or the rate is too
 /// low to integrate moves.
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
-/// Relative tolerance of [`RATES_HZ`]. It is needed because rounded time stamps lead to inexact time steps.
+/// Relative tolerance of [`RATES_HZ`]. Rounded time stamps give inexact time steps, so a tolerance is needed.
 const ROUNDING: f64 = 1e-6;
-/// Limits of the relative spread of the time steps (standard deviation divided by median). An irregular clock is
-/// reported as a warning above the first limit and as an error above the second.
+/// Limits of the relative spread of the time steps (standard deviation divided by median). Above the first limit, the
+/// finding `clock_irregular` is a warning. Above the second limit, it is an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];
-/// Maximum relative deviation of any time step from the median for a clock to count as regular. For a regular clock,
+/// Maximum relative deviation of any time step from the median for a clock to count as regular. With a regular clock,
 /// the slower checks of spread and gaps are skipped.
 const REGULAR: f64 = 0.2;
-/// Limit of the share of samples with the time stamp of the previous sample. Above this share the finding is an error,
+/// Limit of the share of samples with the time stamp of the previous sample. Above this limit, the finding is an error,
 /// otherwise a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
@@ -46,8 +47,8 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
     if let Some(bursts) = steps.backward.first.is_none().then(|| steps.bursts(recording)).flatten() {
-        // With packet time stamps, the checks for repeated time stamps, lost samples and the sampling rate are skipped,
-        // because the time steps contain no information about them.
+        // Packet time stamps contain no information about repeated stamps, lost samples and the sampling rate, so these
+        // checks are skipped.
         findings.push(bursts);
         return findings;
     }
@@ -70,14 +71,14 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     let (low_s, high_s) = (of_steps(0.1), of_steps(0.9));
     findings.extend(rate(recording, median_s));
 
-    // 80 % of a normal distribution lie within +-1.2816 standard deviations. These quantiles are used instead of the
-    // median absolute deviation, which is zero if most steps are equal, as with stamps in bursts.
+    // 80 % of a normal distribution are within +-1.2816 standard deviations. The median absolute deviation is not used,
+    // because it is zero if most steps are equal, as for time stamps in bursts.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
-    // Gaps are searched for only up to this spread. A clock with a larger spread is so irregular that long time steps
-    // are no evidence of lost samples.
+    // Gaps are searched for only if the spread is below the error limit. With a larger spread, the clock is so
+    // irregular that long time steps are no evidence of lost samples.
     let gaps = if spread <= SPREAD[1] {
-        // Alternating steps of stamps with coarse resolution (2 ms and 3 ms) are not gaps. Therefore a gap must exceed
-        // the 90 % quantile of the steps by half a median step.
+        // A clock with coarse resolution has alternating steps (2 ms and 3 ms), which are not gaps. A gap must
+        // therefore exceed the 90 % quantile of the steps by half a median step.
         let longest_usual_s = (1.5 * median_s).max(high_s + 0.5 * median_s);
         gaps::find(recording, median_s, longest_usual_s * (1.0 + 1e-6))
     } else {
@@ -249,7 +250,7 @@ fn too_short(recording: &Recording) -> Option<Finding> {
         (Some(first), Some(last)) => last - first,
         _ => return None,
     };
-    // An invalid duration is reported by other findings. In this case, only the number of samples is checked here.
+    // An invalid duration is reported by other findings. The number of samples is the only criterion in this case.
     if recording.len() >= MIN_SAMPLES && (duration_s >= MIN_DURATION_S || duration_s.is_nan() || duration_s <= 0.0) {
         return None;
     }

@@ -5,10 +5,10 @@
 //! ```
 //!
 //! In a smooth motion, the change `d_i` of the rate `w` over a time step equals the mean `m` of the adjacent changes,
-//! so `k` is 1. If a sample between two rows was lost, the time between these rows is twice as long, and `k` is 2. Due
-//! to noise and rough motion, `k` scatters about 1, without a second peak at 2. If time stamps were recorded with the
-//! samples, a lost sample appears as a gap. If they were computed from the sample number, there is no gap, and the
-//! estimated sensitivity of the gyroscope has a relative error equal to the share of lost samples.
+//! so `k` is 1. If a sample between two rows was lost, the time between these rows is twice as long, and `k` is 2.
+//! Noise and rough motion scatter `k` about 1, without a second peak at 2. If time stamps were recorded with the
+//! samples, a lost sample causes a gap. If time stamps were computed from the sample number, there is no gap. The
+//! estimated sensitivity of the gyroscope then has a relative error equal to the share of lost samples.
 
 use nalgebra::Vector3;
 
@@ -18,20 +18,20 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile_of;
 use crate::recording::{Recording, Samples};
 
-/// Maximum deviation of a time stamp from sample number / rate, in time steps, for stamps to count as computed from the
-/// sample number. It allows for rounding of the stamps to a ninth of the time step.
+/// Maximum deviation of a time stamp from sample number / rate, in time steps. Below it, stamps count as computed from
+/// the sample number. The limit allows stamps that are rounded to a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// Minimum norm of `m` for a value of `k` to be used, in standard deviations of the noise of `d_i - m`. At this norm,
-/// the noise of `k` has a standard deviation of 1/8.
+/// Minimum norm of `m` for `k` to be used, in standard deviations of the noise of `d_i - m`. At this norm, the noise of
+/// `k` has a standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
 /// Maximum difference between `d_(i-1)` and `d_(i+1)`, relative to `m`, for a motion to count as smooth.
 const SMOOTH: f64 = 0.5;
 /// Maximum norm of the component of `d_i` perpendicular to `m`, relative to `m`, for a value of `k` to be used.
 const ACROSS: f64 = 0.35;
-/// Range of `k` that counts as one lost sample: 2, within the noise that [`CLEAR`] permits.
+/// Range of `k` for one lost sample: 2, plus or minus the noise that [`CLEAR`] permits.
 const LOST: [f64; 2] = [1.75, 2.25];
-/// Range of `k` between the peaks at 1 and at 2. Rough motion leads to values in this range, too, so their number is
-/// the reference for the peak at 2.
+/// Range of `k` between the peaks at 1 and 2. Rough motion gives values in this range and near 2 alike. Their number in
+/// this range is therefore the reference for the peak at 2.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
 /// Number of rows that are examined together. Their data fit into the cache.
 const BLOCK: usize = 4096;
@@ -39,8 +39,8 @@ const BLOCK: usize = 4096;
 const FEWEST: usize = 5;
 /// Minimum ratio of the number of `k` in [`LOST`] to the number of `k` in [`BETWEEN`] for a finding.
 const PEAK: usize = 3;
-/// Limit of the mean of `k` across repeated rows. Additional rows have a mean of 1, and samples that the sensor held
-/// have a mean of 2. Below this limit, the rows are reported as additional rows.
+/// Limit of the mean of `k` across repeated rows. The mean is 1 for rows that were written additionally, and 2 for
+/// samples that the sensor repeated. Below the limit, the rows are reported as additional rows.
 const ADDITIONAL: f64 = 1.5;
 
 /// Reports lost samples and additional rows in a recording whose time stamps were computed from the sample number.
@@ -95,13 +95,13 @@ fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
     })
 }
 
-/// Reports repeated rows across which the rate changes by only the amount of one time step, which means that the row
-/// before was written twice.
+/// Reports repeated rows that were written additionally. The rate changes across such a row only by the amount of one
+/// time step.
 fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Option<Finding> {
     let count = repeats.reported()?;
     let rate = recording.angular_rate;
     let is_repeat = |i: usize| rate.at(i) == rate.at(i - 1);
-    // The change across a repeated row: the repeat is row i - 1, so the rows before and after it are i - 2 and i.
+    // The repeated row is row i - 1. The rows before and after it are i - 2 and i.
     let across = (3..rate.len() - 1).filter(|&i| is_repeat(i - 1) && !is_repeat(i) && !is_repeat(i - 2));
     let (sum, number) = across
         .filter_map(|i| change_over_neighbours([i - 3, i - 2, i, i + 1].map(|row| rate.at(row).into()), noise))
@@ -139,7 +139,7 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
     let (before, change, after) = (b - a, c - b, d - c);
     let mean = (before + after) / 2.0;
     let length2 = mean.norm_squared();
-    // This test comes first because most rows are at rest and fail it.
+    // This test is first, because most rows are at rest and fail it.
     let is_clear = length2 > (CLEAR * noise).powi(2) && (after - before).norm_squared() < SMOOTH.powi(2) * length2;
     if !is_clear {
         return None;
@@ -148,8 +148,8 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
     ((change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
 }
 
-/// Standard deviation of each axis of `d_i - m`, raw units. It is computed from the median norm, because most changes
-/// are smooth.
+/// Standard deviation of each axis of `d_i - m`, raw units. Most changes are smooth, so the standard deviation is
+/// computed from the median norm, which ignores the few others.
 fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
     /// Median length of a vector with three independent standard normal components.
     const MEDIAN_LENGTH: f64 = 1.538_172;

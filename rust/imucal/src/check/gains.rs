@@ -1,8 +1,8 @@
 //! Check of the calibration for an axis whose unit differs from the unit in its column name.
 //!
-//! The fit accepts any scale. If accel_x is in g and the other axes are in m/s^2, for example, the residuals are small
-//! and the gain of x is 0.1. The gain of an axis is the norm of its row of T. In SI units it is near 1 for every sensor
-//! on the market. In counts the gain can have any value, but the axes of one chip have nearly equal gains.
+//! The fit accepts any scale. For example, if accel_x is in g and the other axes are in m/s^2, the residuals are small
+//! and the gain of x is 0.1. The gain of an axis is the norm of its row of T. In SI units, it is near 1 for every
+//! sensor on the market. In counts, the gain can have any value, but the axes of one chip have nearly equal gains.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -18,18 +18,18 @@ const GAIN: [f64; 2] = [0.75, 1.25];
 /// limits of [`GAIN`].
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
-/// Smallest reported deviation from 1 of a gain that all axes of a gyroscope share. The error of a quartz clock is far
-/// below this limit. The internal oscillators of sensors, and guessed sampling rates, can exceed it.
+/// Smallest reported deviation from 1 of a gain that all axes of a gyroscope have in common. The error of a quartz
+/// clock is far smaller. The error of a sensor's internal oscillator, or of a guessed sampling rate, can be larger.
 const COMMON_GAIN: f64 = 0.01;
 
-/// Maximum deviation of one axis from the common gain, relative to the deviation of the common gain from 1, for the
-/// gain to count as common. The scale errors of the axes of a sensor are independent and rarely agree so well by
+/// Maximum deviation of an axis from the common gain, divided by the deviation of the common gain from 1, for the gain
+/// to count as common. The scale errors of the axes of a sensor are independent, and rarely agree so well by
 /// coincidence.
 const COMMON_SHARE: f64 = 1.0 / 3.0;
 
 /// Reports four findings. `accel_units` and `gyro_units` (errors): an axis in SI units has an implausible gain.
-/// `gains_differ` (a warning): axes in counts have different gains. `gyro_common_gain` (a warning): gyroscope axes in
-/// SI units share a gain different from 1. `recording` is the first recording of the unit.
+/// `gains_differ` (a warning): axes in counts have different gains. `gyro_common_gain` (a warning): all gyroscope axes
+/// in SI units have the same gain, and it differs from 1. `recording` is the first recording of the unit.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
     let mut findings: Vec<Finding> = check_accelerometer_gains(recording, &calibration.accelerometer)
         .into_iter()
@@ -41,7 +41,7 @@ pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec
     findings
 }
 
-/// As [`check_gains`], for an accelerometer alone.
+/// The check of [`check_gains`] for an accelerometer without a gyroscope.
 pub fn check_accelerometer_gains(recording: &Recording, accelerometer: &Triad<f64>) -> Option<Finding> {
     gains_of_sensor(recording, recording.accel_unit, accelerometer, (ACCEL, "accel_units"))
 }

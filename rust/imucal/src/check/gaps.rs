@@ -1,15 +1,15 @@
-//! Long time steps, caused by lost samples or by samples that were stamped late.
+//! Long time steps. They are caused by lost samples, or by samples whose time stamps are late.
 //!
-//! After a lost sample, the time stamps continue at the usual rate. A sample that is stamped late, for example because
-//! the computer was busy, is followed by shorter steps until the stamps have caught up. If samples are only late, the
-//! number of samples agrees with the duration, and no sample is missing.
+//! After a lost sample, the time stamps continue at the usual rate. A late time stamp, for example because the computer
+//! was busy, is followed by shorter steps until the stamps are on time again. If stamps are only late, the number of
+//! samples agrees with the duration, and no sample is missing.
 
 use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
-/// Maximum ratio of a time step to the usual time step for the step to count as shorter. Steps after a sample that was
-/// stamped late are shorter.
+/// Maximum ratio of a time step to the usual time step for the step to count as shorter. Shorter steps follow a late
+/// time stamp.
 const CATCHES_UP: f64 = 0.95;
 
 /// Long time steps of a recording.

@@ -1,10 +1,10 @@
 //! Check of the sign of gravity. A sensor at rest must read +g on the axis that points up.
 //!
-//! Motion does not determine this sign, because |u| = g and u' = u x w also hold for -u. A reading of -g instead of +g
-//! has two possible causes. First, the axes may have z down (FRD or NED); these axes are right-handed, and both sensors
-//! need the same rotation. Second, the accelerometer may report gravity instead of specific force; its sign must be
-//! reversed, but the sign of the gyroscope must not. Therefore no correction is recommended until the motor angles of a
-//! stand, or a turn about the vertical, have distinguished the two causes.
+//! Motion does not determine this sign, because |u| = g and u' = u x w also hold for -u. There are two possible causes
+//! of a reading of -g instead of +g. First, the axes may have z down (FRD or NED). These axes are right-handed, and
+//! both sensors need the same rotation. Second, the accelerometer may report gravity instead of specific force. Its
+//! sign must then be reversed, but not the sign of the gyroscope. Only the motor angles of a stand, or a rotation about
+//! the vertical, distinguish the two causes. No correction is recommended before that.
 
 use std::ops::Range;
 
@@ -20,14 +20,14 @@ const STAND_ZERO_RAD: f64 = 0.02;
 /// Minimum component of the unit up vector along an axis for this axis to count as pointing up. It is the cosine of 20
 /// deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
-/// Minimum agreement for a hypothesis to be accepted. There are two hypotheses for a reading of -g on z: the z axis
-/// points down, or the accelerometer has the reversed sign of gravity. Each hypothesis predicts the measured up
-/// direction at each rest from the motor angles. The agreement is the mean cosine of the angle between predicted and
-/// measured direction. The limit is the cosine of 20 deg.
+/// Minimum agreement of a hypothesis with the measurements for it to be accepted. There are two hypotheses for a
+/// reading of -g on z: the z axis points down, or the accelerometer has the reversed sign of gravity. Each hypothesis
+/// predicts the up direction at each rest from the motor angles. The agreement is the mean cosine of the angle between
+/// predicted and measured direction. The limit is the cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
-/// Minimum difference between the agreements of the two hypotheses for a decision between them. The predicted
-/// directions differ only in the sign of the x component. Rests with a horizontal x axis therefore do not distinguish
-/// the hypotheses.
+/// Minimum difference between the agreements of the two hypotheses for one of them to be chosen. The predicted
+/// directions differ only in the sign of the x component, so rests with a horizontal x axis do not distinguish the
+/// hypotheses.
 const TOLD_APART: f64 = 0.1;
 
 /// Finding `gravity_sign` for a unit that reads -g on z where z is expected to point up.

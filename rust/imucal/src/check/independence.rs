@@ -1,10 +1,10 @@
-//! Check that recordings are independent, that is, that no recording is a copy or a part of another recording, even if
-//! the copy was altered.
+//! Check that recordings are independent: no recording is a copy or a part of another recording, even if the copy was
+//! altered.
 //!
-//! A control recording that is an altered copy of a calibration recording contains the noise to which the model was
-//! fitted, so its control figures are too optimistic. The noise at rest identifies a recording. For independent
-//! recordings, the largest correlation over all lags is below 10 standard deviations; for altered copies it is above 20
-//! (docs/results/copies.md).
+//! A control recording must not be an altered copy of a calibration recording. The copy contains the noise to which the
+//! model was fitted, so its control figures are too good. The noise at rest identifies a recording. For independent
+//! recordings, the largest correlation over all lags is below 10 standard deviations. For altered copies, it is above
+//! 20 (docs/results/copies.md).
 
 use std::ops::Range;
 
@@ -14,14 +14,14 @@ pub use super::noise_tape::{AtRest, at_rest};
 use super::noise_tape::{Tape, is_same_rate};
 use crate::finding::Finding;
 
-/// Correlation from which two recordings count as having the same noise, in standard deviations of the correlation of
+/// Minimum correlation for two recordings to have the same noise, in standard deviations of the correlation of
 /// independent noise.
 const COPY_SIGMAS: f32 = 14.0;
-/// Minimum ratio of the largest correlation to the largest correlation at distant lags for two recordings to count as
-/// copies. It excludes periodic vibration that two recordings share, because such vibration correlates at many lags.
+/// Minimum ratio of the largest correlation to the largest correlation at distant lags, for two recordings to count as
+/// copies. Periodic vibration in both recordings correlates at many lags, and this limit excludes it.
 const UNIQUE: f32 = 2.0;
-/// Number of templates of a recording. Each third of a recording has one template. If another recording contains at
-/// least half of this recording, it contains at least one of the templates.
+/// Number of templates of a recording, one in each third. If another recording contains at least half of this
+/// recording, it contains at least one of the templates.
 const TEMPLATES: usize = 3;
 
 /// Finding `recordings_overlap` for every recording that has its noise in common with another recording of the list.
@@ -109,8 +109,8 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
                 continue;
             }
             let ratio = tape.rate_hz / own.rate_hz;
-            // If the sampling rates differ, the samples are also compared one to one. A copy whose time stamps were
-            // changed has the same samples at a different rate.
+            // If the sampling rates differ, the samples are also compared one to one, because a copy with changed time
+            // stamps has the same samples at a different rate.
             let ratios = if is_same_rate(tape.rate_hz, own.rate_hz) { vec![1.0] } else { vec![ratio, 1.0] };
             for ratio in ratios.into_iter().filter(|ratio| *ratio > 0.0 && ratio.is_finite()) {
                 for first in starts(&recordings[index], samples_of(ratio)) {
@@ -136,8 +136,8 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
     found
 }
 
-/// End of the part of a tape in which a recording is searched for. This part contains only recordings that precede the
-/// recording in `order`.
+/// End of the part of a tape in which a recording is searched for. This part contains only the recordings before it in
+/// `order`.
 fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl Fn(usize, usize) -> bool) -> usize {
     let before: Vec<usize> = order.iter().copied().take_while(|&other| other != index).collect();
     let is_searched = |part: &&(usize, Range<usize>)| before.contains(&part.0) && is_compared(part.0, index);

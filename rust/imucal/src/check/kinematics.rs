@@ -1,4 +1,5 @@
-//! Checks of the gyroscope's unit, handedness and order of axes, by the motion of gravity during moves.
+//! Checks of the gyroscope's unit, handedness and order of axes. They use the rotation of the gravity direction in the
+//! body frame during moves.
 //!
 //! In every move the direction u of gravity rotates in the body frame: u' = u x w. A linear fit of this equation yields
 //! P in w = P (raw - bias). Let G and A be the signed permutations by which the reported gyroscope and accelerometer
@@ -16,8 +17,8 @@ use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
-/// Limits of the scale of P for a gyroscope in the correct unit (ideal: 1). They are far wider than the scale errors of
-/// sensors.
+/// Limits of the scale of P for a gyroscope in the correct unit (ideal: 1). The scale errors of sensors are far
+/// smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
 /// Maximum relative deviation of the scale of P from a known conversion factor, for example from deg/s to rad/s, for
 /// the recommendation to name this unit.
@@ -62,8 +63,8 @@ fn is_well_determined(p: &Matrix3<f64>) -> bool {
     squares.min() > WELL_DETERMINED.powi(2) * squares.max()
 }
 
-/// Recommendation if the scale of P is not a known conversion factor between units. It mentions both rate and time,
-/// because only their product is observable, so either unit may be wrong.
+/// Recommendation if the scale of P is not a known conversion factor between units. Only the product of rate and time
+/// is observable, so the recommendation names the units of both.
 const OTHERWISE: &str = "give the columns in the unit of their names, or as raw counts: gyro_x_lsb; or the time or the \
                          sample rate is wrong by this factor: correct it";
 

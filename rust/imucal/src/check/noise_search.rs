@@ -2,9 +2,8 @@
 //!
 //! Both signals are divided by the magnitude of their spectrum (phase transform: Knapp and Carter, The generalized
 //! correlation method for estimation of time delay, 1976). All frequencies then have equal weight. A strong periodic
-//! vibration that two independent recordings share occupies only a few frequencies, so its contribution to the
-//! correlation is small. For independent noise, the sum over m frequencies and n signals has the variance m n at every
-//! lag.
+//! vibration in two independent recordings contains only a few frequencies, so it contributes little to the
+//! correlation. For independent noise, the sum over m frequencies and n signals has the variance m n at every lag.
 
 use std::sync::Arc;
 
@@ -18,21 +17,21 @@ type Spectrum = Vec<Complex<f32>>;
 
 /// Number of samples in a block of the searched recording.
 const BLOCK: usize = 4096;
-/// Number of samples in a template, at the rate of the searched recording. Templates are so short that two clocks, or
-/// one clock written with different numbers of digits, diverge by less than one sample over a template.
+/// Number of samples in a template, at the rate of the searched recording. Two clocks, or one clock written with
+/// different numbers of digits, diverge by less than one sample over a template.
 pub(super) const TEMPLATE: usize = 2048;
 /// Number of lags for which one block provides correlations.
 const LAGS: usize = BLOCK - TEMPLATE;
-/// Share of a block or template at each end that is tapered, so that its edges do not spread periodic vibration over
-/// all frequencies.
+/// Share of a block or template that is tapered at each end. Without the taper, the edges would spread periodic
+/// vibration over all frequencies.
 const TAPER: f64 = 0.05;
-/// Distance from the largest correlation, in samples, within which other large correlations are ignored. A copy with
+/// Distance from the largest correlation within which other large correlations are ignored, in samples. A copy with
 /// lost samples has large correlations at several lags within this distance. Large correlations at a greater distance
-/// are evidence of a periodic signal and not of a copy.
+/// indicate a periodic signal instead of a copy.
 const NEAR: usize = 64;
 
-/// Index ranges of the two groups of signals that are correlated separately: three signals that depend on the order of
-/// the axes, and one that does not.
+/// Index ranges of the two groups of signals that are correlated separately. Three signals depend on the order of the
+/// axes, and one does not.
 const KINDS: [std::ops::Range<usize>; 2] = [0..3, 3..SIGNALS];
 
 /// A template: part of the noise of one recording. Other recordings are searched for this part.
@@ -88,8 +87,8 @@ impl Transform {
         }
     }
 
-    /// The template that begins `first` samples after the start of `range`, which is a recording's range on the tape
-    /// `from`. `ratio` is the rate of the searched tape divided by the rate of the recording.
+    /// The template that begins `first` samples after the start of `range`, which is the range of a recording on the
+    /// tape `from`. `ratio` is the rate of the searched tape divided by the rate of the recording.
     ///
     /// A second difference is the change of slope of the linear interpolation between samples. At another sampling
     /// rate, the second difference of the interpolated samples is obtained by distributing this change over the two
@@ -122,7 +121,7 @@ impl Transform {
         Template { recording, first, samples, tape, until, spectra }
     }
 
-    /// The peak of each template in the tape in which it is searched for, for both groups of signals.
+    /// For each template, the peak in the tape in which it is searched for, for both groups of signals.
     pub(super) fn search(&mut self, tapes: &[Tape], templates: &[Template]) -> Vec<[Peak; 2]> {
         let mut tops: Vec<[Vec<Peak>; 2]> = templates.iter().map(|_| Default::default()).collect();
         for (index, tape) in tapes.iter().enumerate() {
@@ -199,8 +198,8 @@ impl Transform {
         if signals == 0 {
             return None;
         }
-        // The inverse transform requires real values at the frequencies 0 and rate/2. The sums there are real except
-        // for rounding errors, which are removed.
+        // The inverse transform requires real values at the frequencies 0 and rate/2. The imaginary parts there are
+        // only rounding errors and are set to zero.
         self.product[0].im = 0.0;
         self.product[BLOCK / 2].im = 0.0;
         let length = self.inverse.get_scratch_len();

@@ -1,22 +1,23 @@
 //! Extraction of the noise at rest as signals that identify a recording.
 //!
-//! The noise of a sensor never repeats, but motion does, because a stand may run one program many times. Therefore only
-//! samples at rest are used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann
-//! window, so that periodic vibration (mains, motors) stays within few frequencies. Each axis is divided by its scale,
-//! which removes units and gains, and is clipped, which limits the influence of shocks.
+//! The noise of a sensor never repeats, but a motion may, because a stand can run one program many times. Therefore
+//! only samples at rest are used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann
+//! window, which confines periodic vibration (mains, motors) to few frequencies. Each axis is divided by its scale, so
+//! units and gains have no effect. It is then clipped, which limits the influence of shocks.
 
 use std::ops::Range;
 
 use crate::recording::Recording;
 
-/// Number of signals: three sums of one accelerometer axis and one gyroscope axis, and the sum of all squares. The sum
-/// of squares does not depend on the order and the signs of the axes.
+/// Number of signals. Three of them are sums of one accelerometer axis and one gyroscope axis. The fourth is the sum of
+/// the squares of all axes, which does not depend on the order and the signs of the axes.
 pub(super) const SIGNALS: usize = 4;
 
 /// Maximum absolute value of a scaled second difference, in units of its scale.
 const CLIP: f32 = 3.0;
-/// Quantile of the absolute second differences that defines the scale of an axis. An axis with fewer than a fifth of
-/// nonzero second differences, as after rounding to coarse counts, has the scale zero and counts as free of noise.
+/// Quantile of the absolute second differences that defines the scale of an axis. After rounding to coarse counts,
+/// fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as free of
+/// noise.
 const SCALE_QUANTILE: f64 = 0.8;
 /// The [`SCALE_QUANTILE`] of the absolute value of a standard normal variable. Dividing by it converts the quantile to
 /// a standard deviation.
@@ -25,8 +26,8 @@ const SCALE_OF_NORMAL: f64 = 1.28;
 const MIN_SCALE: f64 = 1e-9;
 /// Maximum number of samples from which a scale is estimated. With this number, its error is below 3 %.
 const SCALE_SAMPLES: usize = 4096;
-/// Relative difference of sampling rates up to which two recordings count as having the same rate. Clocks of one unit
-/// agree to about 1e-4, and the sampling rates that people choose differ by more.
+/// Maximum relative difference between two sampling rates that count as equal. Clocks of one unit agree to about 1e-4,
+/// and different nominal sampling rates differ by more.
 const SAME_RATE: f64 = 2e-3;
 
 /// A recording with the index ranges of its rests.
@@ -59,7 +60,8 @@ pub(super) struct OnTape {
 }
 
 impl Tape {
-    /// The recordings in the order `order`, joined to tapes, and the place of each recording on its tape.
+    /// Concatenates the recordings, in the order `order`, to one tape per sampling rate. Also returns the place of each
+    /// recording on its tape.
     pub(super) fn of(recordings: &[AtRest<'_>], order: &[usize]) -> (Vec<Self>, Vec<OnTape>) {
         let mut tapes: Vec<Self> = Vec::new();
         let mut places = vec![OnTape { tape: 0, range: 0..0 }; recordings.len()];
@@ -113,7 +115,7 @@ impl Tape {
     }
 }
 
-/// Hann window of `length` samples. The cosines are computed by a recurrence, which is much faster than evaluating each
+/// Hann window of `length` samples. A recurrence computes the cosines, which is much faster than evaluating each
 /// cosine.
 fn hann(length: usize) -> impl Iterator<Item = f32> {
     let step = std::f64::consts::TAU / length.max(1) as f64;

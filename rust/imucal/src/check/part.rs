@@ -1,4 +1,4 @@
-//! A block of consecutive samples, short enough to stay in the processor's cache while all checks process it.
+//! A block of consecutive samples. It is short enough to stay in the processor's cache while all checks process it.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -15,8 +15,8 @@ pub(super) struct Part<'a> {
     pub(super) samples: Range<usize>,
     /// Whether the time and all channels of the recorded sensors are finite in all samples.
     pub(super) is_finite: bool,
-    /// Value of [`Part::equal`] for a row in which all channels have the values of the previous row. The bits of an
-    /// absent sensor are never set.
+    /// Value of [`Part::equal`] for a row in which all channels equal those of the previous row. The bits of an absent
+    /// sensor are never set.
     pub(super) all_equal: u8,
     equal: [u8; PART],
     /// Rows of the accelerometer and rows of the gyroscope.
@@ -58,7 +58,7 @@ impl<'a> Part<'a> {
     }
 }
 
-/// For each number, 1 if it equals the number of the same axis in the previous row, otherwise 0. Entries beyond the
+/// For each number: 1 if it equals the number of the same axis in the previous row, otherwise 0. Entries beyond the
 /// last number are 0.
 #[inline(always)]
 fn same(numbers: &[f64]) -> [u8; 3 * PART] {
@@ -68,7 +68,7 @@ fn same(numbers: &[f64]) -> [u8; 3 * PART] {
     same
 }
 
-/// Whether all values are finite. The loop has no branches, so that the compiler can vectorise it.
+/// Whether all values are finite. The loop has no branches, so the compiler can vectorise it.
 #[inline(always)]
 pub(super) fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |all, value| all & value.is_finite())

@@ -12,23 +12,23 @@ const EDGE_STEPS: f64 = 3.0;
 /// Minimum change of another axis of the triad during the plateau, in converter steps of that axis. It excludes rests
 /// without noise.
 const SIBLING_STEPS: f64 = 2.0;
-/// Minimum difference, in steps of the converter, between the plateau and the samples that lie one length of the
-/// plateau before its start and after its end. It is the criterion for high sampling rates and coarse steps, at which
-/// even a clipped channel changes slowly next to the plateau. A rounded peak whose top lies within one step changes by
-/// nine steps over this distance.
+/// Minimum difference between the plateau and the samples one plateau length before its start and after its end, in
+/// steps of the converter. At high sampling rates and with coarse steps, even a clipped channel changes slowly next to
+/// the plateau, and [`EDGE_STEPS`] does not detect it. A rounded peak whose top is within one step changes by nine
+/// steps over this distance.
 const FAR_STEPS: f64 = 12.0;
 /// Minimum change of another axis during a plateau that is detected by [`FAR_STEPS`], as a share of the range of that
 /// axis.
 const SIBLING_SHARE: f64 = 0.05;
 
-/// Maximum probability that noise alone causes the plateaus at an extreme value. At this value, one clean recording in
-/// 1e5 is refused.
+/// Maximum probability that noise is the cause of the plateaus at an extreme value. With this limit, one recording
+/// without saturation in 1e5 is refused.
 const BY_CHANCE: f64 = 1e-5;
-/// Maximum assumed probability that noise makes two consecutive samples equal. The limit is needed because with noise
-/// below one step, most consecutive samples near an extreme value are equal.
+/// Upper limit of the assumed probability that noise makes two consecutive samples equal. If the noise is below one
+/// step, most consecutive samples near an extreme value are equal, so the limit is needed.
 const MOST_EQUAL: f64 = 0.5;
 
-/// Statistics of plateaus: the number of plateaus, the number of samples in all of them, and the number of samples in
+/// Statistics of a set of plateaus: their number, the number of samples in all of them, and the number of samples in
 /// the longest one.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Kind {
@@ -44,8 +44,8 @@ impl Kind {
         self.longest = self.longest.max(len);
     }
 
-    /// Whether these plateaus have more than twice as many samples as the plateaus `usual`, or the longest of them is
-    /// at least twice as long as the longest of `usual`.
+    /// Whether these plateaus differ from the plateaus `usual`: they have more than twice as many samples, or the
+    /// longest of them is at least twice as long as the longest of `usual`.
     pub(super) fn stand_out_from(&self, usual: &Self) -> bool {
         self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
     }
@@ -69,7 +69,7 @@ pub(super) fn equal_neighbours(rows: Samples<'_>, axis: usize, ends: &[f64; 2]) 
     f64::min(equal / pairs, MOST_EQUAL)
 }
 
-/// Plateaus of one axis: those at its lowest value, those at its highest value, and those at any other value.
+/// Plateaus of one axis in three groups: at its lowest value, at its highest value, and at all other values.
 #[derive(Default)]
 pub(super) struct Plateaus {
     pub(super) at_end: [Kind; 2],
@@ -90,17 +90,17 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
         if run.len() < PLATEAU || !value.is_finite() {
             continue;
         }
-        // Change of the channel, in steps, between the plateau and the samples at this distance before and after it.
+        // Change of the channel between the plateau and the samples at this distance before and after it, in steps.
         let drop_at = |distance: usize| {
             let row = |k: Option<usize>| k.filter(|&k| k < rows.len()).map(|k| rows.at(k));
             let drop = |row: Option<[f64; 3]>| row.map(|row| (row[axis] - value).abs() / steps[axis]);
             [drop(row(run.start.checked_sub(distance))), drop(row(Some(run.end - 1 + distance)))]
         };
-        // Change of another axis during the plateau, as an absolute value and as a share of the range of that axis.
+        // Change of another axis during the plateau, as an absolute value and as a share of the range of this axis.
         let change = |k: usize| range(rows.slice(run.clone()), k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
-        // If the sample next to the plateau is missing, or the recording ends there, this edge counts as steep.
+        // An edge of the plateau counts as steep if the sample next to it is missing or if the recording ends there.
         let steep = drop_at(1).iter().all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
             && sibling(&|k| change(k) >= SIBLING_STEPS * steps[k] && share(k) > 1e-6);
         let far = || {
@@ -117,8 +117,8 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
     found
 }
 
-/// Whether the extreme value occurs at least twice as often as values one step inside. This excludes the tail of a
-/// noise distribution.
+/// Whether the extreme value occurs at least twice as often as the values one step inside. If it does not, the extreme
+/// value is the tail of a noise distribution.
 pub(super) fn piles_up(rows: Samples<'_>, axis: usize, end: f64, step: f64) -> bool {
     let (mut at_end, mut inside) = (0, 0);
     for value in rows.axis(axis) {

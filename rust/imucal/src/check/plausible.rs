@@ -1,5 +1,5 @@
-//! Limits of plausible noise densities and biases of inertial sensors at rest, and determination of the unit in which
-//! an implausible value would be plausible.
+//! Limits of plausible noise densities and biases of inertial sensors at rest. For an implausible value, the unit is
+//! determined in which the value would be plausible.
 //!
 //! ```text
 //! quantity                   highest                 lowest                     sources
@@ -61,8 +61,8 @@ const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (0.0625, "0.0625"),
     (1.0 / 14.375, "1/14.375"),
 ];
-/// Maximum relative difference between the step of a column and a known size of a count for the two to count as equal.
-/// It allows for text columns that are rounded to three digits.
+/// Maximum relative difference between the step of a column and the known size of a count for the two to count as
+/// equal. The limit allows text columns that are rounded to three digits.
 const SAME_COUNT: f64 = 3e-3;
 
 /// The noise of one column at rest, in the unit of the recording.
@@ -74,8 +74,8 @@ pub struct RestNoise {
     pub mean: Option<f64>,
 }
 
-/// Reports noise densities and biases at rest that no sensor has, and the unit in which they would be plausible. Only
-/// columns in SI units are checked, because counts may have any size.
+/// Reports noise densities and biases at rest that no sensor has, with the unit in which they would be plausible. Only
+/// columns in SI units are checked, because a count may have any size.
 ///
 /// `columns` is the noise of the accelerometer's axes x, y, z and of the gyroscope's axes x, y, z. Codes, all of them
 /// warnings: `noise_implausible`, `bias_implausible`.
@@ -100,7 +100,8 @@ pub fn check_noise(recording: &Recording, columns: &[RestNoise; 6]) -> Vec<Findi
     findings
 }
 
-/// How the densities of a triad are displayed: the name of the sensor, the unit, and the size of this unit in SI units.
+/// How the densities of a triad are written in messages: the name of the sensor, the unit, and the size of the unit in
+/// SI units.
 struct Shown {
     name: &'static str,
     unit: &'static str,
@@ -189,10 +190,10 @@ fn accel_way_out(density: f64) -> String {
         .into()
 }
 
-/// Text of the size of a count of a usual gyroscope in deg/s, if the step of a column has this value.
+/// Text of a known size of a count in deg/s, if the step of the column equals it.
 fn known_count(step: f64) -> Option<&'static str> {
     let same = |(size, _): &&(f64, &str)| (step / size - 1.0).abs() < SAME_COUNT;
-    // The nearest size is chosen, because 1/131 and 250/32768 differ by only 0.05 %.
+    // The nearest known size is chosen, because 1/131 and 250/32768 differ by only 0.05 %.
     let nearest = |a: &&(f64, &str), b: &&(f64, &str)| (step / a.0 - 1.0).abs().total_cmp(&(step / b.0 - 1.0).abs());
     GYRO_COUNTS_DPS.iter().filter(same).min_by(nearest).map(|(_, text)| *text)
 }

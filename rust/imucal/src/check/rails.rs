@@ -10,13 +10,13 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// Minimum ratio of a rail (the value at which an axis is clipped) to the largest value of its triad. The axes of a
-/// triad share one range, so their rails differ only by the scales of the axes.
+/// Minimum ratio of a rail to the largest value of its triad. A rail is the value at which an axis is clipped. The axes
+/// of a triad have the same range, so their rails differ only by the scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
 /// Minimum ratio of an accelerometer rail to the median of |f|, which is 1 g. No accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
-/// Maximum relative difference between the distances of two rails from the zero reading for both to belong to one
+/// Maximum relative difference between the distances of two rails from the zero reading, for both to belong to one
 /// measurement range.
 const ONE_RANGE: f64 = 1e-4;
 
@@ -43,7 +43,7 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
 
 /// The samples at which any axis is saturated, as disjoint index ranges in ascending order.
 ///
-/// Rests and moves that contain these samples must not be used. All other rests and moves can be used.
+/// Rests and moves with such samples must not be used. All others can be used.
 pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
     if recording.check_lengths().is_err() {
         return Vec::new();
@@ -137,9 +137,9 @@ fn finding(
 ///   short, and noise must be an unlikely cause. The rail must be at least `lowest_over_median` times the median norm
 ///   of the rows.
 ///
-/// Counts that are other powers of two are no evidence for a rail, because common accelerometers read 2048 or 16384
-/// counts at 1 g. `ends` are the extremes of each axis. `held` are the extremes among the values that the axis keeps
-/// for at least the length of a plateau.
+/// Other powers of two are no evidence for a rail, because common accelerometers read 2048 or 16384 counts at 1 g.
+/// `ends` are the extremes of each axis. `held` are the extremes among the values that the axis keeps for at least the
+/// length of a plateau.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,
@@ -159,7 +159,7 @@ fn triad_rails(
                 high > 32768.0 && (v == 0.0 || v == 65535.0)
             }
     };
-    // Fast path for most recordings: no axis keeps an extreme value, so no further passes are needed.
+    // Fast path for most recordings: if no axis keeps an extreme value, no further passes are needed.
     let stays_at_end = ends.iter().zip(held).any(|(ends, held)| ends[0] == held[0] || ends[1] == held[1]);
     if !ends.iter().flatten().any(|&end| is_16_bit_end(end)) && !stays_at_end {
         return [[None; 2]; 3];
@@ -188,7 +188,7 @@ fn triad_rails(
             (is_16_bit_end(end) || cut_off).then_some(end)
         })
     });
-    // If one rail of the triad is known, every other channel that reaches this value is clipped, too. The counts +32767
+    // If one rail of the triad is known, all other channels that reach this value are clipped, too. The counts +32767
     // and -32768 are treated as one rail.
     if let Some(rail) = rails.iter().flatten().flatten().map(|v| (v - zero).abs()).reduce(f64::max) {
         for axis in 0..3 {

@@ -1,21 +1,21 @@
-//! Check for rows that were held by the sensor or written twice.
+//! Check for repeated rows. The sensor repeated its last sample, or the row was written twice.
 
 use super::Tally;
 use super::part::Part;
 use crate::finding::Finding;
 use crate::recording::Recording;
 
-/// Maximum number of consecutive equal rows that count as repeated, in rows. A longer sequence is a rest without noise.
+/// Maximum number of consecutive equal rows that count as repeated. A longer sequence is a rest without noise.
 const LONGEST_REPEAT: usize = 8;
 /// Minimum number of repeated rows for a finding.
 const FEWEST: usize = 5;
 
-/// Reports rows whose values all equal the values of the previous row although the time differs.
+/// Reports rows whose values all equal the values of the previous row, while the time differs.
 ///
 /// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
-/// repeat counts only between rows that change, in which at most one value repeats. Second, repeated rows must
-/// outnumber rows with five repeated values by more than 2 to 1. In natural repeats, fully repeated rows are rarer than
-/// rows with five repeated values. If each channel repeats with probability q, five of six values repeat with
+/// repeat counts only between two rows that change. A row changes if at most one of its values repeats. Second,
+/// repeated rows must outnumber rows with five repeated values by more than 2 to 1. Natural repeats are less frequent
+/// than rows with five repeated values: if each channel repeats with probability q, five of six values repeat with
 /// probability 6 q^5 (1 - q), and all six with probability q^6. A rest without noise is a long sequence of equal rows
 /// and is excluded by [`LONGEST_REPEAT`]. If the recording has only one sensor, rows have three values instead of six.
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
@@ -37,15 +37,15 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
     })
 }
 
-/// Number of rows that repeat the previous row completely, and number of rows that repeat all but one of its values. A
-/// sequence of such rows counts only between two rows that change, that is, rows with at most one repeated value.
+/// Number of rows that repeat the previous row completely, and number of rows that repeat all but one of its values.
+/// Such rows are counted only between two rows that change, which have at most one repeated value.
 #[derive(Default)]
 pub(super) struct Repeats {
     /// Rows in which all values repeat.
     doubled: Tally,
     /// Number of rows in which all values but one repeat.
     near: usize,
-    /// Whether the last row with two or more new values repeated at most one value of its predecessor.
+    /// Whether the last row with two or more new values repeated at most one value of the previous row.
     changes_before: bool,
     /// Number of fully repeated rows since the last row with two or more new values.
     equal_rows: usize,
@@ -54,7 +54,7 @@ pub(super) struct Repeats {
 }
 
 impl Repeats {
-    /// Number of repeated rows, if there are too many for a coincidence; otherwise `None`.
+    /// Number of repeated rows; `None` if the number can be a coincidence.
     pub(super) fn reported(&self) -> Option<usize> {
         let count = self.doubled.samples;
         (count >= FEWEST && count > 2 * self.near).then_some(count)

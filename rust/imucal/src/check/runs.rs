@@ -1,5 +1,5 @@
-//! Detection of runs of three or more equal consecutive samples in one channel. Two equal samples are common and do not
-//! count as a run.
+//! Detection of runs in one channel. A run is a sequence of three or more equal consecutive samples. Two equal samples
+//! are frequent and are not a run.
 
 use super::part::Part;
 use super::plateau::PLATEAU;

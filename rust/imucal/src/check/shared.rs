@@ -1,4 +1,4 @@
-//! Check for samples that occur in two recordings. Such samples would reduce the standard deviations without adding
+//! Check for samples that occur in two recordings. They would reduce the standard deviations without adding
 //! information.
 
 use std::collections::HashMap;
@@ -10,14 +10,14 @@ use crate::recording::Recording;
 /// recordings never coincides over so many rows.
 const SHARED_ROWS: usize = 100;
 
-/// Maps the bits of a row to three indices: the recording, the index of the row after removal of consecutive duplicate
-/// rows, and the index of the row in the recording.
+/// Maps the bits of a row to three indices: the recording, the number of the row without consecutive duplicates, and
+/// the index of the row in the recording.
 type Seen = HashMap<[u64; 6], (usize, usize, usize)>;
 
-/// Finding `recordings_overlap` for every recording that contains an interval of an earlier one. Time stamps are
-/// ignored.
+/// Finding `recordings_overlap` for every recording that contains an interval of an earlier recording in the list. Time
+/// stamps are ignored.
 pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
-    // A single recording needs no comparison. Returning here avoids building a large hash table.
+    // A single recording needs no comparison, so the large hash table is not built.
     if recordings.len() < 2 {
         return Vec::new();
     }
@@ -69,7 +69,7 @@ fn rows(recording: &Recording) -> usize {
     if recording.check_lengths().is_ok() { recording.len() } else { 0 }
 }
 
-/// Indices of the rows that differ from the previous row. Rows that were held or logged twice count once.
+/// Indices of the rows that differ from the previous row. A row that was repeated or written twice is counted once.
 fn changes<'a>(recording: &'a Recording<'_>) -> impl Iterator<Item = usize> + 'a {
     (0..rows(recording)).filter(|&i| i == 0 || row_bits(recording, i) != row_bits(recording, i - 1))
 }

@@ -1,10 +1,10 @@
-//! Recommendations for time stamps that are not the sampling instants, such as arrival times. They include the mean
+//! Recommendations for time stamps that are not the sampling instants, for example arrival times. They contain the mean
 //! sampling rate.
 
 use crate::finding::general;
 use crate::recording::Recording;
 
-/// Maximum time step, as a share of the duration, up to which the mean rate is accurate enough to be recommended.
+/// Maximum time step for the mean rate to be accurate enough to be recommended, as a share of the duration.
 const LONGEST_SHARE: f64 = 0.02;
 
 /// Recommendation for time stamps that are not the sampling instants.
@@ -22,8 +22,8 @@ pub(super) fn even(recording: &Recording) -> String {
     )
 }
 
-/// Mean sampling rate, Hz, from a straight line fitted to the time stamps, so that jitter of the first and the last
-/// stamp barely affects the rate. `None` if single time steps are so long that the rate would not be accurate.
+/// Mean sampling rate from a straight line fitted to the time stamps, Hz. Jitter of the first and the last stamp hardly
+/// affects it. `None` if single time steps are so long that the rate is inaccurate.
 fn even_rate_hz(recording: &Recording) -> Option<f64> {
     let time_s = recording.time_s;
     let [start_s, end_s] = recording.span_s();

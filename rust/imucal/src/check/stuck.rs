@@ -7,18 +7,17 @@ use crate::finding::{Finding, Place};
 use crate::parameters::of_axes;
 use crate::recording::{Recording, Samples};
 
-/// Minimum share of the recording over which a constant axis counts as stuck.
+/// Minimum share of the recording over which an axis must be constant to count as stuck.
 const STUCK_SHARE: f64 = 0.5;
-/// Minimum range of another axis for that axis to count as moving, in steps of the converter.
+/// Minimum range of another axis for this other axis to count as moving, in steps of the converter.
 const MOVING_STEPS: f64 = 8.0;
 
 /// Reports axes that are constant for most of the recording while other axes of the same triad move.
 ///
 /// Two cases are not reported: a rest without noise, in which all axes are constant, and a coarse converter, which
-/// changes axes by single steps. An axis is certainly stuck if the other axes are noisy while the axis is constant, or
-/// if a whole triad is constant. In this case, the finding is an error. If the other axes have no noise either (coarse
-/// converter, simulation without noise), the motion may simply not have changed this axis. In this case, the finding is
-/// a warning.
+/// changes axes by single steps. The finding is an error if the axis is certainly stuck: the other axes are noisy while
+/// the axis is constant, or a whole triad is constant. The finding is a warning if the other axes have no noise either
+/// (coarse converter, simulation without noise), because the motion may not have changed this axis.
 pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [
@@ -35,8 +34,8 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
             let siblings = [(axis + 1) % 3, (axis + 2) % 3];
             let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
                 && (0..3).any(|k| moves_widely(other.slice(first..last + 1), k));
-            // If the axis shows no noise before and after the constant interval either, its noise is below a step of
-            // the converter.
+            // If the axis also shows no noise before and after the constant interval, its noise is below a step of the
+            // converter.
             let [before, after] = [rows.slice(0..first), rows.slice(last + 1..rows.len())];
             let steps = !(before.is_empty() && after.is_empty()) && [before, after].iter().all(|r| !is_noisy(*r, axis));
             let siblings_are_noisy = !steps && siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));
@@ -136,8 +135,7 @@ fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
     2 * changes > rows.len()
 }
 
-/// Whether the axis clearly moves: its range must be comparable to its largest value, so that noise alone cannot
-/// explain it.
+/// Whether the axis clearly moves. Its range must be comparable to its largest value, so noise cannot be the cause.
 fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
     let [low, high] = extremes(rows, axis);
     moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())

@@ -1,7 +1,7 @@
 //! Single pass over the samples that collects the data of all column checks.
 //!
 //! Each check has a small accumulator. The recording is divided into short blocks. All accumulators process one block
-//! before the next, so that the block remains in the processor's cache.
+//! before the next block, so that the block stays in the processor's cache.
 
 use pulp::{Simd, WithSimd};
 
@@ -32,7 +32,7 @@ impl Survey {
     }
 }
 
-/// The pass, run by pulp with the widest vector instructions of the processor.
+/// The pass over the samples. pulp runs it with the widest vector instructions of the processor.
 struct Surveying<'a>(&'a Recording<'a>);
 
 impl WithSimd for Surveying<'_> {

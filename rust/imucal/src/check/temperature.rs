@@ -5,15 +5,15 @@ use crate::finding::{Finding, general};
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Minimum difference between consecutive temperatures that is reported as a jump, K. A sensor does not warm up so fast
-/// at any usual sampling rate.
+/// Minimum difference between consecutive temperatures that is reported as a jump, K. At usual sampling rates, a sensor
+/// does not warm up so fast.
 const TEMPERATURE_STEP_K: f64 = 5.0;
-/// Plausible temperatures of an inertial sensor, degC. Datasheets give operating ranges up to -55 to 125 degC and
-/// storage ranges of -40 to 125 degC or -65 to 150 degC. Values outside this range are in another unit, or are reading
-/// errors.
+/// Plausible temperatures of an inertial sensor, degC. Datasheets give operating ranges up to -55 to 125 degC, and
+/// storage ranges of -40 to 125 degC or -65 to 150 degC. A temperature outside the limits is in another unit or is a
+/// reading error.
 pub const TEMPERATURE_DEGC: [f64; 2] = [-60.0, 150.0];
-/// Usual temperatures of a sensor in a calibration, degC: the operating range of consumer and industrial sensors. If an
-/// implausible value lies in this range after conversion from another unit, that unit is recommended.
+/// Usual temperatures of a sensor during a calibration, degC: the operating range of consumer and industrial sensors.
+/// If an implausible value converted from another unit is in this range, this unit is recommended.
 const USUAL_DEGC: [f64; 2] = [-40.0, 85.0];
 
 /// Reports implausible temperatures, jumps between consecutive samples, and values that are not finite.

@@ -1,4 +1,4 @@
-//! Checks of units by the readings at rest, where |f| = g and a gyroscope reads its bias.
+//! Checks of units with the readings at rest. There |f| equals g, and a gyroscope reads its bias.
 
 use std::ops::Range;
 
@@ -11,24 +11,24 @@ use crate::finding::{Finding, Place};
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// Plausible ratio of |f| to g at rest. It allows for the bias and the scale error of a sensor.
+/// Plausible ratio of |f| to g at rest. The limits allow for the bias and the scale error of a sensor.
 const AT_REST: [f64; 2] = [0.75, 1.25];
 /// Plausible ratio of the median of |f| to g over a whole recording, moves included.
 const WITH_MOVES: [f64; 2] = [0.5, 2.0];
-/// Largest plausible angular rate, rad/s: twice the widest range on the market.
+/// Largest plausible angular rate, rad/s. It is twice the widest range of gyroscopes on the market.
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
-/// Limit of the unsteadiness of the rate within a rest. The unsteadiness is the standard deviation of the rate, divided
-/// by the norm of the mean rate. Below this limit, the mean rate is taken to be a bias. If the unit is moved to and
-/// fro, the unsteadiness exceeds the limit.
+/// Limit of the unsteadiness of the rate within a rest. The unsteadiness is the standard deviation of the rate divided
+/// by the norm of the mean rate. Below this limit, the mean rate counts as a bias. If the unit is moved to and fro, the
+/// unsteadiness is above the limit.
 const STEADY: f64 = 0.3;
-/// Limits of the lower and of the upper quartile of the norm of a triad, as multiples of the median of the norm. If
-/// both quartiles are within the limits, the norm is steady enough to be the norm of gravity. The norm of angular rates
-/// varies by far more, because a recording contains rests and moves.
+/// Limits of the lower and of the upper quartile of a triad's norm, as multiples of the median norm. If both quartiles
+/// are within the limits, the norm may be that of gravity. The norm of angular rates varies far more, because a
+/// recording contains rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
-/// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation for a file that is in this unit
-/// but was read in another unit. Columns without a known unit were read as m/s^2.
+/// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation if a file in this unit was read
+/// in another unit. Columns without a known unit were read as m/s^2.
 const ACCEL_UNITS: [(&str, f64, &str); 4] = [
     ("mps2", 1.0, "m/s^2: name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2"),
     ("g", STANDARD_GRAVITY_MPS2, "g: name the columns accel_x_g, accel_y_g, accel_z_g"),
@@ -40,12 +40,12 @@ const GYRO_UNITS: [(&str, f64, &str); 3] =
     [("radps", 1.0, "rad/s"), ("dps", DEGREE, "deg/s"), ("mdps", DEGREE / 1000.0, "mdeg/s")];
 /// One degree, rad.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// Median |f|, in the unit of the columns, from which the numbers can only be raw counts.
+/// Median |f|, in the unit of the columns, above which the numbers can only be raw counts.
 const COUNTS: f64 = 1500.0;
-/// Maximum median |f| for an accelerometer from whose readings gravity was removed, m/s^2.
+/// Median |f| below which gravity was removed from the readings of the accelerometer, m/s^2.
 const WITHOUT_GRAVITY_MPS2: f64 = 0.5;
 
-/// Findings of wrong units whose errors are so large that they are detected without rests.
+/// Findings of wrong units whose errors are so large that no rests are needed to detect them.
 pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extremes)) -> Vec<Finding> {
     let mut findings = Vec::new();
     let whole = 0..recording.len();
@@ -63,7 +63,7 @@ pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extr
     findings
 }
 
-/// Numbers of finite rows: all, those with a norm below a lower limit, and those with a norm above an upper limit.
+/// Numbers of finite rows: all rows, rows with a norm below a lower limit, and rows with a norm above an upper limit.
 #[derive(Default)]
 pub(super) struct Lengths {
     rows: usize,
@@ -72,7 +72,7 @@ pub(super) struct Lengths {
 }
 
 impl Lengths {
-    /// Adds the rows of an accelerometer in SI units, with the limits [`WITH_MOVES`] times standard gravity.
+    /// Adds the rows of an accelerometer in SI units. The limits of the norm are [`WITH_MOVES`] times standard gravity.
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         if part.recording.accel_unit == RawUnit::Si {
@@ -90,7 +90,7 @@ impl Lengths {
         }
     }
 
-    /// Whether the median norm lies between the two limits. The counts suffice for this, so the median is not computed.
+    /// Whether the median norm is between the two limits. The counts determine this without sorting.
     fn have_median_within(&self) -> bool {
         2 * self.below < self.rows && 2 * self.above < self.rows
     }
@@ -138,8 +138,8 @@ fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
     (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
 }
 
-/// The [`median_norm`] if it is outside the limits, otherwise `None`. In most recordings the median norm is inside the
-/// limits, which is determined without sorting.
+/// The [`median_norm`] if it is outside the limits, otherwise `None`. In most recordings it is inside the limits, which
+/// is determined without sorting.
 fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
     let mut lengths = Lengths::default();
     ranges.iter().for_each(|range| lengths.add(&rows.part(range.clone()), limits));
@@ -153,7 +153,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     let [given, _] = recording.column_units;
     let given = ACCEL_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("mps2")).unwrap_or(&ACCEL_UNITS[0]);
     let in_file = norm / given.1;
-    // The magnitude of the numbers is compared first, because it identifies the unit of columns that contain gravity.
+    // The magnitude of the numbers is compared first, because it identifies the unit if the columns contain gravity.
     let fitting: Vec<&str> = ACCEL_UNITS
         .iter()
         .filter(|unit| unit.0 != given.0 && within(in_file * unit.1 / gravity_mps2, AT_REST))
@@ -192,7 +192,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     }
 }
 
-/// Whether the numbers in the gyroscope columns have the norm of gravity, in m/s^2 or g, in nearly all samples.
+/// Whether the numbers in the gyroscope columns have the norm of gravity, in m/s^2 or in g, in nearly all samples.
 fn gyroscope_has_gravity(recording: &Recording, gravity_mps2: f64) -> bool {
     if recording.gyro_unit != RawUnit::Si {
         return false;
@@ -263,8 +263,8 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Finding for a gyroscope with an impossible bias. A bias is steady within a rest. A large rate that varies within a
-/// rest means that the unit was moved, so it is no evidence of a wrong unit.
+/// Finding for a gyroscope with an impossible bias. A bias is steady within a rest. If a large rate varies within a
+/// rest, the unit was moved, and the rate is no evidence of a wrong unit.
 fn biased(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si {
         return None;

@@ -1,9 +1,9 @@
-//! Check for negative counts that were read as unsigned numbers, so that a count n < 0 is stored as 2^bits + n.
+//! Check for negative counts that were read as unsigned numbers. A count n < 0 is then stored as 2^bits + n.
 //!
 //! With this fault, a channel that crosses zero jumps between the two ends of the number range, which resembles
-//! saturation. A sensor whose counts are truly unsigned reads near the middle of the range at rest, and interpreting
-//! its upper half as negative would create jumps at the middle. Therefore the jumps of both interpretations are
-//! compared.
+//! saturation. A sensor whose counts are really unsigned reads near the middle of the range at rest. If its upper half
+//! were read as negative numbers, there would be jumps at the middle. The numbers of jumps in both interpretations are
+//! therefore compared.
 
 use pulp::{Simd, WithSimd};
 
@@ -15,10 +15,10 @@ use crate::recording::{RawUnit, Recording, SIDE_BY_SIDE, Samples, each_step};
 
 /// Possible word lengths of converters and registers, bits.
 const BITS: std::ops::RangeInclusive<u32> = 8..=32;
-/// Width of the regions at both ends of the number range, as a share of the range. A jump leads from the region at one
-/// end to the region at the other.
+/// Width of the region at each end of the number range, as a share of the range. A jump goes from the region at one end
+/// to the region at the other end.
 const END: f64 = 0.125;
-/// Minimum number of jumps for a finding; fewer may be single wrong samples.
+/// Minimum number of jumps for a finding. Fewer jumps may be single wrong samples.
 const FEWEST_JUMPS: u64 = 3;
 /// Minimum ratio of the number of jumps in unsigned counts to the number of jumps that remain if the counts are read as
 /// signed numbers.
@@ -26,8 +26,8 @@ const LEFT: u64 = 10;
 /// Number of samples in a block that fits into the processor's cache.
 const PART: usize = 256;
 
-/// Reports only the finding `counts_unsigned`. It is the only check of data that are corrected but not used for a
-/// calibration. All columns must have the same length.
+/// Reports only the finding `counts_unsigned`. Data that are corrected but not used for a calibration need no other
+/// check of this module. All columns must have the same length.
 pub fn check_counts(recording: &Recording) -> Vec<Finding> {
     let is_raw = [recording.accel_unit, recording.gyro_unit].contains(&RawUnit::Lsb);
     if is_raw && !recording.is_empty() { check(recording, &Survey::of(recording)) } else { Vec::new() }
@@ -97,8 +97,8 @@ fn is_jump(before: f64, after: f64, numbers: f64) -> bool {
     before.min(after) < END * numbers && before.max(after) > (1.0 - END) * numbers
 }
 
-/// Counts the jumps of each channel of a triad, as unsigned numbers and as signed numbers. pulp runs it with the widest
-/// vector instructions of the processor.
+/// Counts the jumps of each channel of a triad, read as unsigned numbers and as signed numbers. pulp runs it with the
+/// widest vector instructions of the processor.
 struct Jumps<'a> {
     rows: Samples<'a>,
     numbers: f64,

@@ -6,18 +6,18 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// Largest specific force that a sensor can measure, m/s^2: ten thousand times gravity, twenty times the widest range
-/// of the MEMS accelerometers that resolve gravity (ADXL1004, 500 g).
+/// Largest specific force that a sensor can measure, m/s^2. It is ten thousand times gravity, and twenty times the
+/// widest range of MEMS accelerometers that resolve gravity (ADXL1004, 500 g).
 const LARGEST_FORCE_MPS2: f64 = 1e5;
-/// Largest angular rate that a sensor can measure, rad/s: thirty times the widest range of MEMS gyroscopes (ADXRS649,
-/// 20000 deg/s).
+/// Largest angular rate that a sensor can measure, rad/s. It is thirty times the widest range of MEMS gyroscopes
+/// (ADXRS649, 20000 deg/s).
 const LARGEST_RATE_RADPS: f64 = 1e4;
-/// Largest magnitude of raw counts: the magnitude of an integer of 32 bits, the widest output of converters.
+/// Largest magnitude of a raw count. It is that of a signed integer of 32 bits, the widest output of converters.
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
-/// Share of impossible samples above which the recommendation names a wrong unit of the channel as the cause.
+/// Minimum share of impossible samples for the recommendation to name a wrong unit of the channel as the cause.
 const WRONG_UNIT_SHARE: f64 = 0.01;
-/// Minimum share of rows with values of only one sensor, for each of the two sensors, for the sensors to count as
-/// having separate time stamps.
+/// Minimum share of rows that have values of one sensor only. If both sensors exceed this share, they have separate
+/// time stamps.
 const OWN_ROWS: f64 = 0.1;
 
 /// Samples with NaN or infinity, and the columns in which these values occur.
@@ -25,7 +25,7 @@ const OWN_ROWS: f64 = 0.1;
 pub(super) struct NotFinite {
     bad: Tally,
     columns: [bool; 7],
-    /// Number of samples with only gyroscope values, and number of samples with only accelerometer values.
+    /// Number of samples that have only gyroscope values, and number of samples that have only accelerometer values.
     alone: [usize; 2],
     bad_stand: Tally,
     stand_columns: [bool; 3],
@@ -73,7 +73,7 @@ impl NotFinite {
     }
 }
 
-/// Reports NaN and infinity, with the columns. In the stand columns these values are only a warning, because only
+/// Reports NaN and infinity, with the columns. In the columns of the stand, the finding is only a warning, because only
 /// effects of the encoders need these columns.
 pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec<Finding> {
     let NotFinite { bad, columns, bad_stand, stand_columns, alone, .. } = not_finite;
@@ -102,7 +102,7 @@ pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec
     findings
 }
 
-/// Reports finite values that no sensor can measure, for example damaged numbers, with the location of the first. Such
+/// Reports finite values that no sensor can measure, for example damaged numbers, and the place of the first one. Such
 /// values distort the statistics of all other checks.
 pub(super) fn check_possible(recording: &Recording, extremes: &Extremes) -> Vec<Finding> {
     let triads = [
@@ -200,7 +200,7 @@ pub(super) fn range(rows: Samples<'_>, axis: usize) -> f64 {
 /// Smallest and largest finite value; [inf, -inf] if no value is finite.
 pub(super) fn extremes(rows: Samples<'_>, axis: usize) -> [f64; 2] {
     let values = rows.axis(axis).filter(|v| v.is_finite());
-    // A plain comparison is faster than `f64::min`, which also handles NaN; NaN was filtered out above.
+    // A plain comparison is faster than `f64::min`, which also handles NaN. Here NaN has been filtered out.
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
         [if v < low { v } else { low }, if v > high { v } else { high }]
     })
@@ -222,7 +222,8 @@ impl Extremes {
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         for (ends, rows) in self.ends.iter_mut().zip(part.triads()) {
-            // Four rows per step allow the compiler to vectorise; plain comparisons are valid only if no value is NaN.
+            // With four rows per step, the compiler can vectorise the loop. Plain comparisons are valid only if no
+            // value is NaN.
             let (fours, others) = if part.is_finite { rows.as_chunks::<4>() } else { (&[][..], rows) };
             let (mut low, mut high) = ([[f64::INFINITY; 3]; 4], [[f64::NEG_INFINITY; 3]; 4]);
             for four in fours {
@@ -248,7 +249,7 @@ impl Extremes {
 
 /// Resolution of the converter, in the unit of the samples; infinite for a constant channel. It is the 5 % quantile of
 /// the nonzero differences between consecutive samples. The quantile ignores rare smaller differences, for example from
-/// clipping at a limit between two steps. Differences of the order of floating-point rounding are excluded.
+/// clipping between two steps. Differences of the size of floating-point rounding are excluded.
 pub(super) fn converter_step(rows: Samples<'_>, axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
     let mut steps = Vec::new();
