@@ -1,6 +1,6 @@
-//! Calibration of a unit from its recordings in six steps. The recordings are checked. The rests are detected. The
-//! accelerometer is fitted to the rests. The gyroscope is fitted by propagating gravity from rest to rest. All
-//! parameters are fitted jointly. The uncertainty of the result is determined.
+//! Calibration of a unit from its recordings, in six steps. First, the recordings are checked. Second, the rests are
+//! detected. Third, the accelerometer is fitted to the rests. Fourth, the gyroscope is fitted, with gravity propagated
+//! from rest to rest. Fifth, all parameters are fitted jointly. Sixth, the uncertainty of the result is determined.
 
 mod accelerometer_alone;
 mod checked;
@@ -51,17 +51,17 @@ pub(crate) use user_effects::views;
 pub use user_effects::{BriefCorrection, CorrectedSamples, SampledField, UserEffects};
 
 /// Accepted range of local gravity, m/s^2. Gravity is 9.76 on the highest mountains of the tropics and 9.83 at the
-/// poles; the range adds a margin.
+/// poles. The range has a margin on both sides.
 pub const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 
-/// Default of the maximum number of iterations of a joint fit, over all repetitions with new weights. Fits that
+/// Default of the maximum number of iterations of a joint fit, counted over all repetitions with new weights. Fits that
 /// converge need 5 to 100 iterations.
 pub const MAX_ITERATIONS: u64 = 1000;
 
 /// Options of a calibration.
 #[derive(Clone, Debug)]
 pub struct Options<'a> {
-    /// Local gravity, m/s^2. All accelerometer scales are inversely proportional to it.
+    /// Local gravity, m/s^2. The scale of every accelerometer axis is inversely proportional to it.
     pub gravity_mps2: f64,
     /// Standard deviations of local gravity and of the clock.
     pub references: References,
@@ -69,47 +69,50 @@ pub struct Options<'a> {
     pub frame: Frame,
     /// Minimum duration of a rest, s.
     pub min_rest_s: f64,
-    /// Excludes rests and moves with saturated samples. Otherwise a recording with saturated samples is an error.
+    /// Whether rests and moves with saturated samples are excluded. If false, a recording with saturated samples is an
+    /// error.
     pub exclude_saturated: bool,
-    /// Nominal sensitivity of an accelerometer in counts, lsb per m/s^2. Without it the start values are estimated from
+    /// Nominal sensitivity of an accelerometer in counts, lsb per m/s^2. If `None`, the start values are estimated from
     /// the data.
     pub accel_nominal: Option<f64>,
-    /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s. Without it the start values are estimated from the
+    /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s. If `None`, the start values are estimated from the
     /// data.
     pub gyro_nominal: Option<f64>,
-    /// Parameters that are held by a prior. Priors require the joint fit, so any prior sets `joint`.
+    /// Priors of parameters. Priors require the joint fit, so any prior sets `joint`.
     pub priors: Priors,
-    /// Estimates all parameters in a joint fit. Otherwise the result is the two-stage fit, which does not support
-    /// effects.
+    /// Whether all parameters are estimated in a joint fit. If false, the result is that of the two-stage fit, which
+    /// does not support effects.
     pub joint: bool,
     /// Known bias instability and random walk of the biases. If `None`, the accelerometer biases are constant, and the
     /// bias instability of the gyroscope is estimated from the scatter of the rates between rests.
     pub wander: Option<UnitWander>,
-    /// Effects of the catalogue to estimate together with the base parameters.
+    /// Effects of the catalogue that are estimated together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of the effects that may be only partly determined. A prior determines the unobservable directions of
-    /// these effects.
+    /// Names of the effects that the recordings need to determine only partly. A prior determines the unobservable
+    /// directions of the parameters of these effects.
     pub partly: Vec<String>,
     /// User-defined effects, given by their fields at every sample.
     pub user_fields: Vec<UserField<'a>>,
-    /// Number of folds of a cross-validation: every `folds`-th move and rest is predicted from a fit without it.
+    /// Number of folds of a cross-validation. Each fold predicts every `folds`-th move and rest from a fit without
+    /// them.
     pub folds: Option<usize>,
-    /// Maximum number of iterations of the joint fit, over all repetitions with new weights. If a fit reaches this
-    /// number before its optimum, the verdict is poor.
+    /// Maximum number of iterations of the joint fit, counted over all repetitions with new weights. If a fit reaches
+    /// this number before it converges, the verdict is poor.
     pub max_iterations: u64,
 }
 
 /// The model that is fitted to checked recordings.
 #[derive(Clone, Debug, Default)]
 pub struct ModelOptions<'a> {
-    /// Effects of the catalogue to estimate together with the base parameters.
+    /// Effects of the catalogue that are estimated together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of the effects that may be only partly determined. A prior determines the unobservable directions of
-    /// these effects.
+    /// Names of the effects that the recordings need to determine only partly. A prior determines the unobservable
+    /// directions of the parameters of these effects.
     pub partly: Vec<String>,
     /// User-defined effects, given by their fields at every sample.
     pub user_fields: Vec<UserField<'a>>,
-    /// Number of folds of a cross-validation: every `folds`-th move and rest is predicted from a fit without it.
+    /// Number of folds of a cross-validation. Each fold predicts every `folds`-th move and rest from a fit without
+    /// them.
     pub folds: Option<usize>,
 }
 
@@ -151,7 +154,7 @@ impl<'a> Options<'a> {
         ModelOptions { effects, partly, user_fields, folds }
     }
 
-    /// These options with another model.
+    /// These options with the given model instead of their own.
     fn with_model<'b>(&self, model: &ModelOptions<'b>) -> Options<'b>
     where
         'a: 'b,
@@ -176,12 +179,12 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Whether the joint fit provides the result. Effects and priors require the joint fit.
+    /// Whether the result is that of the joint fit. Effects and priors require the joint fit.
     fn is_joint(&self) -> bool {
         self.joint || self.has_effects() || !self.priors.is_empty()
     }
 
-    /// Whether a requested effect depends on time or temperature, so that the readings of a sensor may drift during a
+    /// Whether a requested effect depends on time or temperature. The readings of a sensor may then drift during a
     /// rest.
     fn may_drift(&self) -> bool {
         let drifts = |choice: &EffectChoice| {
@@ -228,7 +231,7 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     Checked::try_new(recordings, options)?.calibrate(&options.model(), None)
 }
 
-/// As [`Checked::prepare`], for recordings that are used only once.
+/// The function [`Checked::prepare`] for recordings that are used only once.
 #[cfg(test)]
 pub(crate) fn prepare<T>(
     recordings: &[Recording<'_>],
@@ -257,7 +260,8 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     }
     options.references.check()?;
     options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
-    // The data cannot distinguish a wrong gravity from a wrong scale, so values that do not occur on Earth are errors.
+    // The data cannot distinguish a wrong gravity from a wrong scale, so a gravity that does not occur on Earth is an
+    // error.
     let [least, most] = GRAVITY_ON_EARTH_MPS2;
     if !(options.gravity_mps2 >= least && options.gravity_mps2 <= most) {
         return Err(Error::Input(format!(

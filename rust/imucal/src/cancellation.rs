@@ -2,7 +2,7 @@
 //!
 //! A calculation that was started by [`Cancellation::run`] ends soon after [`Cancellation::cancel`] is called from any
 //! thread, or after the poll function returns true. The loops of this crate check for a cancellation once per step. A
-//! cancelled calculation unwinds its stack, so that functions without a `Result` can be cancelled, too. All of its
+//! cancelled calculation unwinds its stack, so functions that return no `Result` can also be cancelled. All of its
 //! threads end first, and no partial result is returned. The program must be built with `panic = "unwind"`, which is
 //! the default.
 //!
@@ -30,8 +30,8 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 
-/// Time between two calls of the poll function. A user does not notice a delay of this length, and the calls take much
-/// less than one percent of the computing time.
+/// Time between two calls of the poll function. A user does not notice a delay of this length. The calls take much less
+/// than one percent of the computing time.
 pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 type Poll = dyn Fn() -> bool + Send + Sync;
@@ -57,14 +57,14 @@ thread_local! {
 }
 
 impl Cancellation {
-    /// A cancellation that is not requested.
+    /// Creates a cancellation that has not been requested.
     #[must_use]
     pub fn new() -> Self {
         Self { is_requested: Arc::default(), poll: None }
     }
 
-    /// A cancellation that is also requested when `poll` returns true. A calculation calls `poll` about every 50 ms, on
-    /// the thread that has called [`Cancellation::run`].
+    /// Creates a cancellation that is also requested when `poll` returns true. A calculation calls `poll` about every
+    /// 50 ms, on the thread that has called [`Cancellation::run`].
     #[must_use]
     pub fn with_poll(poll: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { is_requested: Arc::default(), poll: Some(Arc::new(poll)) }
@@ -82,13 +82,13 @@ impl Cancellation {
     }
 
     /// Runs `work` until it returns or is cancelled. If `work` itself calls this function, the inner calculation ends
-    /// only by its own cancellation.
+    /// only if its own cancellation is requested.
     ///
     /// # Errors
     /// [`Error::Cancelled`] if the calculation was cancelled before it returned, and the error that `work` returns.
     pub fn run<T>(&self, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-        // Asserting unwind safety is valid because a cancelled calculation returns no result, so its data are never
-        // used in an intermediate state.
+        // A cancelled calculation returns no result, so its data are never used in an intermediate state. Asserting
+        // unwind safety is therefore valid.
         catch_unwind(AssertUnwindSafe(|| self.enter(work))).unwrap_or_else(|payload| {
             if is_cancellation(&*payload) { Err(Error::Cancelled) } else { resume_unwind(payload) }
         })
@@ -121,7 +121,7 @@ impl std::fmt::Debug for Cancellation {
     }
 }
 
-/// Guard that restores the cancellation of the outer calculation when it is dropped, even if the inner calculation
+/// Guard that restores the cancellation of the outer calculation when it is dropped, also if the inner calculation
 /// unwinds.
 struct Restored(Option<Current>);
 
@@ -131,7 +131,7 @@ impl Drop for Restored {
     }
 }
 
-/// Ends the current calculation by unwinding if the calculation is cancelled. Every loop that can take longer than some
+/// Unwinds the stack of the current calculation if it has been cancelled. Every loop that can take longer than some
 /// milliseconds calls this function once per step.
 pub(crate) fn checkpoint() {
     let (is_cancelled, poll) = CURRENT.with_borrow_mut(|current| {
@@ -143,7 +143,7 @@ pub(crate) fn checkpoint() {
         let poll = is_due.then(|| current.cancellation.clone());
         (current.cancellation.is_cancelled(), poll)
     });
-    // The poll function is called without the borrow, because it may start another calculation.
+    // The poll function may start another calculation, so it is called without the borrow.
     let is_polled = poll.is_some_and(|cancellation| {
         let is_requested = cancellation.poll.as_ref().is_some_and(|poll| poll());
         if is_requested {

@@ -1,11 +1,11 @@
 //! Checks of recordings before any fit. Each fault has a stable reason code, a location, a value and a recommended
 //! action.
 //!
-//! The checks run in stages, each as soon as its inputs are available. [`check_columns`] uses a single recording,
-//! [`check_shared`] all recordings together, [`check_rests`] the detected rests, [`check_kinematics`] a first linear
-//! fit of the gyroscope, and [`check_gains`] the resulting calibration. Several faults of one kind are combined into
-//! one finding with their number and the location of the first fault. Samples that are not finite are reported once and
-//! ignored by all other checks.
+//! The checks run in stages. Each stage runs as soon as its inputs are available. [`check_columns`] uses a single
+//! recording, [`check_shared`] uses all recordings, and [`check_rests`] uses the detected rests. [`check_kinematics`]
+//! uses a first linear fit of the gyroscope, and [`check_gains`] uses the resulting calibration. Several faults of one
+//! kind are combined in one finding, with their number and the location of the first fault. Samples that are not finite
+//! are reported once and ignored by all other checks.
 
 mod axes;
 mod bursts;
@@ -51,10 +51,10 @@ pub use unsigned::check_counts;
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
-/// Runs all checks that do not need rests, for functions that need both sensors. An empty result means that no fault
-/// was found.
+/// Runs all checks that do not need rests. It is for functions that need both sensors. An empty result means that no
+/// fault was found.
 ///
-/// The findings are `sensor_missing` if the recording has only one sensor, and the findings of [`check_one_or_both`].
+/// The findings are those of [`check_one_or_both`], and `sensor_missing` if the recording has only one sensor.
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     sensor_missing(recording).into_iter().chain(check_one_or_both(recording)).collect()
 }
@@ -76,7 +76,8 @@ pub fn sensor_missing(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Runs all checks that do not need rests, on one sensor or on both. An empty result means that no fault was found.
+/// Runs all checks that do not need rests, for recordings with one sensor or both. An empty result means that no fault
+/// was found.
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `value_impossible`, `time_not_increasing`,
 /// `samples_duplicated`, `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`,
@@ -106,7 +107,7 @@ pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
     findings.extend(clock::check(recording, &survey.steps));
     let impossible = values::check_possible(recording, &survey.extremes);
     if !impossible.is_empty() {
-        // The other checks are skipped, because impossible values distort their statistics.
+        // Impossible values distort the statistics of the other checks, so these checks are skipped.
         findings.extend(impossible);
         return findings;
     }
@@ -117,8 +118,8 @@ pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
     findings.extend(discontinuous);
     let unsigned = unsigned::check(recording, &survey);
     let is_unsigned = |column: &String| unsigned.iter().any(|wrong| wrong.columns.contains(column));
-    // Saturation is not reported for a channel whose counts wrap around at zero, because such a channel reaches both
-    // ends of the number range without being saturated.
+    // A channel whose counts wrap around at zero reaches both ends of the number range without being saturated, so its
+    // saturation is not reported.
     findings
         .extend(rails::check(recording, &survey).into_iter().filter(|rails| !rails.columns.iter().any(is_unsigned)));
     findings.extend(unsigned);
@@ -143,7 +144,7 @@ impl Place {
     }
 }
 
-/// Counts affected samples and stores the first interval of consecutive affected samples. Samples must be added in
+/// Number of affected samples, and the first interval of consecutive affected samples. Samples must be added in
 /// ascending order.
 #[derive(Clone, Copy, Default)]
 struct Tally {

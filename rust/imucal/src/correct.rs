@@ -5,11 +5,11 @@
 //! true <- seen - sum_c Phi_c(true) theta_c      model.md (16)
 //! ```
 //!
-//! The fields of effects depend on more than rate and force. A recording provides the time since its first sample, the
-//! temperature minus [`REFERENCE_TEMPERATURE_DEGC`] if it has a temperature column, and the angular acceleration as the
-//! derivative of the rate ([`angular_acceleration`]). It provides neither the attitude nor the angles of a stand.
-//! Because the attitude is missing, the rate of the Earth is not removed. The rate of the Earth is not an error of the
-//! gyroscope, because a gyroscope measures the rate relative to the stars.
+//! The fields of effects depend on other quantities in addition to rate and force. A recording provides the time since
+//! its first sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`].
+//! The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A recording provides
+//! neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the attitude is not
+//! known. It is not an error of the gyroscope, because a gyroscope measures the rate relative to the stars.
 
 use crate::cancellation::checkpoint;
 use crate::error::Error;
@@ -19,16 +19,17 @@ use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Effect, Need, Sensor, Surroundings};
 use nalgebra::Vector3;
 
-/// Number of iterations for the angular acceleration. They are needed because the angular acceleration is the
+/// Number of iterations for the angular acceleration. Iterations are needed because the angular acceleration is the
 /// derivative of the true rate, which is known only after the correction. The first iteration uses the rate before
-/// effects are removed, the second one the corrected rate. For a gyroscope with the delay tau, the remaining error is
-/// `tau^3` times the third derivative of the rate. Further iterations would amplify noise.
+/// effects are removed, and the second iteration the corrected rate. For a gyroscope with the delay tau, the remaining
+/// error is `tau^3` times the third derivative of the rate. Further iterations would amplify noise.
 const PASSES: usize = 2;
-/// Number of samples between two checks for a cancellation. Correcting them takes about a millisecond.
+/// Number of samples between two checks for a cancellation. The correction of so many samples takes about a
+/// millisecond.
 const SAMPLES_PER_CHECKPOINT: usize = 4096;
 
-/// Whether a correction cannot remove an effect from the data. This is the case if the effect depends on a quantity
-/// that no recording contains (such as the attitude), or if it acts on the encoders of a stand.
+/// Whether a correction cannot remove an effect from the data. Such an effect acts on the encoders of a stand, or
+/// depends on a quantity that no recording contains (for example the attitude).
 pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
     let is_given = |need: &Need| matches!(need, Need::Time | Need::Temperature | Need::AngularAcceleration);
     effect.sensor == Sensor::Encoder || !effect.needs.iter().all(is_given)
@@ -36,14 +37,14 @@ pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
 
 /// Corrects every sample: true `(angular_rate, specific_force)` in rad/s and m/s^2 in the body frame.
 ///
-/// A corrected sample is NaN if the raw sample is NaN, or if the effects are too large to be removed. Without a
-/// temperature column, effects of temperature are not removed. If the recording has only one sample, effects of angular
-/// acceleration are not removed.
+/// A corrected sample is NaN if the raw sample is NaN, or if the effects are too large to be removed. Effects of
+/// temperature are removed only if there is a temperature column. Effects of angular acceleration are removed only if
+/// the recording has more than one sample.
 pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     correct_from(None, recording, calibration)
 }
 
-/// Rejects a recording that lacks a quantity on which an effect of the calibration depends.
+/// Returns an error for a recording that lacks a quantity on which an effect of the calibration depends.
 ///
 /// # Errors
 /// [`Error::Input`] if an effect depends on temperature and there is no temperature column. Also if an effect depends
@@ -81,8 +82,8 @@ pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration
     Ok(())
 }
 
-/// As [`correct`], for a part of a longer recording. `start_s` is the time of the first sample of the longer recording;
-/// `None` if this is the first sample of the part.
+/// The function [`correct`] for a part of a longer recording. `start_s` is the time of the first sample of the longer
+/// recording. It is `None` if the part starts with this sample.
 pub fn correct_from(
     start_s: Option<f64>,
     recording: &Recording<'_>,
@@ -102,7 +103,8 @@ pub fn correct_from(
     (rate, force)
 }
 
-/// Corrects every sample with the given angular accelerations, rad/s^2. The slice is empty if they are unknown.
+/// Corrects every sample with the given angular accelerations, rad/s^2. The slice of angular accelerations is empty if
+/// they are unknown.
 fn correct_with(
     start_s: f64,
     recording: &Recording<'_>,
@@ -129,9 +131,9 @@ fn correct_with(
 
 /// Derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single sample.
 ///
-/// The derivative is computed from polynomials through the mean rates in five consecutive time intervals. These
-/// intervals are as long as the motion permits: at least 2 ms or one sample, and at most 0.1 s (`docs/model.md` (16)).
-/// Time steps may be uneven. Samples with equal time stamps count as one and get equal derivatives.
+/// The derivative is that of a polynomial through the mean rates in five consecutive time intervals. The intervals are
+/// as long as the motion permits, between 2 ms (at least one sample) and 0.1 s (`docs/model.md` (16)). Time steps may
+/// be uneven. Samples with equal time stamps count as one sample and get equal derivatives.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rate: Vec<Vector3<f64>> = angular_rate.iter().map(|row| Vector3::from(*row)).collect();
     Derivative::smooth(time_s, &rate).of(&rate).into_iter().map(<[f64; 3]>::from).collect()

@@ -1,4 +1,5 @@
-//! Errors of this crate. Every message states the fault, its location, the deciding value and the recommended action.
+//! Errors of this crate. Every message states the fault, its location, the value that revealed it, and the recommended
+//! action.
 
 use std::sync::Arc;
 

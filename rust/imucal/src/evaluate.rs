@@ -30,16 +30,16 @@ pub use uncertainty::Uncertainty;
 pub(crate) use verdict::unknown_direction;
 use verdict::{impossible_rates, uncorrected_samples, worse};
 
-/// Figures of merit, which describe the agreement of recordings with a calibration.
+/// Figures of merit of a calibration on recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
-    /// Mean square of all residuals, after each residual is divided by its standard deviation from noise. It is 1 if
-    /// noise explains the residuals.
+    /// Mean square of all residuals. Each residual is divided by its standard deviation from noise. The mean square is
+    /// 1 if noise explains the residuals.
     pub chi2_per_dof: f64,
     /// RMS of |f| - g over the rests, m/s^2.
     pub gravity_norm_rms_mps2: f64,
-    /// RMS over the moves of the angle between the propagated and the measured direction of gravity, deg; NaN without a
-    /// move.
+    /// RMS over the moves of the angle between the propagated and the measured direction of gravity, deg; NaN without
+    /// moves.
     pub gravity_direction_rms_deg: f64,
     /// Number of rests used.
     pub rests: usize,
@@ -60,24 +60,24 @@ pub struct RestReport {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Number of epochs of the rest, each with its own mean; 1 if one mean describes the rest.
+    /// Number of epochs of the rest. Each epoch has its own mean. The number is 1 if one mean describes the rest.
     pub epochs: usize,
-    /// Unsteadiness: variance over half a second divided by the noise floor. It is near 1 on a table and larger for a
-    /// hand-held unit.
+    /// Unsteadiness: the variance over half a second divided by the noise floor. It is near 1 on a table, and larger
+    /// for a hand-held unit.
     pub unsteadiness: f64,
-    /// Mean of the accelerometer, in raw units, or in m/s^2 if effects were removed beforehand.
+    /// Mean accelerometer reading in raw units. If effects were removed beforehand, it is in m/s^2.
     pub mean_specific_force: Vector3<f64>,
-    /// Mean of the gyroscope, in raw units, or in rad/s if effects were removed beforehand.
+    /// Mean gyroscope reading in raw units. If effects were removed beforehand, it is in rad/s.
     pub mean_angular_rate: Vector3<f64>,
-    /// Standard deviation of the rounding error in `mean_specific_force`, in the unit of that mean.
+    /// Standard deviation of the rounding error of `mean_specific_force`, in the same unit.
     pub force_rounding: Vector3<f64>,
-    /// Standard deviation of the rounding error in `mean_angular_rate`, in the unit of that mean.
+    /// Standard deviation of the rounding error of `mean_angular_rate`, in the same unit.
     pub rate_rounding: Vector3<f64>,
     /// |f| - g after correction, m/s^2.
     pub norm_error_mps2: f64,
     /// Standard deviation of |f| from noise, m/s^2.
     pub norm_sigma_mps2: f64,
-    /// Goodness of fit of the rest's residuals relative to noise alone; `None` if no joint fit used the rest.
+    /// Goodness of fit of the rest's residuals relative to noise; `None` if no joint fit used the rest.
     pub misfit: Option<Misfit>,
     /// Reason why the rest is excluded; `None` if it is used.
     pub excluded: Option<&'static str>,
@@ -100,19 +100,19 @@ pub struct MoveReport {
     pub duration_s: f64,
     /// Angle between the propagated and the measured direction of gravity, deg; NaN if the move cannot be integrated.
     pub direction_error_deg: f64,
-    /// Standard deviation, from noise, of each of the two components of the direction error, deg.
+    /// Standard deviation of each of the two components of the direction error due to noise, deg.
     pub direction_sigma_deg: f64,
     /// Unit vector of gravity's direction (up) in the body frame at the first sample.
     pub gravity_before: Vector3<f64>,
     /// Unit vector of gravity's direction (up) in the body frame at the last sample.
     pub gravity_after: Vector3<f64>,
-    /// Goodness of fit of the move's residuals relative to noise alone; `None` if no joint fit used the move.
+    /// Goodness of fit of the move's residuals relative to noise; `None` if no joint fit used the move.
     pub misfit: Option<Misfit>,
     /// Reason why the move is excluded; `None` if it is used.
     pub excluded: Option<&'static str>,
 }
 
-/// Gravity at the rests of a recording, as measured by the accelerometer and as propagated from the first rest by the
+/// Gravity at the rests of a recording, both measured by the accelerometer and propagated from the first rest by the
 /// gyroscope (figures 2 to 4 of the paper).
 #[derive(Clone, Debug)]
 pub struct CarriedGravity {
@@ -131,7 +131,7 @@ pub struct CarriedGravity {
 pub struct Evaluation {
     /// The figures of merit.
     pub figures: Figures,
-    /// The figures of merit of the uncalibrated sensors, which have their nominal sensitivity ([`as_it_comes`]).
+    /// The figures of merit of the uncalibrated sensors with their nominal sensitivity ([`as_it_comes`]).
     pub before: Figures,
     /// All rests.
     pub rests: Vec<RestReport>,
@@ -141,15 +141,16 @@ pub struct Evaluation {
     pub carried: Vec<CarriedGravity>,
     /// Findings of the checks of the recordings.
     pub findings: Vec<Finding>,
-    /// Goodness of fit of the norms at the rests and of the gravity directions after the moves, relative to noise and
-    /// the uncertainty of the calibration.
+    /// Goodness of fit of the norms at the rests and of the gravity directions after the moves. It is relative to noise
+    /// and to the uncertainty of the calibration.
     pub groups: Vec<GroupMisfit>,
-    /// The verdict: good, or incomplete or poor with the reasons.
+    /// The verdict: good, incomplete or poor. An incomplete or poor verdict has reasons.
     pub verdict: Verdict,
 }
 
-/// The sensors of the unit with nominal sensitivity, for comparison with a calibration. Readings in SI units are used
-/// without correction. For counts, the sensitivity and the bias are the means of `calibration` over the three axes.
+/// Calibration of the uncalibrated sensors with their nominal sensitivity, for comparison. Readings in SI units are
+/// used without correction. For readings in counts, the sensitivity and the bias are the means of `calibration` over
+/// the three axes.
 pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>]) -> Calibration<f64> {
     let nominal = |triad: &Triad<f64>, unit: fn(&Recording<'_>) -> RawUnit| {
         let is_si = recordings.first().is_none_or(|recording| unit(recording) == RawUnit::Si);
@@ -165,7 +166,7 @@ pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>])
 
 /// Evaluates `calibration` on recordings that were not used to estimate it.
 ///
-/// `uncertainty` is the uncertainty of the calibration. If it is `None`, the residuals are compared with noise alone.
+/// `uncertainty` is the uncertainty of the calibration. If it is `None`, the residuals are compared with noise only.
 /// `gravity_mps2` is the local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
 ///
 /// # Errors
@@ -193,8 +194,8 @@ pub fn evaluate(
     with_nominal((calibration, uncertainty), recordings, Some(&corrected), gravity_mps2, min_rest_s)
 }
 
-/// As [`evaluate`], with recordings that the caller has already corrected, in SI units. It is intended for effects that
-/// are not in the catalogue.
+/// The evaluation of [`evaluate`] with recordings that the caller has already corrected, in SI units. It is intended
+/// for effects that are not in the catalogue.
 ///
 /// # Errors
 /// As [`evaluate`]; [`Error::Input`] if `corrected` does not contain a recording of the same length for each recording.
@@ -213,7 +214,7 @@ pub fn evaluate_corrected(
     with_nominal((calibration, uncertainty), recordings, Some(corrected), gravity_mps2, min_rest_s)
 }
 
-/// Evaluates the nominal sensors and the calibration.
+/// Evaluates the sensors with nominal sensitivity and the calibration.
 fn with_nominal(
     (calibration, uncertainty): (&Calibration<f64>, Option<&Uncertainty>),
     recordings: &[Recording<'_>],
@@ -234,7 +235,7 @@ fn with_nominal(
 }
 
 /// Evaluates one calibration. The checks and the rest detection use the recordings as measured. The figures use the
-/// corrected samples, if given. The verdict contains all reasons except those from the comparison with the uncalibrated
+/// corrected samples, if they are given. The verdict does not contain reasons from the comparison with the uncalibrated
 /// unit.
 fn judge(
     (calibration, uncalibrated): (&Calibration<f64>, &Triad<f64>),
@@ -316,8 +317,8 @@ fn judge(
     })
 }
 
-/// Figures of merit over all rests and moves that are used. `parameters` is the number of parameters that were fitted
-/// to these rests and moves.
+/// Figures of merit over all used rests and moves. `parameters` is the number of parameters that were fitted to these
+/// rests and moves.
 pub(crate) fn figures(
     rests: &[RestReport],
     moves: &[MoveReport],
@@ -332,7 +333,7 @@ pub(crate) fn figures(
     Figures {
         chi2_per_dof: chi2 / count.saturating_sub(parameters).max(1) as f64,
         gravity_norm_rms_mps2: rms(rests.iter().map(|rest| rest.norm_error_mps2)),
-        // Without a move the figure is NaN and not zero, because there is nothing to measure.
+        // Without a move, nothing is measured. The figure is then NaN instead of zero.
         gravity_direction_rms_deg: if moves.is_empty() {
             f64::NAN
         } else {
@@ -402,7 +403,7 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
     }
 }
 
-/// Gravity propagated from the first rest through the whole recording without correction at later rests, so that errors
+/// Gravity propagated from the first rest through the whole recording. Later rests do not correct it, so errors
 /// accumulate as in an application.
 fn carried_gravity(
     index: usize,
@@ -432,8 +433,8 @@ fn carried_gravity(
     }
 }
 
-/// Returns the errors among the findings of the checks. Saturation in a control recording is reported but is not an
-/// error, because saturated rests and moves are excluded from the figures.
+/// Returns those findings of the checks that are errors. Saturation in a control recording is reported but is no error,
+/// because saturated rests and moves are excluded from the figures.
 fn refuse_unusable(findings: &mut Vec<Finding>) -> Result<(), Error> {
     let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
     if findings.iter().any(fatal) {

@@ -5,9 +5,9 @@ use std::fmt;
 /// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
-    /// For information; the calibration continues.
+    /// The fault is reported, and the calibration continues.
     Warning,
-    /// The calibration would be wrong and is refused.
+    /// The calibration is refused, because it would be wrong.
     Error,
 }
 
@@ -16,7 +16,7 @@ pub enum Severity {
 pub struct Finding {
     /// Reason code for scripts, in lower case; it does not change between versions.
     pub code: &'static str,
-    /// Severity: whether the calibration is refused.
+    /// Severity, which determines whether the calibration is refused.
     pub severity: Severity,
     /// Name of the recording.
     pub recording: String,
@@ -26,7 +26,7 @@ pub struct Finding {
     pub place: Option<Place>,
     /// Number of affected samples.
     pub count: usize,
-    /// The measured value that exceeded a limit or otherwise revealed the fault, in `unit`.
+    /// The measured value that revealed the fault, for example by exceeding a limit, in `unit`.
     pub value: f64,
     /// Unit of `value`.
     pub unit: &'static str,
@@ -36,7 +36,7 @@ pub struct Finding {
     pub way_out: String,
 }
 
-/// An interval of samples, both ends included.
+/// An interval of samples. It includes both ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// Index of the first sample.
@@ -65,8 +65,8 @@ impl fmt::Display for Place {
     }
 }
 
-/// Formats a number with `digits` significant digits like `%g` of C, that is, without trailing zeros, and with an
-/// exponent if the number is very large or very small.
+/// Formats a number with `digits` significant digits like `%g` of C: without trailing zeros, and with an exponent if
+/// the number is very large or very small.
 pub(crate) fn general(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
@@ -87,7 +87,7 @@ pub(crate) fn general(value: f64, digits: usize) -> String {
 }
 
 impl Finding {
-    /// Whether the finding reports saturation, that is, samples at the end of the converter's range.
+    /// Whether the finding reports saturation: samples at the end of the converter's range.
     pub fn is_saturation(&self) -> bool {
         self.code.ends_with("_saturation")
     }
@@ -97,8 +97,8 @@ impl Finding {
         ["clock_irregular", "samples_missing", "samples_duplicated"].contains(&self.code)
     }
 
-    /// A finding because of which the calibration is refused. The caller sets all fields except the code and the name
-    /// of the recording.
+    /// A finding for which the calibration is refused. The caller sets all fields except the code and the name of the
+    /// recording.
     pub(crate) fn error(code: &'static str, recording: &str) -> Self {
         Self {
             code,
@@ -114,7 +114,7 @@ impl Finding {
         }
     }
 
-    /// A finding that does not prevent the calibration. The caller sets the other fields as for [`Finding::error`].
+    /// A finding with which the calibration continues. The caller sets the other fields as for [`Finding::error`].
     pub(crate) fn warning(code: &'static str, recording: &str) -> Self {
         Self { severity: Severity::Warning, ..Self::error(code, recording) }
     }

@@ -1,7 +1,7 @@
 //! Body frames, and the exact conversion between them (`docs/model.md` (2)).
 //!
-//! Both frames are orthogonal and fixed to the accelerometer. They differ by a rotation Q, so that `T_to = T_from Q^T`
-//! for both triads. The norm |f| and all residuals are equal in both frames.
+//! Both frames are orthogonal and fixed to the accelerometer. They differ by a rotation Q, so `T_to = T_from Q^T` holds
+//! for both triads. The norm |f| and all residuals are the same in both frames.
 
 use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
@@ -54,7 +54,7 @@ pub fn convert(from: &Sensitivities, frame: Frame) -> Result<Sensitivities, Erro
     Ok(Sensitivities { accelerometer, gyroscope: from.gyroscope * rotation.transpose() })
 }
 
-/// Derivative of [`convert`] with respect to the sensitivities, applied to a change of the sensitivities.
+/// Change of the result of [`convert`] to first order for a small change of the sensitivities.
 pub(crate) fn convert_change(
     from: &Sensitivities,
     to: &Sensitivities,
@@ -90,7 +90,7 @@ pub(crate) fn convert_change(
     })
 }
 
-/// Jacobian (21 x 21) of the parameters in `frame` with respect to those in the symmetric frame.
+/// Jacobian (21 x 21) of the parameters in the frame `frame` with respect to the parameters in the symmetric frame.
 pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame: Frame) -> Result<Mat<f64>, Error> {
     let mut jacobian = Mat::identity(21, 21);
     for column in (3..9).chain(12..21) {
@@ -113,7 +113,7 @@ pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame
     Ok(jacobian)
 }
 
-/// The matrix R with `R R^T = T T^T`, which is symmetric or lower triangular, depending on the body frame.
+/// The matrix R with `R R^T = T T^T`. It is symmetric or lower triangular, depending on the body frame.
 fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     let product = t * t.transpose();
     match frame {
@@ -132,7 +132,7 @@ fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
     matrix.try_inverse().ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular".into()))
 }
 
-/// The symmetric positive definite square root, or `None` if `matrix` is not positive definite.
+/// The symmetric positive definite square root of `matrix`; `None` if `matrix` is not positive definite.
 pub(crate) fn square_root(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let eigen = SymmetricEigen::try_new(*matrix, f64::EPSILON, 200)?;
     let largest = eigen.eigenvalues.max();

@@ -1,6 +1,6 @@
-//! Search for the missing effect. All candidate effects are scored, and the candidate with the largest evidence is
-//! added to the model. This step is repeated until no candidate explains the remaining residuals significantly better
-//! than noise (docs/model.md (23), (24)).
+//! Search for missing effects. All candidate effects are scored, and the candidate with the largest evidence is added
+//! to the model. This step is repeated until no candidate explains the residuals significantly better than noise
+//! (docs/model.md (23), (24)).
 //!
 //! * `evidence`: evidence of a model. The width of each prior is a multiple of the effect's typical size, and the
 //!   scatter of each kind of residual is estimated.
@@ -85,11 +85,11 @@ pub struct Search {
     pub path: Vec<Score>,
     /// Scores of all candidates relative to the model without effects, in descending order of the log Bayes factor.
     pub ranking: Vec<Score>,
-    /// The generic hypothesis with the largest log Bayes factor, if it explains the residuals better than the selected
-    /// effects.
+    /// The generic hypothesis with the largest log Bayes factor; `None` if it does not explain the residuals better
+    /// than the selected effects.
     pub generic: Option<GenericFinding>,
     /// Effects with a large log Bayes factor on these recordings that do not improve the prediction of held-out rests
-    /// and moves.
+    /// and moves, and were therefore not selected.
     pub not_predictive: Vec<NotPredictive>,
     /// Magnitude and standard deviation, rad/s, of an estimated constant rate that differs significantly from the
     /// Earth's rate. `None` if no such rate was found; otherwise `earth_rate` was removed from the candidates.
@@ -97,19 +97,20 @@ pub struct Search {
     /// Name of each effect that is not observable in these recordings, and the data that would make it observable.
     pub not_observable: Vec<(String, String)>,
     /// Detection limit of each effect: the name, the smallest rms size per parameter that is detected with 90 %
-    /// probability, and the unit of this size. Limits refer to an effect added to the final model. For effects that are
-    /// already in the final model, they refer to the effect added to the model without effects.
+    /// probability, and the unit of this size. The limit is for adding the effect to the final model. If the final
+    /// model already contains the effect, the limit is for adding it to the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
     /// For each effect, the residuals that it would cause at its typical size.
     pub traces: Vec<Trace>,
-    /// The kind of residuals at rests whose scatter under the final model exceeds noise most; `None` if no excess is
-    /// significant. If effects were selected, only residuals of the sensors of these effects are tested.
+    /// The kind of residuals at rests whose scatter under the final model exceeds noise by the largest factor; `None`
+    /// if no excess is significant. If effects were selected, only residuals of the sensors of these effects are
+    /// tested.
     pub scattering_rests: Option<Scattering>,
-    /// Whether the search ignores accelerometer samples inside moves. It does so if the unit was moved by hand, because
-    /// the specific force then contains accelerations besides gravity. It also does so if the accelerometer noise is
-    /// far below the quantisation step.
+    /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
+    /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the
+    /// accelerometer noise is far below the quantisation step.
     pub is_hand_moved: bool,
-    /// Parameter values of the final fit of the search. They are start values for later fits with the selected effects.
+    /// Parameter values of the final fit of the search. Later fits with the selected effects start from them.
     pub warm_start: WarmStart,
 }
 
@@ -121,7 +122,7 @@ pub type Scattering = (&'static str, f64, f64);
 pub struct Score {
     /// Name of the effect.
     pub name: String,
-    /// Log Bayes factor of the model with the effect relative to the model without it, nats.
+    /// Log Bayes factor of the model with the effect relative to the model without the effect, nats.
     pub log_bayes_factor: f64,
     /// Likelihood ratio statistic: twice the increase of the maximum log likelihood.
     pub statistic: f64,
@@ -134,24 +135,24 @@ pub struct Score {
     pub rivals: Vec<String>,
 }
 
-/// Residuals that an effect of typical size causes in a model without the effect. The base parameters are refitted to
-/// these residuals, and the remaining residuals are given.
+/// Residuals that an effect of typical size causes in a model without the effect. The base parameters have been
+/// refitted to these residuals.
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// Name of the effect.
     pub name: String,
-    /// Each kind of residual, and the rms of its residuals divided by their standard deviations from noise.
+    /// Each kind of residual, and the rms of the ratio of its residuals to their standard deviations from noise.
     pub times_noise: Vec<(&'static str, f64)>,
     /// Share (0 to 1) of the effect's chi2 that the refit of the base parameters removes.
     pub taken_up: f64,
 }
 
-/// An effect that fits the data but does not improve the prediction of held-out data.
+/// An effect that fits the calibration data but does not improve the prediction of held-out data.
 #[derive(Clone, Debug)]
 pub struct NotPredictive {
     /// Name of the effect.
     pub name: String,
-    /// Log Bayes factor on the data that the model was fitted to, nats.
+    /// Log Bayes factor on the data to which the model was fitted, nats.
     pub log_bayes_factor: f64,
     /// Increase of the log predictive density of held-out rests and moves if the effect is added, nats.
     pub gain: f64,
@@ -164,13 +165,13 @@ pub struct NotPredictive {
 pub struct GenericFinding {
     /// The sensor parameter that varies: a bias or a scale of the gyroscope or the accelerometer.
     pub block: Block,
-    /// Covariance kernel of the variation. The kernel states which quantity the variation depends on, and in which
-    /// form.
+    /// Covariance kernel of the variation. It states the quantity on which the variation depends, and the form of the
+    /// dependence.
     pub kernel: Kernel,
     /// Log Bayes factor relative to the model without the variation, nats.
     pub log_bayes_factor: f64,
-    /// Upper bound of the p-value of the variation. The p-value is the probability that noise alone leads to a Bayes
-    /// factor of at least this size.
+    /// Upper bound of the p-value of the variation. The p-value is the probability that noise causes a Bayes factor of
+    /// at least this size.
     pub p_value: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
@@ -180,17 +181,17 @@ pub struct GenericFinding {
     pub rms: f64,
 }
 
-/// Whitened residuals and their Jacobian, one row for each residual.
+/// Whitened residuals and their Jacobian. Each row is one residual.
 #[derive(Clone, Debug)]
 pub struct Linearised {
     /// Residuals divided by their standard deviation from sensor noise.
     pub residual: Vec<f64>,
-    /// Derivatives with respect to the base parameters, with one row per residual and one column per parameter.
+    /// Derivatives with respect to the base parameters. Each row is one residual, and each column is one parameter.
     pub base: Vec<Vec<f64>>,
     /// Name of each effect, and the derivatives with respect to the effect's parameters in the same layout as `base`.
     /// An effect with a time constant has one list entry for each trial value of the time constant.
     pub candidates: Vec<(String, Vec<Vec<f64>>)>,
-    /// Number of the kind of each residual. Residuals of the same kind have the same number.
+    /// Number that identifies the kind of each residual. Residuals of the same kind have the same number.
     pub groups: Vec<usize>,
     /// Index of the rest or move to which each residual belongs. Rests and moves are numbered in order of time.
     pub items: Vec<usize>,

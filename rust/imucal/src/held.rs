@@ -1,4 +1,4 @@
-//! Held parameters, that is, parameters with a normal prior, for recordings that do not determine all parameters
+//! Held parameters: parameters with a normal prior. They are needed if the recordings do not determine all parameters
 //! (model.md (40)).
 //!
 //! ```text
@@ -8,9 +8,9 @@
 //! h = T_ij / T_ii     misalignment: angle by which sensitive axis i is tilted towards body axis j, rad
 //! ```
 //!
-//! Each held parameter adds one residual r to the joint fit. A held parameter is not fixed: it changes as far as the
-//! recordings determine it. The covariance of the result includes the uncertainty of the prior. Held parameters refer
-//! to the symmetric body frame.
+//! Each held parameter adds one residual r to the joint fit. A held parameter is not fixed, because the recordings can
+//! change it. The covariance of the result includes the uncertainty of the prior. Held parameters refer to the
+//! symmetric body frame.
 
 mod known;
 mod priors;
@@ -23,14 +23,14 @@ use crate::parameters::BASE;
 pub use known::KnownAccelerometer;
 pub use priors::{Hold, ParameterModel, Priors};
 
-/// Names of the groups of parameters that can be held together.
+/// Names of the groups of parameters whose members can be held together.
 pub const GROUPS: [&str; 6] =
     ["accel_bias", "accel_scale", "accel_misalignment", "gyro_bias", "gyro_scale", "gyro_misalignment"];
 
 /// Origin of the standard deviation of a prior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PriorSource {
-    /// The standard deviation was given with the request.
+    /// The user gave the standard deviation.
     Given,
     /// The standard deviation is from the unit's profile.
     Profile,
@@ -52,7 +52,7 @@ impl PriorSource {
 /// One held parameter with its prior.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldParameter {
-    /// Name of the parameter, such as `accel_misalignment_xy`.
+    /// Name of the parameter, for example `accel_misalignment_xy`.
     pub name: String,
     /// Mean of the prior: bias in the raw unit, scale relative to the nominal scale, misalignment in rad.
     pub value: f64,
@@ -66,12 +66,12 @@ pub struct HeldParameter {
     quantity: Quantity,
 }
 
-/// Errors due to the uncertainty of the held parameters, as one standard deviation, averaged over all directions.
+/// Errors due to the uncertainty of the held parameters (one standard deviation), averaged over all directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorCost {
     /// Error of the direction of gravity from the accelerometer, deg.
     pub gravity_direction_deg: f64,
-    /// Error of a rotation by 90 deg from the gyroscope, deg; NaN for an accelerometer alone.
+    /// Error of a rotation by 90 deg measured by the gyroscope, deg; NaN for an accelerometer without a gyroscope.
     pub rotation_deg: f64,
 }
 
@@ -82,8 +82,8 @@ enum Quantity {
     Entry { parameter: usize, nominal: f64 },
     /// An off-diagonal entry of a sensitivity divided by the diagonal entry of its row.
     Misalignment { parameter: usize, diagonal: usize },
-    /// One of the nine uncorrelated combinations of the parameters of a calibrated accelerometer: the scalar product of
-    /// `by` and the difference between the parameters and `at`.
+    /// One of nine uncorrelated combinations of the parameters of a calibrated accelerometer. The combination is the
+    /// scalar product of `by` and the parameters minus `at`.
     Combination { number: usize, by: [f64; 9], at: [f64; 9] },
 }
 
@@ -95,14 +95,14 @@ pub(crate) struct HeldRow {
 }
 
 impl HeldParameter {
-    /// A prior that keeps parameter `parameter` near a start value. It is used only inside a fit and is not part of a
-    /// result.
+    /// A prior that keeps the parameter with index `parameter` near a start value. It is used only inside a fit and is
+    /// not part of a result.
     pub(crate) fn near(parameter: usize, value: f64, sigma: f64) -> Self {
         let quantity = Quantity::Entry { parameter, nominal: 1.0 };
         Self { name: String::new(), value, sigma, source: PriorSource::Given, usual: None, quantity }
     }
 
-    /// Index of the parameter among the 21.
+    /// Index of the parameter among the 21 base parameters.
     pub(crate) fn parameter(&self) -> usize {
         match self.quantity {
             Quantity::Entry { parameter, .. } | Quantity::Misalignment { parameter, .. } => parameter,
@@ -114,7 +114,7 @@ impl HeldParameter {
         self.name.starts_with(GROUPS[1]) || self.name.starts_with(GROUPS[4])
     }
 
-    /// Value of the held quantity h for these parameters.
+    /// Value of the held quantity h at these parameters.
     pub(crate) fn estimate(&self, parameters: &[f64]) -> f64 {
         match self.quantity {
             Quantity::Entry { parameter, nominal } => parameters[parameter] / nominal,
@@ -123,12 +123,13 @@ impl HeldParameter {
         }
     }
 
-    /// Whether this is a combination of the parameters of a known accelerometer and not a single parameter.
+    /// Whether the held quantity is a combination of the parameters of a known accelerometer. Otherwise, it concerns a
+    /// single parameter.
     pub(crate) fn is_combination(&self) -> bool {
         matches!(self.quantity, Quantity::Combination { .. })
     }
 
-    /// Residual of the prior, in standard deviations. The indices count all parameters from 0.
+    /// Residual of the prior, in standard deviations. Indices are counted from the first parameter.
     pub(crate) fn row(&self, parameters: &[f64]) -> HeldRow {
         let residual = (self.estimate(parameters) - self.value) / self.sigma;
         let derivatives = match self.quantity {
@@ -146,7 +147,7 @@ impl HeldParameter {
 /// The held parameters in one stage of the two-stage fit.
 pub(crate) struct StageRows<'a> {
     held: Vec<&'a HeldParameter>,
-    /// Indices of the parameters of the stage among the 21.
+    /// Indices of the stage's parameters among the 21 base parameters.
     stage: Range<usize>,
 }
 
@@ -166,7 +167,7 @@ impl<'a> StageRows<'a> {
         self.held.iter().map(|held| held.parameter() - self.stage.start).collect()
     }
 
-    /// The parameters of a known accelerometer, if one is held.
+    /// The parameters of a known accelerometer; `None` if none is held.
     pub(crate) fn known(&self) -> Option<[f64; 9]> {
         self.held.iter().find_map(|held| match held.quantity {
             Quantity::Combination { at, .. } => Some(at),
@@ -174,7 +175,7 @@ impl<'a> StageRows<'a> {
         })
     }
 
-    /// Means of the priors, with the index of each parameter counted from the first parameter of the stage.
+    /// Mean of each prior, with the index of the parameter counted from the first parameter of the stage.
     pub(crate) fn scales(&self) -> impl Iterator<Item = (usize, f64)> {
         let start = self.stage.start;
         self.held.iter().filter_map(move |held| match held.quantity {
@@ -197,14 +198,14 @@ impl<'a> StageRows<'a> {
     }
 }
 
-/// Precision of the prior of each of the 21 parameters, and the difference between the parameter and the mean of its
-/// prior. Both are zero for a parameter without a prior.
+/// For each of the 21 parameters: the precision of its prior, and the parameter minus the mean of its prior. Both are
+/// zero for a parameter without a prior.
 pub(crate) fn precisions(held: &[HeldParameter], parameters: &[f64]) -> [(f64, f64); BASE] {
     let mut all = [(0.0, 0.0); BASE];
     for held in held {
         let HeldRow { residual, derivatives } = held.row(parameters);
         if let Quantity::Combination { at, .. } = held.quantity {
-            // The precision of one parameter if the other parameters are known.
+            // Precision of one parameter for known values of the other parameters.
             derivatives.into_iter().for_each(|(p, by)| all[p] = (all[p].0 + by * by, parameters[p] - at[p]));
         } else if let Some((p, by)) = derivatives.first() {
             all[*p] = (by * by, residual / by);

@@ -7,10 +7,10 @@
 //! in the move  R(t) f(t) - g u_k,   used for effects that are observable only while the unit rotates
 //! ```
 //!
-//! The quantities f, u and w are corrected for the effects. Residuals of neighbouring moves are correlated through the
-//! mean-force error of the rest between them; `whiten` accounts for their covariance. The random walk of the attitude
-//! error inside a move is whitened by the innovations of a Kalman filter (`inside`). The weights are estimated from the
-//! residuals of a fit, and the next fit uses the new weights. Fits are repeated until the parameters settle.
+//! The quantities f, u and w are corrected for the effects. The mean-force error of a rest correlates the residuals of
+//! its two adjacent moves; `whiten` accounts for this covariance. The attitude error inside a move is a random walk;
+//! the innovations of a Kalman filter whiten it (`inside`). The weights are estimated from the residuals of a fit, and
+//! the next fit uses the new weights. Fits are repeated until the parameters converge.
 
 mod encoders;
 mod fields;
@@ -77,50 +77,52 @@ use reweighting::Reweighting;
 use start::Prior;
 use weights::Weights;
 
-/// Observability limit of an effect: the smallest change of the whitened residuals (root of chi2) per typical size,
-/// over all directions of its parameters. At 0.1, ten typical sizes change chi2 by one (model.md (18)).
+/// Observability limit of an effect. It applies to the change of the whitened residuals (root of chi2) due to a
+/// parameter change of one typical size, in the least observable direction of the parameters. At 0.1, ten typical sizes
+/// change chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior. Such an effect may be determined only partly. The limit is the change
-/// of the whitened residuals per typical size, in the best determined direction of the effect's parameters. At 0.01, a
-/// hundred typical sizes change chi2 by one.
+/// Observability limit of an effect with a prior, which the recordings may determine only partly. It applies to the
+/// change of the whitened residuals due to a parameter change of one typical size, in the most observable direction of
+/// the parameters. At 0.01, a hundred typical sizes change chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
-/// Initial standard deviation of the prior of a partly determined effect, in typical sizes of its parameters.
+/// Initial standard deviation of the prior of an effect that is determined only partly, in typical sizes of its
+/// parameters.
 const WIDE: f64 = 100.0;
 /// Convergence limit of the repeated fits: largest change of a parameter between two fits, in standard deviations
 /// (model.md (18)).
 const SETTLED: f64 = 1e-3;
-/// Limit of the change of a parameter in the last permitted fit, in standard deviations. Above this limit, the weights
-/// are reported as not settled. The convergence test of a single fit has the same limit. An estimate whose last change
-/// lies between `SETTLED` and this limit is usable. For example, in slow hand-held runs with a temperature cycle, the
-/// changes shrink only by a constant factor per fit.
+/// Maximum change of a parameter in the last permitted fit, in standard deviations. If a change is larger, the weights
+/// are reported as not converged. The convergence test of a single fit has the same limit. An estimate whose last
+/// change is between `SETTLED` and this limit is usable. For example, in slow hand-held runs with a temperature cycle,
+/// the changes decrease only by a constant factor per fit.
 const NOT_SETTLED: f64 = 0.1;
-/// Maximum number of fits with new weights. If the parameters have not settled after this number, the result is
-/// reported as not converged. Most runs settle within five fits.
+/// Maximum number of fits with new weights. If the parameters have not converged after this number, the result is
+/// reported as not converged. Most runs converge within five fits.
 const MAX_ROUNDS: usize = 16;
-/// Limit of the ratio of residual scatter to noise at the start of a search. Above it, the weights estimated from these
-/// residuals are too small, so the fit is repeated with new weights.
+/// Maximum ratio of residual scatter to noise at the start of a search. With a larger ratio, the weights estimated from
+/// these residuals are too small, so the fit is repeated with new weights.
 const MISLEADING: f64 = 10.0;
-/// The repeated fits end when the ratio of scatter to noise of every kind of residuals changes by less than this
-/// factor.
+/// The repeated fits end when the ratio of scatter to noise changes by less than this factor for every kind of
+/// residuals.
 const FAR: f64 = 1.5;
-/// Relative tolerance of the solver in a search and in the first round of a fit, whose weights are preliminary.
+/// Relative tolerance of the solver in a search and in the first round of a fit, in which the weights are preliminary.
 const SEARCH: f64 = 1e-5;
 /// Start values of a time constant, as fractions of the duration of the longest recording (model.md (23)).
 pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
-/// Effects that depend on the angular acceleration and cause a rotation error that does not cancel over a whole move.
-/// They are observable without the force inside the moves.
+/// Effects that depend on the angular acceleration and cause a rotation error over a whole move. They are observable
+/// without the force inside the moves.
 const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
-/// Whether an effect is not observable in hand-held recordings. This holds for effects that change only the force
-/// inside the moves, because the hand adds an unknown acceleration to that force.
+/// Whether an effect is not observable in hand-held recordings. This is the case if it changes only the force inside
+/// the moves, because the hand adds an unknown acceleration to this force.
 pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     let effect = Effect::<f64>::find(name);
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
 }
 
-/// Estimates all parameters. The fit starts from `warm_start` if that model has the effects of `terms`, otherwise from
-/// the two triads with zero effects.
+/// Estimates all parameters. The fit starts from `warm_start` if this model has the effects of `terms`. Otherwise it
+/// starts from the two triads with zero effects.
 pub(crate) fn fit(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -143,8 +145,8 @@ pub(crate) fn fit(
         let change = if round > 0 { largest_move(&parameters, &found) } else { f64::INFINITY };
         let is_last = round + 1 == MAX_ROUNDS || iterations >= most;
         if (priors_have_settled && change < SETTLED) || is_last {
-            // The reported residuals are computed from the samples at the final parameters and not by a first-order
-            // update.
+            // The reported residuals must be computed from the samples at the final parameters. A first-order update is
+            // not accurate enough.
             if problem.refresh(&found.parameters)? && iterations < most {
                 found = minimize_within(&problem, &found.parameters, lsq::EXACT, most - iterations)?;
                 iterations += found.iterations;
@@ -162,9 +164,9 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// Joint fit for a search. It starts from the model `start`, has a relative tolerance of 1e-5, and repeats the fit with
-/// new weights only if the start residuals were far above noise. `width` returns the standard deviation of the prior of
-/// an effect, in typical sizes, or `None` without a prior. Returns the linearisation at the estimate.
+/// Joint fit for a search. It starts from the model `start` and has a relative tolerance of 1e-5. The fit is repeated
+/// with new weights only if the residuals at the start were far above noise. `width` returns the standard deviation of
+/// the prior of an effect, in typical sizes, or `None` without a prior. Returns the linearisation at the estimate.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -175,8 +177,8 @@ pub(crate) fn fit_for_search(
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
     let mut found = minimize(&problem, &parameters, SEARCH)?;
-    // Residuals that the start model does not explain are strongly down-weighted, for example those due to a misaligned
-    // stand or to a very large effect. The weights are therefore estimated again after the fit.
+    // Residuals that the start model does not explain are strongly down-weighted. A misaligned stand or a very large
+    // effect causes such residuals. The weights are therefore estimated again after the fit.
     let mut taken = problem.weights.times_noise(prepared);
     let is_misled = !terms.all.is_empty() && taken.iter().any(|times| *times > MISLEADING);
     let rounds = if is_misled { MAX_ROUNDS } else { usize::from(terms.kinds.encoders) };
@@ -195,7 +197,7 @@ fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Soluti
     minimize_within(problem, start, tolerance, problem.prepared.max_iterations)
 }
 
-/// As [`minimize`], with at most `iterations` iterations.
+/// Fit like [`minimize`], with at most `iterations` iterations.
 fn minimize_within(problem: &Joint<'_>, start: &[f64], tolerance: f64, iterations: u64) -> Result<Solution, Error> {
     let found = lsq::minimize_within(problem, start, tolerance, iterations.min(lsq::ITERATION_LIMIT))?;
     if found.termination == Termination::NotFinite {
@@ -217,12 +219,12 @@ pub(crate) fn predict(
     Ok(moves_of(&linear, &weights))
 }
 
-/// Prepares the first fit: returns an error for undetermined effects, gives partly determined effects a prior of
-/// `width` typical sizes, and estimates the weights from the residuals at the start.
+/// Prepares the first fit. Effects that are not determined give an error. Effects that are determined partly get a
+/// prior of `width` typical sizes. The weights are estimated from the residuals at the start.
 ///
-/// With weights from noise alone, the large residuals at the start could drive an effect far from its true value. For
+/// With weights from noise only, the large residuals at the start could move an effect far from its true value. For
 /// example, a g-sensitivity that is equal on all axes acts at rest like a rotation about gravity, which the moves do
-/// not observe. If the fit makes this rotation fast, it averages out all other errors.
+/// not observe. If the fit makes this rotation fast, all other errors average out.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -247,7 +249,7 @@ fn largest_move(before: &[f64], found: &Solution) -> f64 {
     (0..before.len()).map(change).fold(0.0, f64::max)
 }
 
-/// Returns an error if a recording lacks a column (temperature) or a heading that an effect depends on.
+/// Returns an error if an effect depends on a temperature or heading that a recording does not provide.
 fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error> {
     let recordings = prepared.recordings;
     for term in &terms.all {
@@ -286,19 +288,19 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
     Ok(())
 }
 
-/// Returns an error with an explanation from the catalogue if the recordings do not determine an effect. An effect that
-/// is determined in some directions gets a prior instead if `width` returns one.
+/// Returns an error with an explanation from the catalogue if the recordings do not determine an effect. If an effect
+/// is determined in some directions and `width` returns a width, the effect gets a prior instead.
 fn check_determined(
     jacobian: &Mat<f64>,
     terms: &Terms<'_>,
     width: impl Fn(&Term<'_>) -> Option<f64>,
 ) -> Result<Vec<Prior>, Error> {
     let mut priors = Vec::new();
-    // A prior of 100 typical sizes barely changes the estimate in observable directions, so the exact observability
-    // limit has no influence on the result.
+    // A prior of 100 typical sizes hardly changes the estimate in observable directions. The exact observability limit
+    // therefore has no influence on the result.
     for term in &terms.all {
         // Columns of zeros are omitted. The column of a time constant is zero while its effect is zero, and the QR
-        // decomposition would assign an arbitrary direction to it.
+        // decomposition would give it an arbitrary direction.
         let own = BASE + term.first..BASE + term.first + term.linear;
         let others = (BASE..terms.total()).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();
@@ -337,8 +339,8 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     message
 }
 
-/// Fits the linear parameters for several values of each time constant, and keeps the value with the smallest chi2.
-/// This value becomes the centre of a wide prior of the time constant.
+/// Fits the linear parameters for several values of each time constant. The value with the smallest chi2 becomes the
+/// centre of a wide prior of the time constant.
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;

@@ -9,14 +9,14 @@
 //! ```
 //!
 //! v is the unit of the sensor. The definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope,
-//! N is the angle random walk. Quantisation here describes a sensor whose output is an increment of angle or velocity.
-//! Rounding a rate to counts is a different process. Its error is white noise with a variance that follows from the
-//! size of a count, and N does not include it.
+//! N is the angle random walk. Quantisation means here that the output of the sensor is an increment of angle or
+//! velocity. Rounding a rate to counts is a different process. Its error is white noise with a variance determined by
+//! the size of a count, and N does not include it.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
-//! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are computed for display only; their
-//! confidence bands are computed from the fitted model. A kind of noise that is not significant has no value. Its
-//! confidence band starts at zero, and the upper end of the band is an upper limit at 95 % confidence.
+//! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are only for display, and their confidence
+//! bands are computed from the fitted model. A kind of noise that is not significant has no value. Its confidence band
+//! starts at zero, and the upper end of the band is an upper limit at 95 % confidence.
 
 pub mod allan;
 mod axis;
@@ -44,10 +44,10 @@ use departures::Blocks;
 pub use steps::{Departure, Drift, Step};
 use stretch::Stretch;
 
-/// Minimum number of samples of a noise identification. With fewer samples, only the white noise could be estimated,
-/// and only with poor accuracy.
+/// Minimum number of samples of a noise identification. Fewer samples would determine only the white noise, with poor
+/// accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// Share of the recording below which the length of the longest rest is reported as a finding.
+/// Minimum share of the recording that the longest rest must cover. If it covers less, a finding reports its length.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of both triads of a unit.
@@ -65,11 +65,11 @@ pub struct Noise {
     pub accelerometer: Option<[AxisNoise; 3]>,
     /// Noise of the gyroscope's axes x, y, z, in the recording's unit; `None` for an accelerometer alone.
     pub gyroscope: Option<[AxisNoise; 3]>,
-    /// Steps of the mean in the samples used. The noise figures include them.
+    /// Steps of the mean within the used samples. The noise figures include them.
     pub steps: Vec<Step>,
-    /// Steps that were cut out. The samples used contain none of them.
+    /// Steps that were cut out. The used samples contain none of them.
     pub cut_steps: Vec<Step>,
-    /// Drifts of the mean, for example while the unit warms up. The noise figures include them.
+    /// Drifts of the mean, for example while the unit warms up. The noise figures include the drifts.
     pub drifts: Vec<Drift>,
     /// Findings about the recording.
     pub findings: Vec<Finding>,
@@ -80,13 +80,13 @@ pub struct Noise {
 pub struct Options {
     /// Minimum duration of a rest, s, for rest detection.
     pub min_rest_s: f64,
-    /// Uses only the longest part of the rest in which no mean changes in a step.
+    /// Whether steps are cut out. If so, only the longest part of the rest without a step of any mean is used.
     pub cut_steps: bool,
 }
 
-/// Identifies the noise in the longest rest of `recording`, which contains both sensors or only one.
+/// Identifies the noise in the longest rest of `recording`. The recording contains both sensors or only one.
 ///
-/// If samples are lost or repeated, the longest stretch without such samples is used. Steps and drifts of the mean are
+/// If samples are lost or repeated, the longest interval without such samples is used. Steps and drifts of the mean are
 /// reported as findings. The noise figures include them, unless `options` requests that steps are cut out. The result
 /// does not depend on the number of `threads`.
 ///
@@ -102,7 +102,7 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let has_repeats = findings.iter().any(|finding| finding.code == "samples_duplicated");
     let stretch = stretch::longest(recording, has_repeats);
     if stretch.lost == 0 {
-        // The general check also reports samples that are only stamped late. The module `stretch` distinguishes these
+        // The general check also reports samples whose time stamps are late. The module `stretch` distinguishes such
         // samples from missing samples. If it finds no missing samples, the finding of the general check is removed.
         findings.retain(|finding| finding.code != "samples_missing");
     }
@@ -118,7 +118,7 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let mut result = analyse(recording, samples, threads)?;
     if options.cut_steps {
         let mut cut = Vec::new();
-        // In the remaining part, a step may become detectable that a larger step had masked.
+        // A larger step may have masked a smaller one, so the remaining part is tested for steps again.
         while !result.steps.is_empty() {
             cut.append(&mut result.steps);
             let rest = steps::longest_without(recording, &result.samples, &cut);

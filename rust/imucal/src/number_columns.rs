@@ -1,8 +1,8 @@
 //! Fast reader for columns of numbers in a text table.
 //!
-//! The text is passed in blocks, so that a long file is never in memory as a whole. Only plain tables are read. In a
-//! plain table, each used field is a decimal number, and all lines have equal numbers of fields. Anything else (quotes,
-//! empty fields, dates, text) is the error [`NotPlain`], after which a more general reader must read the file.
+//! The text is passed in blocks, so a long file is never in memory as a whole. Only plain tables are read. In a plain
+//! table, each used field is a decimal number, and all lines have equal numbers of fields. Any other text (quotes,
+//! empty fields, dates) gives the error [`NotPlain`]. A more general reader must then read the file.
 //!
 //! Numbers are rounded correctly, like those of [`str::parse`].
 
@@ -12,11 +12,11 @@ use cursor::{Cursor, Number};
 
 use crate::numerics::workers::{in_order, processors};
 
-/// Minimum size of a block, in bytes, for its lines to be distributed among threads.
+/// Minimum size of a block for its lines to be distributed among threads, bytes.
 const WORTH_THREADS: usize = 1 << 20;
-/// Number of values for which a column reserves memory. The size is more than 32 MB, so that the allocator of Linux
-/// maps the memory directly from the system. Only pages in use then count as memory, and the column can grow without
-/// being copied, which avoids fragmentation.
+/// Number of values for which a column reserves memory. The size exceeds 32 MB, so the allocator of Linux maps the
+/// memory directly from the system. Only used pages then count as memory. The column can grow without being copied,
+/// which avoids fragmentation.
 const RESERVED: usize = (1 << 22) + (1 << 10);
 
 /// Format of a text table.
@@ -26,7 +26,7 @@ pub struct Form {
     pub separator: u8,
     /// Character of the decimal point.
     pub decimal: u8,
-    /// For each field of a line, whether it is a column of the result.
+    /// For each field of a line: whether it is a column of the result.
     pub used: Vec<bool>,
 }
 
@@ -129,8 +129,7 @@ fn split(lines: &[u8], count: usize) -> Vec<&[u8]> {
 #[derive(Debug)]
 struct Growing {
     numbers: Column,
-    /// Rows with `-0` in a column of integers. They are stored because -0 differs from 0 if the column is later
-    /// converted to reals.
+    /// Rows with `-0` in a column of integers. If the column is later converted to reals, -0 differs from 0.
     negative_zeros: Vec<usize>,
 }
 

@@ -13,13 +13,12 @@ pub(crate) const BASE: usize = 21;
 pub(crate) const ACCEL: Range<usize> = 0..9;
 pub(crate) const GYRO_BIAS: Range<usize> = 9..12;
 pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
-/// Number of parameters of a stand whose encoders are used: mount rotation (3), base tilt (2), and angles between the
-/// axes (2).
+/// Number of parameters of a stand with encoders: mount rotation (3), base tilt (2), and angles between the axes (2).
 pub(crate) const STAND_PARAMETERS: usize = 7;
 
-/// Names of the eighteen parameters that rests and moves together determine: nine of the accelerometer in the order of
-/// the symmetric fit, and nine entries of the gyroscope row by row. The gyroscope bias is not among them, because it is
-/// simply the reading at rest.
+/// Names of the eighteen parameters that are determined only by rests and moves together. They are the nine parameters
+/// of the accelerometer in the order of the symmetric fit, and nine entries of the gyroscope sensitivity row by row.
+/// The gyroscope bias is not among them, because it is the reading at rest.
 pub(crate) const WORDS: [&str; 18] = [
     "bias x",
     "bias y",

@@ -10,7 +10,7 @@
 //!   standard deviations.
 //!
 //! The information matrix is computed as in the joint fit. It contains the mean force and the mean rate at each rest,
-//! and the propagation of gravity from rest to rest, with the direction of gravity at each rest as an unknown. An
+//! and the propagation of gravity from rest to rest. The direction of gravity at each rest is an unknown. An
 //! information filter accumulates the matrix along the run. The computing time is therefore proportional to the length
 //! of the run, and no large matrix is needed.
 //!
@@ -41,6 +41,6 @@ pub use predict::{Prediction, predict};
 pub use search::{Found, Search, optimal};
 pub use sensors::Sensors;
 
-/// Number of angles that describe the direction of gravity. They are the first entries of every row of derivatives; the
-/// parameters follow.
+/// Number of angles that describe the direction of gravity. The derivatives with respect to these angles are the first
+/// entries of every row, and the derivatives with respect to the parameters follow.
 pub(crate) const DIRECTION: usize = 2;

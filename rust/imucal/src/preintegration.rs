@@ -1,21 +1,21 @@
 //! Preintegration of the gyroscope: the rotation over a move, and its derivatives with respect to the parameters
 //! (`docs/model.md` (6), (7)).
 //!
-//! One pass over the samples of a move computes the rotation and the sums from which the derivatives with respect to
-//! all parameters follow. The rate is `w = T^-1 (m - b)`, the rotation vector of a step is `phi = h wbar + h^2/12 (w0 x
-//! w1)`, and `R <- R exp(phi)`. A change of the parameters changes the attitude at the end of the move to `R
-//! exp(delta)`, where `delta` is a rotation vector in the body frame:
+//! One pass over the samples of a move computes the rotation and the sums for the derivatives with respect to all
+//! parameters. The rate is `w = T^-1 (m - b)`. The rotation vector of a step is `phi = h wbar + h^2/12 (w0 x w1)`, and
+//! `R <- R exp(phi)`. A change of the parameters changes the attitude at the end of the move to `R exp(delta)`, where
+//! `delta` is a rotation vector in the body frame:
 //!
 //! ```text
 //! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = integral of R w_j dt
 //! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = integral of R dt
 //! ```
 //!
-//! The integrals are trapezoidal sums over the samples. Because of `R' = R [w]x`, a third of the entries of the G_j
-//! follow from the rotation of the whole move. With the columns R_x, R_y, R_z of R, the integral of `R_y w_z - R_z w_y`
-//! is the change of R_x. If the move does not start and end at rest, this relation has a relative error of a twelfth of
-//! the squared rotation per step. Short steps are summed in groups of sixteen, which does not change the result (see
-//! `preintegration/sums.rs`).
+//! The integrals are trapezoidal sums over the samples. Because of `R' = R [w]x`, a third of the entries of the G_j can
+//! be computed from the rotation of the whole move. With the columns R_x, R_y, R_z of R, the integral of `R_y w_z - R_z
+//! w_y` is the change of R_x. If the move does not start and end at rest, the relative error of this relation is a
+//! twelfth of the squared rotation per step. Short steps are summed in groups of sixteen, which does not change the
+//! result (see `preintegration/sums.rs`).
 
 mod attitudes;
 mod interpolation;
@@ -55,7 +55,7 @@ pub struct Preintegrated {
     pub bias_sum: Matrix3<f64>,
 }
 
-/// Rotation from sample `first` to sample `last` of a recording, with cubic interpolation of the rate where possible
+/// Rotation from sample `first` to sample `last` of a recording. The rate is interpolated with cubics where possible
 /// (`docs/model.md` (17)).
 pub(crate) fn integrate_rotation(
     recording: &Recording<'_>,
@@ -67,7 +67,7 @@ pub(crate) fn integrate_rotation(
     paths.fold(Matrix3::identity(), |rotation, path| rotation * path.rotation(gyroscope))
 }
 
-/// Rotation from sample `first` to sample `last`, as [`integrate_rotation`], and the sums for its derivatives.
+/// Rotation of [`integrate_rotation`] from sample `first` to sample `last`, and the sums for its derivatives.
 pub(crate) fn preintegrate(
     time_s: &[f64],
     rates: Samples<'_>,
@@ -95,7 +95,8 @@ pub(crate) fn integrate_rotation_linear(
     RateSegment::of(recording, first, last).rotation(gyroscope)
 }
 
-/// Total rotation about each axis between two samples, rad. It is the integral of the absolute rate about the axis.
+/// Total rotation about each axis between two samples, rad: the integral of the absolute value of the rate about the
+/// axis.
 pub(crate) fn total_rotation_rad(
     recording: &Recording<'_>,
     first: usize,
@@ -107,7 +108,7 @@ pub(crate) fn total_rotation_rad(
     (first..last).map(|k| step(k).abs()).sum()
 }
 
-/// Sums over a move, from which the derivatives of its rotation follow.
+/// Sums over a move from which the derivatives of the move's rotation are computed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
     /// G_x, G_y, G_z: integrals of R times each component of the rate, rad.
@@ -122,7 +123,7 @@ impl Sums {
     }
 
     /// Adds a sample to the trapezoidal rule. `weight` is R times the time that the sample represents, s. `rate` is the
-    /// rate, rad/s.
+    /// rate of the sample, rad/s.
     #[inline(always)]
     pub(crate) fn add_sample(&mut self, weight: &Matrix3<f64>, rate: &Vector3<f64>) {
         for (j, sum) in self.sensitivity.iter_mut().enumerate() {
@@ -132,7 +133,7 @@ impl Sums {
     }
 
     /// Adds the contribution of effects over an interval. The sensitivity multiplies the sum of the true rate and the
-    /// effects; `beyond` is the part due to the effects, rad/s. `weight` is the integral of R over the interval.
+    /// effects. `beyond` is the part due to the effects, rad/s. `weight` is the integral of R over the interval, s.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }

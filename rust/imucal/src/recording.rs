@@ -1,19 +1,19 @@
 //! A recording: the measurements of one unit, as borrowed columns.
 //!
-//! Rows are samples. Time is in seconds. Each triad is in SI units (m/s^2, rad/s) or in raw counts (`lsb`). A sensor at
-//! rest reads +g on the axis that points up.
+//! Each row is one sample. Time is in seconds. Each triad is in SI units (m/s^2, rad/s) or in raw counts (`lsb`). A
+//! sensor at rest reads +g on the axis that points up.
 
 use std::borrow::Cow;
 use std::ops::Range;
 
 use crate::error::Error;
 
-/// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the difference from
-/// this temperature.
+/// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the temperature
+/// minus this temperature.
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
-/// Time step from which a step counts as a pause between two runs, s. No inertial sensor that can be calibrated has a
-/// longer sampling interval.
+/// Minimum time step that counts as a pause between two runs, s. Every inertial sensor that can be calibrated has a
+/// shorter sampling interval.
 const PAUSE_S: f64 = 1.0;
 
 /// Unit of a triad's samples. Other physical units (g, deg/s, ...) are converted to SI when a file is read.
@@ -25,7 +25,7 @@ pub enum RawUnit {
     Lsb,
 }
 
-/// Samples of a triad, (N, 3). They keep the number type of the caller's array, so that no copy is needed.
+/// Samples of a triad, (N, 3), in the number type of the caller's array, so that no copy is needed.
 #[derive(Clone, Copy, Debug)]
 pub enum Samples<'a> {
     /// Double precision.
@@ -34,7 +34,7 @@ pub enum Samples<'a> {
     F32(&'a [[f32; 3]]),
     /// 16-bit counts.
     I16(&'a [[i16; 3]]),
-    /// No sensor, for this number of samples. Every value is NaN, so that an absent sensor is not mistaken for one that
+    /// No sensor, for this number of samples. Every value is NaN, so that an absent sensor differs from a sensor that
     /// reads zero.
     Absent(usize),
 }
@@ -82,7 +82,7 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// A range of samples, with unchanged number type and without a copy.
+    /// A range of samples in the same number type, without a copy.
     #[must_use]
     pub fn slice(self, samples: Range<usize>) -> Self {
         match self {
@@ -105,8 +105,8 @@ impl<'a> Samples<'a> {
         self.iter().map(move |row| row[axis])
     }
 
-    /// Calls `each` with the values of one axis in every two consecutive samples. The number type is selected once and
-    /// not for each sample.
+    /// Calls `each` with the values of one axis for every pair of consecutive samples. The number type is selected once
+    /// instead of for each sample.
     #[inline(always)]
     pub(crate) fn neighbours(self, axis: usize, each: impl FnMut(f64, f64)) {
         match self {
@@ -129,8 +129,8 @@ fn neighbours_of<T: Into<f64> + Copy>(rows: &[[T; 3]], axis: usize, mut each: im
 pub(crate) const SIDE_BY_SIDE: usize = 3 * 8;
 
 /// Calls `each` for every number of every row except the last row. The arguments are an index, the number, and the
-/// number of the same axis in the next row. The index counts within a group of [`SIDE_BY_SIDE`] numbers; the index
-/// modulo 3 is the axis.
+/// number of the same axis in the next row. The index counts from 0 within each group of [`SIDE_BY_SIDE`] numbers, and
+/// the index modulo 3 is the axis.
 #[inline(always)]
 pub(crate) fn each_step(rows: &[[f64; 3]], mut each: impl FnMut(usize, f64, f64)) {
     let after = rows.get(1..).unwrap_or_default().as_flattened();
@@ -191,7 +191,7 @@ pub struct Recording<'a> {
     /// Unit of `angular_rate`.
     pub gyro_unit: RawUnit,
     /// Units of the accelerometer and gyroscope columns in the source, as written in column names (`g`, `dps`); `None`
-    /// if unknown. They are used only in messages.
+    /// if unknown. Only messages use them.
     pub column_units: [Option<&'a str>; 2],
 }
 
@@ -235,8 +235,8 @@ impl<'a> Recording<'a> {
     /// Mean sampling rate, Hz: the number of time steps divided by their sum, without pauses (see `PAUSE_S`). NaN if
     /// the time does not increase.
     ///
-    /// The median time step cannot be used instead, because it may differ from the mean by ten per cent or more if
-    /// samples come in bursts or are stamped by a coarse clock.
+    /// The median time step is not used, because it may differ from the mean by ten per cent or more. It does if
+    /// samples come in bursts or if a coarse clock stamps them.
     pub fn mean_rate_hz(&self) -> f64 {
         let of = |is_counted: &dyn Fn(f64) -> bool| {
             let steps = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| is_counted(*step_s));
@@ -269,7 +269,7 @@ impl<'a> Recording<'a> {
         self.stand_rad.is_some_and(|rows| rows.iter().flatten().all(|angle| angle.is_finite()))
     }
 
-    /// Verifies that every column has as many rows as there are time stamps.
+    /// Checks that every column has as many rows as there are time stamps.
     pub(crate) fn check_lengths(&self) -> Result<(), Error> {
         let n = self.len();
         let columns = [

@@ -1,5 +1,5 @@
-//! Detection of rests and of the moves between them, the white noise of a recording, and the tremor of a hand-held
-//! unit.
+//! Detection of rests and of the moves between them. Estimation of the white noise of a recording and of the tremor of
+//! a hand-held unit.
 
 pub(crate) mod moves;
 mod noise_check;

@@ -1,8 +1,8 @@
 //! Error of the mean of rounded samples (model.md (37)).
 //!
 //! A converter rounds every reading to a multiple of its step q (LSB). If the noise of a sample is far above q,
-//! rounding adds white noise of variance q^2 / 12. If the noise is below q, the mean of a rest has an error that
-//! depends only on the true mean m and does not average down:
+//! rounding adds white noise of variance q^2 / 12. If the noise is below q, the mean over a rest has a rounding error.
+//! This error depends only on the true mean m and does not decrease with averaging:
 //!
 //! ```text
 //! d(m) = q sum_h (-1)^h / (pi h) exp(-2 pi^2 h^2 s^2) sin(2 pi h m / q),      s = sigma / q
@@ -11,8 +11,8 @@
 //! ```
 //!
 //! (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and 5.) Rests with equal
-//! readings therefore have the same error. The standard deviation of rounded samples differs from sigma, so sigma is
-//! estimated from the relative frequencies of the levels that occur at rest.
+//! readings therefore have equal errors. The standard deviation of rounded samples differs from sigma, so sigma is
+//! estimated from the relative frequencies of the levels at rest.
 
 pub(crate) mod step;
 
@@ -20,47 +20,46 @@ use std::f64::consts::{PI, SQRT_2};
 
 use statrs::function::erf::erfc;
 
-/// Standard deviation of rounded samples, in steps, from which rounding needs no treatment. The noise is then above
+/// Standard deviation of rounded samples above which rounding needs no treatment, in steps. The noise is then above
 /// 0.58 steps, the rounding error of a mean is below 3e-4 steps, and the variance of the samples includes q^2 / 12.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
-/// Distance between two readings, in steps, at which the Gaussian factor of the correlation of their errors is
-/// exp(-1/2). The correlation is this factor times the cosine in the formula for cov(d_k, d_l). Errors of readings that
-/// are more than a step apart count as independent, because their phases are not known well enough.
+/// Distance between two readings at which the Gaussian factor of the correlation of their errors is exp(-1/2), in
+/// steps. The correlation is this factor times the cosine in the formula for cov(d_k, d_l). Errors of readings that are
+/// more than a step apart count as independent, because their phases are not known accurately.
 const CORRELATED: f64 = 0.5;
-/// Smallest and largest standard deviation of the noise that is tried, in steps. At the smallest, nearly all samples of
-/// a rest are equal. At the largest, rounding causes no error of the mean.
+/// Smallest and largest trial standard deviation of the noise, in steps. With the smallest, nearly all samples of a
+/// rest are equal. With the largest, rounding causes no error of the mean.
 const NOISE: [f64; 2] = [0.02, 1.0];
-/// Number of standard deviations of the noise that are tried; consecutive values differ by 14 %.
+/// Number of trial standard deviations of the noise. Consecutive values differ by 14 %.
 const NOISES: usize = 31;
-/// Number of true means over which the likelihood is averaged.
+/// Number of trial values of the true mean over which the likelihood is averaged.
 const MEANS: usize = 24;
-/// Maximum distance between the true mean and the mean of the samples that is tried, in steps.
+/// Maximum distance of a trial value of the true mean from the mean of the samples, in steps.
 const REACH: f64 = 0.75;
-/// Decrease of the log-likelihood from its maximum at which the likelihood becomes negligible.
+/// Decrease of the log-likelihood from its maximum below which the likelihood is negligible.
 const NEGLIGIBLE: f64 = 12.0;
-/// Prior standard deviation of the logarithm of the noise ratio of two axes of a triad. A smaller value gives the
-/// levels of one axis more influence on the estimated noise of another axis.
+/// Standard deviation of the prior of the logarithm of the ratio of two axes' noise. With a smaller value, the levels
+/// of one axis have more influence on the estimated noise of another axis.
 const SIMILAR: f64 = 0.3;
 /// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;
-/// Rounding of one axis in one recording, raw units. All numbers are zero if the noise is so far above the step that
-/// rounding leaves no error in means, or if the values have no step.
+/// Rounding of one axis in one recording, raw units. All numbers are zero if the values have no step, or if the noise
+/// is so far above the step that rounding causes no error of means.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rounding {
     /// Step of the converter (LSB).
     pub step: f64,
     /// Standard deviation of the noise of one sample before rounding.
     pub noise: f64,
-    /// Variance of the error that rounding leaves in the mean of a rest. It does not depend on the duration of the
-    /// rest.
+    /// Variance of the error of the mean of a rest due to rounding. It does not depend on the duration of the rest.
     pub error_variance: f64,
-    /// Whether the reading of a rest determines its rounding error, so that equal readings have equal errors. False for
-    /// a force whose samples all have one level, because the true force may lie anywhere within half a step of this
-    /// level. True for a rate even if its samples all have one level, because the true rate is zero at every rest.
+    /// Whether the reading of a rest determines its rounding error. Equal readings then have equal errors. False for a
+    /// force whose samples all have one level, because the true force may be anywhere within half a step of this level.
+    /// True for a rate even if its samples all have one level, because the true rate is zero at every rest.
     pub is_determined: bool,
 }
 
-/// Number of samples at each level, for readings of nearly equal mean.
+/// Number of samples at each level, for readings with nearly equal means.
 #[derive(Clone, Debug)]
 pub(crate) struct Levels {
     /// Mean of the readings, steps.
@@ -70,7 +69,7 @@ pub(crate) struct Levels {
 }
 
 impl Rounding {
-    /// Rounding for a known noise, used in predictions. `None` if rounding causes no error of the mean.
+    /// Rounding for noise of known size; used in predictions. `None` if rounding causes no error of the mean.
     pub(crate) fn of_noise(step: f64, noise: f64) -> Option<Self> {
         let coarse = step > 0.0 && (noise / step).hypot(1.0 / 12f64.sqrt()) < LEAST_SCATTER;
         coarse.then(|| Self {
@@ -81,13 +80,13 @@ impl Rounding {
         })
     }
 
-    /// Rounding of the axes of a triad with these steps. `None` for an axis whose noise is not below its step.
+    /// Rounding of the axes of a triad with these steps. An axis whose noise is not below its step is `None` in `axes`.
     ///
-    /// The noise of each axis is estimated from the levels that occur at rest, as the average over all tried standard
-    /// deviations, weighted by their likelihood. The true means are unknown and are eliminated. The levels of the other
-    /// axes contribute to the likelihood, because the axes of a triad usually have noise of nearly equal size. If only
-    /// one level occurs on each axis, all small standard deviations are equally likely, and the error variance is the
-    /// mean over them.
+    /// The noise of each axis is estimated from the levels that occur at rest. It is the average over all trial
+    /// standard deviations, weighted by their likelihood. The true means are unknown and are eliminated. The levels of
+    /// the other axes contribute to the likelihood, because the axes of a triad usually have similar noise. If each
+    /// axis has only one level, all small standard deviations are equally likely, and the error variance is the mean
+    /// over them.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [Self; 3] {
         let noises: [f64; NOISES] = std::array::from_fn(tried_noise);
         let likelihoods = axes.each_ref().map(|axis| {
@@ -128,19 +127,19 @@ impl Rounding {
         self.error_variance > 0.0
     }
 
-    /// Whether the rounding error of a mean exceeds 3 % of a step. In this case, the errors of short means of a slowly
-    /// varying force cannot be treated as white noise.
+    /// Whether the rounding error of a mean exceeds 3 % of a step. The errors of short means of a slowly varying force
+    /// are then not white noise.
     pub(crate) fn is_not_white_in_moves(&self) -> bool {
         self.error_variance > (0.03 * self.step).powi(2)
     }
 
-    /// Variance of one sample while the true value passes through many steps, so that noise and rounding errors are
+    /// Variance of one sample while the true value passes through many steps. Noise and rounding errors are then
     /// independent.
     pub(crate) fn sweeping_variance(&self, colour: f64) -> f64 {
         self.noise * self.noise * colour + self.step * self.step / 12.0
     }
 
-    /// Covariance of the errors of two readings.
+    /// Covariance of the rounding errors of two readings.
     pub(crate) fn covariance(&self, reading: f64, other: &Self, other_reading: f64) -> f64 {
         let product = self.error_variance * other.error_variance;
         // Recordings with different measurement ranges have independent errors.
@@ -157,7 +156,8 @@ fn tried_noise(k: usize) -> f64 {
     NOISE[0] * (NOISE[1] / NOISE[0]).powf(k as f64 / (NOISES - 1) as f64)
 }
 
-/// Mean square of the error over all true means, in steps squared, for noise of this standard deviation in steps.
+/// Mean square of the rounding error over all true means, in squared steps. `noise` is the standard deviation of the
+/// noise in steps.
 fn error_variance(noise: f64) -> f64 {
     // The terms decrease at least as 1 / h^2. At the smallest noise, the sum of 60 terms differs from the limit 1 / 12
     // by 3 %.
@@ -167,12 +167,12 @@ fn error_variance(noise: f64) -> f64 {
 
 impl Levels {
     /// Log-likelihood of the levels for noise of this standard deviation. The unknown true mean is eliminated in two
-    /// ways, and the result is their mean: the maximum of the log-likelihood over the true mean, and the logarithm of
-    /// the likelihood averaged over it. With two levels, the maximum is equal for all small noise, and the average is
-    /// proportional to the noise.
+    /// ways, and the result is the mean of both. The first is the maximum of the log-likelihood over the true mean. The
+    /// second is the logarithm of the likelihood averaged over the true mean. With two levels, the maximum is equal for
+    /// all small noise, and the average is proportional to the noise.
     fn log_likelihood(&self, noise: f64) -> f64 {
         let of_mean = |mean: f64| -> f64 {
-            // Only differences of small numbers are formed, so that the logarithm remains accurate far from the mean.
+            // Only differences of small numbers are computed, so that the logarithm is accurate far from the mean.
             let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
             let share = |level: i64| {
                 let distance = (mean - level as f64).abs();
@@ -180,7 +180,7 @@ impl Levels {
             };
             self.counts.iter().map(|(level, count)| count * share(*level).max(f64::MIN_POSITIVE).ln()).sum()
         };
-        // The logarithm of the likelihood is concave, so a ternary search finds its maximum.
+        // The logarithm of the likelihood is concave, so a ternary search finds the maximum.
         let (mut low, mut high) = (self.mean - REACH, self.mean + REACH);
         for _ in 0..40 {
             let third = (high - low) / 3.0;

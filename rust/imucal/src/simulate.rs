@@ -1,5 +1,5 @@
 //! Simulation of calibration runs: the samples that a unit with all its errors measures during a motion, and the true
-//! values.
+//! values of force and rate.
 //!
 //! * [`program`]: the commands to the motors of a stand, either one of the two programs of the paper (`docs/model.md`)
 //!   or any list of steps.
@@ -13,7 +13,7 @@
 //! * [`temperature`]: the temperature of the unit over the run. [`faults`]: clock errors and lost or repeated samples.
 //!
 //! Motion and true values are exact functions of time. Nothing is integrated, so the true values do not depend on the
-//! sampling rate. A setup always yields the same bytes, on any number of threads.
+//! sampling rate. The same setup always gives the same bytes, on any number of threads.
 //!
 //! ```
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
@@ -71,8 +71,7 @@ use sensor::Sampler;
 use stream::Triad;
 use truth::Truth;
 
-/// Maximum number of samples in a run. At 192 bytes per sample, a longer run would not fit into the memory of an
-/// ordinary PC.
+/// Maximum number of samples in a run. At 192 bytes per sample, a longer run would exceed the memory of an ordinary PC.
 const MAX_SAMPLES: f64 = 1e8;
 
 /// All inputs of a simulated run.
@@ -92,14 +91,14 @@ pub struct Setup<'a> {
     pub faults: Faults,
     /// Additional errors of force and rate, for an effect that is not in the catalogue.
     pub added: Option<Added<'a>>,
-    /// Seed of all random numbers except the random numbers of the motion.
+    /// Seed of all random numbers, except those of the motion.
     pub seed: u64,
     /// Number of threads; `None` uses all processors. The result does not depend on the number of threads.
     pub threads: Option<NonZeroUsize>,
 }
 
-/// Errors that are added to the true force and rate at the input of the sensors. There is one row per sample of the run
-/// before samples are lost.
+/// Errors that are added to the true force and rate at the input of the sensors. There is one row per sample of the
+/// run, counted before samples are lost.
 #[derive(Clone, Copy, Debug)]
 pub struct Added<'a> {
     /// Specific force, m/s^2.
@@ -109,10 +108,10 @@ pub struct Added<'a> {
 }
 
 /// A simulated run: the columns of a recording, and the true values. All columns have one row per sample. True values
-/// apply to the true instant of the sample, which equals the time stamp unless the clock has a fault.
+/// are those at the true instant of the sample, which equals the time stamp unless the clock has a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
-    /// Time stamps, s: sample number / rate, from 0 to the end of the motion (excluded).
+    /// Time stamps, s: sample number / rate, from 0 to the end of the motion, which is excluded.
     pub time_s: Vec<f64>,
     /// Measured specific force, m/s^2.
     pub specific_force: Vec<[f64; 3]>,
@@ -128,7 +127,7 @@ pub struct Simulation {
     pub true_angular_rate: Vec<[f64; 3]>,
     /// True derivative of the angular rate in the body frame, rad/s^2.
     pub true_angular_acceleration: Vec<[f64; 3]>,
-    /// True attitude `[w, x, y, z]`, `v_w = r_wb * v_b`.
+    /// True attitude `[w, x, y, z]`, a unit quaternion with `v_w = r_wb * v_b`.
     pub rotation_world_from_body: Vec<[f64; 4]>,
     /// Start and end of each rest, s, by the unit's clock.
     pub rests: Vec<(f64, f64)>,
@@ -154,7 +153,7 @@ impl Simulation {
         }
     }
 
-    /// A run whose time stamps and rests are set and whose other columns are zero.
+    /// A run with time stamps and rests, in which all other columns are zero.
     fn blank(samples: usize, setup: &Setup, clock: &Clock) -> Self {
         let on_a_stand = matches!(setup.motion, Motion::Stand { .. });
         let rests = setup.motion.rests().into_iter();
@@ -202,7 +201,7 @@ impl Simulation {
     }
 }
 
-/// Simulates a run. A setup always yields the same bytes.
+/// Simulates a run. The same setup always gives the same bytes.
 ///
 /// # Errors
 /// [`Error::Input`] if a value of the setup is invalid, or if the run has no samples or too many.
@@ -239,8 +238,8 @@ pub fn run(setup: &Setup) -> Result<Simulation, Error> {
     Ok(run)
 }
 
-/// Simulates a program on a perfect stand, at the reference temperature of the calibration. This is a short form of
-/// [`run`].
+/// Simulates a program on a stand without errors, at the reference temperature of the calibration. It is a short form
+/// of [`run`].
 ///
 /// # Errors
 /// As [`run`].
@@ -280,7 +279,7 @@ fn check_rows(name: &str, rows: Option<&[[f64; 3]]>, samples: usize) -> Result<(
 
 /// Number of samples with time stamps in `[0, duration)`.
 fn sample_count(duration_s: f64, rate_hz: f64) -> Result<usize, Error> {
-    // The tolerance prevents an extra sample if the duration is a sum of rounded times.
+    // The tolerance prevents an additional sample if the duration is a sum of rounded times.
     let samples = (duration_s * rate_hz - 1e-6).ceil();
     if rate_hz.is_finite() && rate_hz > 0.0 && (1.0..=MAX_SAMPLES).contains(&samples) {
         return Ok(samples as usize);

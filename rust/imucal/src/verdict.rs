@@ -1,7 +1,7 @@
 //! The verdict on a calibration: good, incomplete or poor, with the reasons.
 //!
-//! [`mod@crate::calibrate`] judges a calibration on the recordings from which it is estimated. [`mod@crate::evaluate`]
-//! judges it on control recordings.
+//! [`mod@crate::calibrate`] derives the verdict on the recordings from which a calibration is estimated.
+//! [`mod@crate::evaluate`] derives it on control recordings.
 
 mod group_misfit;
 mod reason;
@@ -9,8 +9,8 @@ mod reason;
 pub use group_misfit::{GroupMisfit, ResidualGroup};
 pub use reason::{Reason, UncorrectedSamples};
 
-/// chi2 per degree of freedom above which a calibration is poor. At this value, the residuals are ten times as large as
-/// noise explains, so errors other than noise dominate the result.
+/// Maximum chi2 per degree of freedom of a calibration that is not poor. At this value, the residuals are ten times as
+/// large as noise explains, so errors other than noise dominate the result.
 pub(crate) const POOR_CHI2_PER_DOF: f64 = 100.0;
 
 /// A set of recordings.
@@ -35,19 +35,19 @@ impl RecordingSet {
 /// Whether a calibration may be used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Noise explains the residuals, or almost explains them.
+    /// Noise explains the residuals completely or almost completely.
     Good,
     /// The result is usable, but the unit or its motion has an effect that the model lacks. There is at least one
     /// reason.
     Incomplete(Vec<Reason>),
-    /// The result is not reliable. There is at least one reason. Reasons for an incomplete verdict follow those for a
-    /// poor one.
+    /// The result is not reliable. There is at least one reason. Reasons for an incomplete verdict come after the
+    /// reasons for a poor verdict.
     Poor(Vec<Reason>),
 }
 
 impl Verdict {
-    /// Verdict for these reasons: poor if any of them makes it poor, incomplete if there are only other reasons, good
-    /// if there are none.
+    /// Verdict for these reasons. It is poor if any reason is one for a poor verdict, incomplete if there are only
+    /// other reasons, and good without reasons.
     pub fn of(reasons: Vec<Reason>) -> Self {
         let (mut poor, incomplete): (Vec<Reason>, Vec<Reason>) = reasons.into_iter().partition(Reason::is_poor);
         if poor.is_empty() {
