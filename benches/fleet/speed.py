@@ -1,11 +1,14 @@
-"""Units per second of a plain loop, of 1 and 2 processes, and of a Dask cluster of 2."""
+"""Units per second of a plain loop, of 1 and 2 processes, and of Dask clusters of 2 workers."""
 
 import os
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
+import dask
 import numpy as np
 from distributed import Client, LocalCluster
 
@@ -14,11 +17,18 @@ from fleet.simulated import plan, unit_of, write_manifest, write_one
 
 __all__ = ["ROUNDS", "WAYS", "rates"]
 
-WAYS = ("a plain loop", "1 process", "2 processes", "Dask, 2 workers")
+WAYS = (
+    "a plain loop",
+    "two plain loops at once",
+    "1 process",
+    "2 processes",
+    "Dask, 2 workers",
+    "Dask, 2 workers with a profiler",
+)
 # The recordings of 1 MB: the paper's gyroscope program at this sampling rate.
 LARGE_RATE_HZ = 100.0
 # Other work of the machine only slows a round down, so the best round is the least disturbed.
-ROUNDS = 3
+ROUNDS = 4
 
 
 def rates(folder: Path, units: int, *, large: bool) -> tuple[float, dict[str, float]]:
@@ -28,15 +38,19 @@ def rates(folder: Path, units: int, *, large: bool) -> tuple[float, dict[str, fl
     found: dict[str, list[float]] = {way: [] for way in WAYS}
     for _ in range(ROUNDS):
         found[WAYS[0]].append(_loop(files))
-        found[WAYS[1]].append(_timed(folder, manifest, units, workers=1))
-        found[WAYS[2]].append(_timed(folder, manifest, units, workers=2))
-        with (
-            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-            Client(cluster) as client,
-        ):
-            # A cluster stands before a run, so its workers have loaded their libraries.
-            client.run(_load)
-            found[WAYS[3]].append(_timed(folder, manifest, units, scheduler=client))
+        found[WAYS[1]].append(_two_loops(files))
+        found[WAYS[2]].append(_timed(folder, manifest, units, workers=1))
+        found[WAYS[3]].append(_timed(folder, manifest, units, workers=2))
+        # docs/fleet.md starts workers without the profiler, which Dask starts by default.
+        for way, has_profiler in ((WAYS[4], False), (WAYS[5], True)):
+            with (
+                dask.config.set({"distributed.worker.profile.enabled": has_profiler}),
+                LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+                Client(cluster) as client,
+            ):
+                # A cluster stands before a run, so its workers have loaded their libraries.
+                client.run(_load)
+                found[way].append(_timed(folder, manifest, units, scheduler=client))
     return size, {way: max(rounds) for way, rounds in found.items()}
 
 
@@ -69,6 +83,14 @@ def _loop(files: list[Path]) -> float:
     for path in files:
         imucal.calibrate(imucal.read(path), serial_number=path.stem).calibration.to_dict()
     return len(files) / (time.perf_counter() - started)
+
+
+def _two_loops(files: list[Path]) -> float:
+    """What the two processors give to processes that share nothing."""
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
+        # The processes start and load the library before the time is taken.
+        list(processes.map(_loop, (files[:5], files[5:10])))
+        return sum(processes.map(_loop, (files[::2], files[1::2])))
 
 
 def _timed(folder: Path, manifest: Path, units: int, **where: object) -> float:
