@@ -60,7 +60,7 @@ def ticks_of(array: Any) -> NDArray[Any]:
 
 
 def present_of(array: Any) -> NDArray[np.bool_]:
-    """The mask of the cells of an Arrow array that are not empty."""
+    """Boolean mask of an Arrow array: True for each cell that is not empty."""
     # Arrow's is_valid is not used, because it loads Arrow's function library.
     if isinstance(array, np.ndarray) or not array.null_count:
         return np.ones(len(array), bool)
@@ -91,7 +91,7 @@ def truth_of(array: Any) -> NDArray[np.bool_]:
 
 
 def _bits(buffer: Any, array: Any) -> NDArray[np.bool_]:
-    """The bits of a buffer that belong to an array, which may be a slice of a larger column."""
+    """The bits of the cells of an array. The array may be a slice, and the buffer belongs to its column."""
     first, end = array.offset // 8, (array.offset + len(array) + 7) // 8
     bits = np.unpackbits(np.frombuffer(buffer, np.uint8)[first:end], bitorder="little")
     return bits[array.offset - 8 * first :][: len(array)].astype(bool)

@@ -41,8 +41,8 @@ BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
 # Number of rows in each row group of a written Parquet file. It is Arrow's default.
 ROWS_WRITTEN = 1 << 20
-# Number of rows that are formatted as CSV at once. It is small, because Arrow formats a block of rows more
-# slowly if it contains an integral value.
+# Number of rows that are formatted as CSV at once. The number is small, because one integral value slows down
+# the formatting of the whole block.
 ROWS_OF_TEXT = 1 << 16
 
 # Names and values of columns, in the order in which they are written.
@@ -106,7 +106,7 @@ def require_ending(path: str | os.PathLike[str]) -> None:
 
 
 def _tables(columns: Columns) -> Iterator[Any]:
-    """Arrow tables of at most `ROWS_WRITTEN` rows, so that the copy in memory stays small."""
+    """The columns as Arrow tables of at most `ROWS_WRITTEN` rows. Only one table is in memory at a time."""
     import pyarrow as pa
 
     names, rows = [name for name, _ in columns], len(columns[0][1])
@@ -137,15 +137,15 @@ def _with_points(name: str, column: Any) -> Any:
     import pyarrow as pa
     from pyarrow import compute
 
-    # float32 values are formatted with the digits of float64, because the shortest text of a float32 is a
+    # float32 values are converted to float64 before formatting. The shortest text of a float32 would be a
     # different number when read as float64.
     column = compute.cast(column, pa.float64())
     whole = compute.equal(column, compute.round(column))
-    # Columns of raw counts remain integers.
+    # Columns of raw counts, and columns without an integral value, need no ".0".
     if name.endswith("_lsb") or not compute.any(whole).as_py():
         return column
     text = compute.cast(column, pa.string())
-    # The pattern skips large numbers, which are formatted with an exponent, and infinities.
+    # The pattern matches integers only. It does not match numbers with an exponent or infinities.
     pointed = compute.replace_substring_regex(compute.filter(text, whole), "^(-?[0-9]+)$", r"\1.0")
     return compute.replace_with_mask(text, whole, pointed)
 
@@ -181,7 +181,7 @@ def chosen(table: Table, columns: str | Sequence[str] | None, *, has_rate: bool)
 
 
 def _meaning(name: str) -> str:
-    """A canonical name without its unit."""
+    """The part of a canonical name before the unit, such as accel_x for accel_x_mps2."""
     return name.rpartition("_")[0]
 
 

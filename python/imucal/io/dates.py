@@ -150,7 +150,7 @@ def _days(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int
 
 
 def _past_midnight(ns: NDArray[np.int64], empty: NDArray[np.bool_], turn_ns: int) -> NDArray[np.int64]:
-    """Times of day made continuous: a time much earlier than the previous time belongs to the next day."""
+    """Times of day without jumps at midnight: after a much later time, a time is of the next day."""
     known = np.flatnonzero(~empty)
     turns = np.cumsum(np.diff(ns[known], prepend=ns[known[:1]]) < -turn_ns // 2)
     ns = ns.copy()

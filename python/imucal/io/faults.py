@@ -39,7 +39,7 @@ def faults_named(paths: Sequence[str | os.PathLike[str]], title: str) -> Iterato
 
 
 def too_large(paths: Sequence[str | os.PathLike[str]], title: str) -> FormatError:
-    """The error for a file whose reading needs more memory than permitted for its size, or than available."""
+    """The error for a file whose reader needs more memory than its size permits or the computer has."""
     return FormatError(
         f"{shown_names(paths)} cannot be read as {title}: reading it needs more memory than a file of this "
         f"size normally does, or more than is available: {WAY_OUT}; or give a shorter recording"

@@ -257,7 +257,7 @@ def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | 
 
 
 def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
-    """A finding that reports the interpretation of the header and how to correct it."""
+    """A finding that lists the columns and units as read, and explains how to correct them."""
     shown = [] if time is None else [f"{time[1]}={time[0]}"]
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
         shown += [f"{what}_{a}_{triad.unit}={n}" for a, n in zip("xyz", triad.columns, strict=True)]
@@ -275,7 +275,7 @@ def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
 
 
 def _unsure(text: Text, header: Header, head: Head) -> str:
-    """The error message for a header that is ambiguous."""
+    """The error message for a header that does not give the sensor, axis and unit of all columns."""
     layout = text.layout
 
     def works(columns: str) -> bool:

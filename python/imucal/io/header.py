@@ -20,7 +20,8 @@ __all__ = ["Header", "Triad", "header_of", "names_sensor", "unknown_units"]
 ACCEL: Final = {
     *("a", "ac", "acc", "accel", "accl", "accelerometer", "acceleration", "accelerometers", "accels", "af"),
     *("specific", "gf", "gforce", "acce", "accs", "accelero", "totalacceleration"),
-    # Names translated by apps: German, French, Spanish, Italian, Portuguese, Dutch, without accents.
+    # The word "acceleration" as apps translate it, without accents: German, Spanish, Italian, Portuguese,
+    # Dutch. French has the English word.
     *("beschleunigung", "aceleracion", "accelerazione", "aceleracao", "versnelling"),
 }
 GYRO: Final = {
@@ -42,7 +43,8 @@ GYRO: Final = {
     *("angvel", "anglvel", "angrate", "turnrate"),
     *("gyroskop", "drehrate", "winkelgeschwindigkeit", "giroscopio", "gyroscoop"),
 }
-# Words in names of columns that belong neither to the accelerometer (with gravity) nor to the gyroscope.
+# If a column name contains one of these words, the column belongs to neither the accelerometer (with gravity)
+# nor the gyroscope.
 OTHER: Final = {
     *(
         "user",
@@ -275,7 +277,7 @@ def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[st
 
 
 def _has(groups: _Groups, what: str) -> bool:
-    """Whether three axes of this sensor are known."""
+    """Whether the columns of all three axes of this sensor have been found."""
     return any(of.endswith(what) and len(found) == 3 for (of, _), found in groups.items())
 
 
@@ -332,7 +334,7 @@ def _is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
 
 
 def _is_part_of_stamp(name: str, names: Sequence[str]) -> bool:
-    """Whether a column has only the seconds or the nanoseconds of a time stamp of ROS."""
+    """Whether a column contains only the seconds or only the nanoseconds of a ROS time stamp."""
     parts = (("nsecs", "secs"), ("nanosec", "sec"))
     return any(
         name.endswith((f".{nanoseconds}", f".{seconds}"))

@@ -19,7 +19,7 @@ from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["read_imu_tk"]
 
-# Number of samples from which it is determined whether the numbers can be counts.
+# Number of samples that are tested for whole numbers, because only whole numbers can be counts.
 FIRST: Final = 2000
 
 
@@ -37,7 +37,8 @@ def read_imu_tk(
     accel_unit, gyro_unit  unit of the numbers: raw counts ("lsb", default, as in the data of imu_tk) or SI
                            units
 
-    A header is interpreted, although files of imu_tk have none. Files with different time stamps are
+    Files of imu_tk have no header. If a file has a header, the header is used. Files with different time
+    stamps are
     resampled.
     """
     for what, unit, known in (

@@ -27,20 +27,22 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Limits", "limits_for", "read_in_child", "size_of"]
 
-# Memory that a child process may allocate after its start, bytes: the first number, for libraries and small
-# files, plus the second number times the size of the files. A ROS message takes about as much memory as space
-# in the file. An array of a compressed file takes several times its compressed size, and twice as much during
+# A child process may allocate MEMORY_BYTES after its start, for libraries and small files, plus
+# MEMORY_PER_BYTE times the size of the files in bytes. A ROS message takes about as much memory as in the
+# file. An array of a compressed file takes several times its size in the file, and twice as much during
 # conversion.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 10
-# Processor time that a child process may use, s: the first number, for libraries and small files, plus the
-# second number times the size of the files in bytes. The slowest library reads some megabytes per second.
+# A child process may use PROCESSOR_S of processor time, s, for libraries and small files, plus
+# PROCESSOR_S_PER_BYTE times the size of the files in bytes. The slowest library reads some megabytes per
+# second.
 PROCESSOR_S: Final = 6.0
 PROCESSOR_S_PER_BYTE: Final = 4e-6
 # Maximum duration of a child process, as a multiple of its maximum processor time. It allows for waiting for
 # the disk and for a busy computer.
 DURATION: Final = 20.0
-# Program of the child. It uses the module search path of this process, so that it finds the same libraries.
+# Python program of the child process. It sets the module search path of the parent process, so that both
+# processes import the same libraries.
 START: Final = (
     "import json, sys; request = json.loads(sys.stdin.readline()); sys.path[:] = request['search_path']; "
     "from imucal.io.isolated_child import serve; serve(request)"

@@ -34,7 +34,7 @@ def serve(request: dict[str, Any]) -> None:
         except ImucalError as failure:
             error = failure
         except MemoryError:
-            # The limit is lifted first, because at the limit there is no memory even for the error message.
+            # The memory limit is lifted first. Otherwise there would be no memory for the error message.
             _free_memory()
             error = too_large(paths, known.title)
         _free_memory()
@@ -56,7 +56,7 @@ def limit_process(memory_bytes: int, processor_s: int) -> None:
     limits = {
         resource.RLIMIT_CORE: 0,
         resource.RLIMIT_CPU: processor_s,
-        # A bag with compressed files is decompressed to a temporary file.
+        # The file size is limited because a bag with compressed files is decompressed to a temporary file.
         resource.RLIMIT_FSIZE: memory_bytes,
     }
     with suppress(OSError, ValueError, IndexError):

@@ -101,7 +101,7 @@ def _nanoseconds(table: Table) -> NDArray[np.int64]:
 
 
 def _rounded(table: Table, values: NDArray[np.float64], ticks: float) -> NDArray[np.int64]:
-    """Time stamps as real numbers, ns."""
+    """Time stamps in ns, from floating-point numbers with `ticks` per second."""
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise FormatError(

@@ -23,7 +23,8 @@ __all__ = ["HEAD", "Layout", "is_number", "is_value", "layout_of", "plain_text",
 HEAD: Final = 1 << 16
 # Number of lines before the first row in which the header is searched.
 HEADER_LINES: Final = 50
-# Number of lines, at the end of the first `HEAD` bytes, from which separator and number of columns are found.
+# Number of lines from which the separator and the number of columns are determined. They are the last lines
+# of the first `HEAD` bytes.
 SAMPLE_LINES: Final = 60
 # Minimum number of numeric fields in a line for a separator to be accepted.
 LEAST_NUMBERS: Final = 3
@@ -166,7 +167,7 @@ def _without_rows(lines: list[_Line], text: bytes) -> Layout:
 
 
 def _lines(text: bytes) -> Iterator[_Line]:
-    """The nonblank lines of the head, without a last line that is cut off by the end of the head."""
+    """The nonblank lines of the first `HEAD` bytes, without a last line that is cut off there."""
     head = text[:HEAD].removeprefix(b"\xef\xbb\xbf")
     if len(text) >= HEAD and b"\n" in head:
         head = head[: head.rfind(b"\n")]
@@ -317,7 +318,8 @@ def _names(text: str, separator: str, first: list[str]) -> list[str] | None:
         while len(fields) > width and not fields[-1]:
             fields.pop()
         if len(fields) == width - 1 and not first[-1]:
-            # Each row ends with a separator, so its last field is empty and has no name.
+            # Each row ends with a separator, and the header does not. The empty last field of the rows has no
+            # name.
             fields.append("")
         named = sum(bool(field) and not is_value(field) for field in fields)
         if (len(fields) == width and 2 * named > width) or (canonical and mark != " "):
@@ -326,7 +328,7 @@ def _names(text: str, separator: str, first: list[str]) -> list[str] | None:
 
 
 def _are_states(text: str, separator: str) -> bool:
-    """Whether a line states for each column only that it is calibrated or raw, as in Shimmer's exports."""
+    """Whether each field of a line is only "calibrated" or "raw", as in a line of Shimmer's exports."""
     return {field.upper() for field in split_line(text, separator) if field} <= {"CAL", "RAW", "UNCAL"}
 
 

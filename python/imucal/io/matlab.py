@@ -81,7 +81,7 @@ def _variables(scipy_io: Any, path: str) -> tuple[list[str] | None, bool]:
 
 
 def _has_samples(by_path: Mapping[str, StoredArray]) -> bool:
-    """Whether a file has an array of floating-point numbers, and not only objects, which are integers."""
+    """Whether a file has an array of floating-point numbers. MATLAB objects are stored as integers only."""
     return any(array.dtype.kind == "f" for array in by_path.values())
 
 

@@ -19,8 +19,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["read_numpy"]
 
-# Largest accepted memory for one decompressed array, bytes: the first number plus the second number times the
-# compressed size of the array.
+# A decompressed array may have at most MEMORY_BYTES plus MEMORY_PER_BYTE times its compressed size, bytes.
 MEMORY_BYTES: Final = 200_000_000
 MEMORY_PER_BYTE: Final = 40
 

@@ -12,9 +12,8 @@ from typing import Any, BinaryIO, Final
 
 __all__ = ["require_plausible_pages", "require_plausible_rows"]
 
-# Largest accepted memory for the values of a file, bytes: the first number plus the second number times the
-# size of the file. Constant columns can be compressed by any factor, so the first number is large enough for
-# hours of such columns.
+# The values of a file may have at most MEMORY_BYTES plus MEMORY_PER_BYTE times the size of the file, bytes.
+# Constant columns can be compressed by any factor, so MEMORY_BYTES is large enough for hours of such columns.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 1000
 # Largest accepted page, bytes. Programs write pages of about 1 MB.
@@ -46,7 +45,7 @@ def require_plausible_pages(file: BinaryIO, metadata: Any, size: int, names: Col
     metadata  pyarrow's metadata of the file
     size      size of the file, bytes
     """
-    # Columns are identified by their index in the schema, as in Arrow, which ignores names in the row groups.
+    # Columns are identified by their index in the schema, because Arrow ignores the names in the row groups.
     paths = [metadata.schema.column(index).path for index in range(metadata.num_columns)]
     # A nested column has several chunks, whose paths start with its name.
     used = [
@@ -143,7 +142,8 @@ class _Header:
             raise ValueError(f"a page header has a field of the unknown type {kind}")
 
     def _skip_item(self, kind: int, depth: int) -> None:
-        # As an element of a list, a boolean takes one byte. As a field, it is part of the field's type.
+        # A boolean in a list takes one byte. A boolean field takes no byte, because the type of the field
+        # contains its value.
         self._skip(BYTE if kind in (TRUE, FALSE) else kind, depth + 1)
 
     def _signed(self) -> int:

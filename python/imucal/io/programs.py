@@ -39,7 +39,8 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
     if "seconds_elapsed" in low and {"x", "y", "z"} <= low:
         return Program("Sensor Logger", "", "radps", {"time": "ns"})
     if {"gyro_rad[0]", "accelerometer_m_s2[0]"} <= low or {"device_id", "error_count", "x", "y", "z"} <= low:
-        # The topics sensor_combined, sensor_accel and sensor_gyro of PX4, as ulog2csv writes them.
+        # ulog2csv writes the PX4 topics sensor_combined, sensor_accel and sensor_gyro with these column
+        # names.
         return Program("PX4", "mps2", "radps", {"timestamp": "us", "timestamp_sample": "us"})
     if {"ax", "gx", "imu_degc"} <= low:
         return Program("OpenLog Artemis", "mg", "dps", {"micros": "us"})

@@ -26,10 +26,10 @@ MOST_GARBLED: Final = 0.01
 # Lines of text between the rows are skipped. If their number, divided by the number of rows, is larger than
 # this ratio, the file is refused.
 MOST_TEXT: Final = 1.0
-# Block size with which Arrow infers column types from the whole file, bytes: Arrow's maximum.
+# Arrow's maximum block size, bytes. With this size Arrow infers the column types from the whole file.
 LARGEST_BLOCK: Final = 2**31 - 1
-# Number of rows before the last row whose last fields show the usual number of decimals. A last field with
-# fewer decimals may have been cut off.
+# Number of rows, before the last row, with which the last row is compared. If its last field has fewer
+# decimals than in these rows, it may have been cut off.
 COMPARED_ROWS: Final = 20
 # Regular expression of a number, for RE2; {point} is the decimal point.
 NUMBER: Final = r"^\s*[-+]?(\d+{point}?\d*|{point}\d+)([eE][-+]?\d+)?\s*$|^\s*[-+]?(?i:nan|inf|infinity)\s*$"

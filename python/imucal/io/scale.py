@@ -28,9 +28,9 @@ COUNTS_PER_DPS: Final = (
     *(16.4, 32.8, 65.6, 65.5, 131.0, 131.072, 262.4, 16.384, 32.768, 65.536, 262.144, 16.0, 14.375),
     *(1000 / 4.375, 1000 / 8.75, 1000 / 17.5, 1000 / 35.0, 1000 / 70.0),
 )
-# Typical noise per sample of a MEMS gyroscope, rad/s. A unit of measurement is unlikely if the noise of the
-# column in this unit differs from the typical noise by more than the factor. For comparison, rad/s and deg/s
-# differ by a factor of 57.
+# Typical noise per sample of a MEMS gyroscope, rad/s, and the largest plausible factor by which the noise
+# differs from it. If the factor is larger, the assumed unit of the column is unlikely. For comparison, rad/s
+# and deg/s differ by a factor of 57.
 USUAL_NOISE_RADPS: Final = 0.05 * DEGREE_RAD
 UNLIKELY_FACTOR: Final = 12.0
 # Largest rate that MEMS gyroscopes measure, rad/s.
@@ -135,8 +135,8 @@ def epoch_unit(values: Any) -> str | None:
         return None
     for unit, ticks in TICKS_PER_S.items():
         if EPOCH_S[0] <= finite[0] / ticks <= EPOCH_S[1] and (unit != "s" or not _is_whole(finite)):
-            # Integers are not accepted as s since 1970, because 1e9 can also be an uptime of a quarter of an
-            # hour in us.
+            # Integers near 1e9 are not accepted as s since 1970, because they can also be an uptime of a
+            # quarter of an hour in us.
             return unit if unit != "ns" or finite[0] > 1e18 else None
     return None
 
@@ -164,8 +164,8 @@ def _counts_per_dps(values_dps: FloatArray) -> float | None:
     distinct = np.unique(np.abs(finite[finite != 0]))
     if len(distinct) < 4:
         return None
-    # Values with at most two decimals, such as 0.25, are not tested, because rounded values are multiples of
-    # some scales by coincidence.
+    # Values with at most two decimals, such as 0.25, are not tested, because rounded values can be multiples
+    # of a scale by coincidence.
     if np.allclose(distinct * 100, np.round(distinct * 100), atol=1e-9):
         return None
     smallest = float(distinct[0])

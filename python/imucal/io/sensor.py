@@ -101,7 +101,7 @@ def sensor_of(text: Text) -> Sensor:
 
 
 def _time_first_or_last(text: Text) -> tuple[str, str, str, str]:
-    """The columns time, x, y, z of a file without a header; time is last if only the last column grows."""
+    """The columns time, x, y, z of a file without a header. The time may be the first or the last column."""
     head = Head(text)
 
     def increases(column: str) -> bool:

@@ -75,7 +75,7 @@ def suggestion(
 
 
 def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
-    """The header; acceleration that is called linear is that of the accelerometer if it includes gravity."""
+    """The header, in which "linear" acceleration that includes gravity is assigned to the accelerometer."""
     if header.accel or not header.linear:
         return header
     triad = header.linear[0]
@@ -86,7 +86,7 @@ def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
 
 
 def _with_rates(header: Header, names: Sequence[str]) -> Header:
-    """The header; the only three columns in a unit of angular rate are those of the gyroscope: p, q, r."""
+    """The header, in which the only three columns with a unit of angular rate are the gyroscope: p, q, r."""
     units = {name: unit for name in names if (unit := split_unit(name)[1]) is not None and unit[0] == "gyro"}
     if header.gyro or len(units) != 3 or len(set(units.values())) > 1:
         return header
@@ -151,7 +151,7 @@ def _time(
 
     for name, unit in header.times:
         if unit == "100us":
-            # No canonical name has this unit, so the advice is to give the sampling rate.
+            # No canonical name has this unit of time, so the sentence proposes to give the sampling rate.
             return None, []
         if unit is not None:
             return f"time_{unit}={name}", []

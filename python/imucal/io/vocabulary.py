@@ -275,7 +275,7 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], s
 
 
 def _fits_float32(column: Any) -> bool:
-    """Whether float32 can represent every number of this column's type. Empty cells become NaN."""
+    """Whether float32 can represent every number of the column's type. Empty cells are NaN in float32."""
     if isinstance(column, np.ndarray):
         return column.itemsize <= (2 if column.dtype.kind == "i" else 4)
     import pyarrow as pa

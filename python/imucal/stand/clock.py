@@ -1,4 +1,4 @@
-"""The clock of a run, which also performs all waits, so that tests can run in virtual time."""
+"""The clock of a run. It also performs all waits, so that tests can replace it by a virtual clock."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Item = TypeVar("Item")
 
 
 class Clock(Protocol):
-    """A monotonic clock, and the operations in which a run waits."""
+    """A monotonic clock with all operations in which a run waits."""
 
     def now_s(self) -> float:
         """Seconds since an arbitrary instant."""

@@ -1,9 +1,9 @@
 """Joins the clocks of the unit and of the host, and interpolates motor angles to the instants of the samples.
 
-Samples arrive with varying delays, but never early. The relation between the clocks is therefore the lower
-edge of the points (unit time, host time of arrival): the straight line below all points with the smallest sum
-of distances to the points. This line is an edge of the lower convex hull. Samples that were delayed at the
-start or while the computer was busy lie above the line and do not change it.
+Samples arrive with varying delays, but never early. Each sample is a point (unit time, host time of arrival).
+The relation between the clocks is the straight line below all points with the smallest sum of distances to
+the points. This line is an edge of the lower convex hull. Samples that were delayed at the start or while the
+computer was busy lie above the line and do not change it.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ __all__ = ["host_instants", "joined_angles"]
 # Relative difference between the rates of two clocks that is accepted without a check. Quartz oscillators
 # differ by less than 200 ppm.
 MAX_SLOPE: Final = 500e-6
-# A clock rate difference beyond `MAX_SLOPE` is accepted if the differences in the two halves of the run agree
-# within this relative number. A unit has such a difference if its clock is an RC oscillator, or if it sends
-# no time and samples at another rate than its nominal one.
+# Largest difference between the relative clock rates of the two halves of a run at which a relative rate
+# beyond `MAX_SLOPE` is accepted. A unit has such a rate if its clock is an RC oscillator, or if it sends no
+# time and does not sample at its nominal rate.
 AGREEING_SLOPE: Final = 2e-3
 # Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be determined.
 SLOPE_OVER_S: Final = 20.0
@@ -34,12 +34,11 @@ MOST_POINTS: Final = 20_000
 # Longest interval between two reported positions, s, over which the angles of a moving stand are
 # interpolated. At an acceleration of 500 deg/s^2 the error is 0.6 deg.
 LONGEST_S: Final = 0.1
-# Intervals up to `LONGER_S`, s, are also interpolated if the angles change by at most `LITTLE_DEG`, deg. A
-# motor that starts or stops in the interval deviates from the straight line by at most a quarter of this
-# change.
+# Intervals up to `LONGER_S`, s, are also interpolated if the angles change by at most `LITTLE_DEG`, deg. If a
+# motor starts or stops in the interval, the error of the interpolation is at most a quarter of this change.
 LONGER_S: Final = 0.2
 LITTLE_DEG: Final = 2.0
-# Time after the last reported position, s, for which a stand at rest is assumed to remain at rest.
+# If the stand is at rest at the last reported position, it is assumed to stay at rest for this time, s.
 STAYS_S: Final = 0.35
 # Difference of positions, deg, below which the stand is at rest.
 AT_REST_DEG: Final = 0.05
@@ -70,7 +69,7 @@ def joined_angles(logged: Logged) -> FloatArray:
 
 
 def host_instants(logged: Logged) -> FloatArray:
-    """For each sample, the host time at which it was taken, plus the shortest transmission delay, (N,), s."""
+    """Host time of each sample, (N,), s. All times are late by the shortest transmission delay."""
     name = next((column for column in logged.columns if column in TICKS_PER_S), None)
     if name is None or len(logged.samples) < 2:
         return logged.host_s
@@ -86,7 +85,7 @@ def host_instants(logged: Logged) -> FloatArray:
 
 
 def _slope(unit_s: FloatArray, late_s: FloatArray) -> float:
-    """Relative difference of the clock rates: host seconds per second of the unit, minus one."""
+    """Relative difference of the clock rates: elapsed host time per elapsed unit time, minus one."""
     slope = _hull_slope(unit_s, late_s)
     if abs(slope) <= MAX_SLOPE:
         return slope
@@ -104,8 +103,8 @@ def _hull_slope(unit_s: FloatArray, late_s: FloatArray) -> float:
     """Slope of the lower convex hull of the points (unit time, delay) at the mean of the unit's times."""
     hull: list[tuple[float, float]] = []
     if len(unit_s) > MOST_POINTS:
-        # Only the least delayed sample of each block is kept, because only such samples determine the lower
-        # hull.
+        # Only the least delayed sample of each block is kept, because the lower hull depends only on such
+        # samples.
         size = len(unit_s) // MOST_POINTS + 1
         starts = np.arange(0, len(unit_s), size)
         lowest = np.array([start + int(np.argmin(late_s[start : start + size])) for start in starts])

@@ -1,9 +1,10 @@
 """Time between the last sample of an interrupted run and the first sample after it.
 
-Samples may be delivered late, because a device or a network has stored them while no program read them, but
-never early. The first samples therefore wait. If one of them arrives at the time that the clock of the unit
-predicts, this clock has continued. Otherwise the unit has restarted, or it sends no time, and the least
-delayed of the waiting samples is assumed to be not delayed.
+After an interruption, samples may be delivered late, because a device or a network has stored them while no
+program read them. They are never delivered early. The first samples are therefore held back until their times
+are known. If one of them arrives at the time that the clock of the unit predicts, this clock has continued.
+Otherwise the unit has restarted, or it sends no time. The delay of the least delayed sample is then assumed
+to be zero.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from imucal.stand.time_check import Timed
 
 __all__ = ["WRAP_SHARE", "Continuation"]
 
-# Longest wait for a sample that is not delayed, s.
+# Longest time for which samples are held back, s.
 WAITS_S: Final = 2.0
-# Largest deviation of the arrival of a sample from the prediction by the unit's clock, s, and the part of the
-# elapsed time that is added.
+# The clock of the unit has continued if a sample arrives within NEAR_S, s, plus CLOCK_ERROR times the elapsed
+# time, of the time that this clock predicts.
 NEAR_S: Final = 1.0
 CLOCK_ERROR: Final = 1e-3
 # A counter counts as wrapped if it jumps from above this share of its range to below 1 minus this share.
@@ -44,7 +45,8 @@ class Continuation:
         self.waiting: list[Timed] = []
         self._first = self._before = self._wraps = 0.0
         self._has_restarted = False
-        # Elapsed time if the least delayed sample is not delayed, s.
+        # Time since the last sample before the interruption, s, if the delay of the least delayed sample is
+        # zero.
         self._least_s = math.inf
 
     def add(self, timed: Timed, count: float) -> None:
@@ -65,7 +67,7 @@ class Continuation:
             self._least_s = min(self._least_s, timed[1] - self._host_s - since_first_s)
 
     def shift(self, now_s: float) -> float | None:
-        """Number to add to the counter, so that the time is its sum over `per_s`; None if unknown yet."""
+        """Number to add to the counter: time = (counter + number) / `per_s`. None if it is not known yet."""
         if not self.waiting:
             return None
         after = (self._last_s + self._least_s) * self._per_s

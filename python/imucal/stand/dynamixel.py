@@ -4,7 +4,7 @@
 
 `--driver dynamixel` starts this program. The motors have Protocol 2.0 and the control table of the X series,
 and are in extended position mode, in which they count several turns. A motor that has restarted has lost its
-count of turns. It is recognised by its torque, which is off, and refused.
+count of turns, and its torque is off. Motors whose torque is off are therefore refused.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class Motors:
         self._done(motor, lambda: (0, *write(self._bus, motor, address, value)))
 
     def _done(self, motor: int, exchange: Any) -> Any:
-        """The result of an exchange, repeated if a packet was lost or damaged."""
+        """The result of a read or write, which is repeated if a packet was lost or damaged."""
         said = ""
         for _ in range(TRIES):
             try:

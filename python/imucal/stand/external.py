@@ -6,7 +6,7 @@ The program reads commands from its standard input and answers each with a line 
     position      position A B C      the angles of the motors now, deg
     stop          ok                  stops the motors
 
-or with `error TEXT`, which ends the run. Its standard error is shown to the user.
+An answer `error TEXT` to any command ends the run. The standard error of the program is shown to the user.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ QUERY_S: Final = 0.04
 # Timeout of an answer, s, and of the first answer, which includes the start of the program.
 ANSWER_S: Final = 3.0
 FIRST_S: Final = 15.0
-# Largest deviation of each motor from its target, deg, at which a pose counts as reached. It is larger than
-# the error of a hobby servo. It does not affect the recorded angles, which are the reported ones.
+# A pose counts as reached if each motor is within this angle of its target, deg. The angle is larger than the
+# error of a hobby servo. It does not affect the recorded angles, because they are the reported angles.
 NEAR_DEG: Final = 1.0
 # A motor is stalled if its angle changes by at most `STILL_DEG` within `STALL_S` before it reaches its
 # target.
@@ -46,7 +46,7 @@ STILL_DEG: Final = 0.2
 STALL_S: Final = 5.0
 # Duration of the rest at zero after the last move, s.
 END_S: Final = 0.3
-# Pause between two polls while starting, s, and time for the program to end after `stop`, s.
+# Pause between two polls while starting, s, and time that the program has to end after `stop`, s.
 PAUSE_S: Final = 0.01
 STOP_S: Final = 2.0
 
@@ -274,7 +274,7 @@ class ExternalDriver:
                 since_s, first = self._read_s, self._angles
                 self._phase = "holding"
             elif not self._is_near(self._angles, first, STILL_DEG):
-                # The motors are still settling, so the hold starts again.
+                # The angles still change, so the hold time starts again.
                 since_s, first = self._read_s, self._angles
             if self._failed is not None:
                 return

@@ -31,7 +31,7 @@ SLIP_DEG: Final = (1.0, 3.0)
 SLIP_SHARE: Final = (0.15, 0.85)
 # Standard deviation of the attitude change by play in the mount, deg about each motor's axis.
 PLAY_DEG: Final = 0.5
-# Range of a clipping gyroscope, as a share of the highest rate of the run.
+# Limits of the measurement range of a clipping gyroscope, as shares of the highest rate of the run.
 RANGE_SHARE: Final = (0.4, 0.8)
 
 

@@ -2,8 +2,8 @@
 
 Each step consists of a line that moves all motors to absolute angles, and a line with `G4`, which waits until
 the motors are at rest and then dwells. Every move therefore starts and ends at rest, with a trapezoidal rate
-profile (GRBL's planner.c). With the combined rotation d of all motors, deg, the feed v, deg/s, and the
-acceleration a, deg/s^2, along it, the duration is
+profile (GRBL's planner.c). Let d be the combined rotation of all motors, deg. v is the feed, deg/s, and a the
+acceleration, deg/s^2, along this rotation. The duration of the move is
 
     t = d / v + v / a    if v^2 / a <= d,    2 sqrt(d / a)    if the feed is not reached
 
@@ -125,7 +125,7 @@ class Block:
 
 
 def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
-    """The steps of a program for a controller with these limits, with numbers rounded as in the G-code.
+    """The steps of a program for a controller with these limits. Numbers are rounded as in the G-code.
 
     Raises InputError for a program that no stand can follow, whose angles have too many digits for the
     controller, or that takes the controller longer than a week.
@@ -193,7 +193,8 @@ def _block(
 ) -> Block:
     dwell_s = round(step.hold_s, 3)
     if not any(turn_deg):
-        # GRBL ignores a move to the current position, so the time of the move is added to the dwell.
+        # If no motor moves, GRBL ignores the move. The planned time of the move is therefore added to the
+        # dwell.
         return Block(angles_deg, None, round(step.hold_s + step.move_s, 3), 0.0, 0.0)
     length = math.hypot(*turn_deg)
     max_rate, acceleration = limits.along(turn_deg)

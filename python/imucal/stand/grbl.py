@@ -48,32 +48,32 @@ MOST_RECOVERIES: Final = 4
 # Number of attempts of a move, if the motors come to rest at a wrong position. After the last attempt the
 # controller is reset.
 MOST_MOVES: Final = 4
-# Largest deviation, deg, at which a motor counts as at its target: twice the last digit of a report.
+# A motor is at its target if it deviates by at most this angle, deg: two units of the last digit of a report.
 AT_TARGET_DEG: Final = 0.02
-# Largest deviation, deg, at which a reported offset counts as the requested one. It allows for half of the
-# last digit of a report, and rounding.
+# Largest difference, deg, between a reported offset and the requested offset at which they count as equal. It
+# allows for half a unit of the last digit of a report, and rounding.
 SAME_DEG: Final = 0.0015
-# Angle, deg, by which a target is displaced if its offset equals the offset that a controller has after a
-# restart, so that a restart can be detected.
+# After a restart a controller has a known offset. A target with this offset is displaced by this angle, deg,
+# so that a restart can still be detected.
 MARK_DEG: Final = 0.004
-# Timeout of a move as a multiple of its duration, in addition to `Timeouts.stall_s`.
+# A move times out after its duration times this factor, plus `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5
 # Uncertainty of the motor angles during moves, deg, above which the run reports an event.
 UNCERTAIN_DEG: Final = 1.0
 # Time after the planned end of a move, s, after which a message reports that the move takes longer.
 SLOW_S: Final = 2.0
 # Modal G-codes for all lines: millimetres (degrees for rotary axes), absolute positions. With inverse time
-# feed (G93), GRBL refuses an axis word without a feed in the same line. Therefore a line that has lost its
-# word G92 does not move the motors.
+# feed (G93), GRBL refuses an axis word without a feed in the same line. Therefore a line from which the word
+# G92 was lost does not move the motors.
 SETUP: Final = "G21G90G93G1F1"
-# Feed per minute (G94) for the move, and cancelled motion mode (G80), so that GRBL refuses a move that has
-# lost its word G1. This line is sent after the target is confirmed, because GRBL refuses G92 after G80.
+# Modes for the move: feed per minute (G94), and no motion mode (G80), so that GRBL refuses a move from which
+# the word G1 was lost. This line is sent after the target is confirmed, because GRBL refuses G92 after G80.
 MOVING: Final = "G94G80"
-# Modes for grblHAL, which refuses G43.1 after G80 and G93.
+# Modal G-codes for grblHAL, without G80 and G93, because grblHAL refuses G43.1 after them.
 SETUP_HAL: Final = "G21G90G94"
 # Line that moves all axes to the work position zero. The zeros have a decimal point, so that a single damaged
-# bit changes them by less than a degree. The command is the last word, because if the letter X of `G1X.0`
-# were lost, the line would be read as `G1.0`, which moves only the other motors.
+# bit changes them by less than a degree. The command G1 is the last word of the line. If it were the first
+# word and the letter X were lost, `G1X.0` would be read as `G1.0`, which moves only the other motors.
 MOVE: Final = "{}.0{}.0{}.0G1"
 FINAL: Final = "free the stand, bring its motors to zero, and run the program again"
 
@@ -125,7 +125,8 @@ class GrblDriver:
         self.zero_deg: Triple = (0.0, 0.0, 0.0)
         self._ready: Ready | None = None
         self._track: Track | None = None
-        # Offset that the controller has confirmed, and a reported offset that contradicts the confirmed one.
+        # Offset that the controller has confirmed, and a reported offset that contradicts the confirmed
+        # offset.
         self._offset_deg: Triple | None = None
         self._contradicting: Triple | None = None
         self._latest: Report | None = None
@@ -202,7 +203,7 @@ class GrblDriver:
         self._session.port.close()
 
     def _wait_for(self, waiting: Waiting) -> Any:
-        """Run an exchange to its end without recording, and return its result."""
+        """Wait until an exchange with the controller has ended, without recording, and return its result."""
         while True:
             try:
                 self._receive()
@@ -231,7 +232,8 @@ class GrblDriver:
             require_zero(position_deg, self._consent)
             return ((0.0, 0.0, 0.0) if self._consent.unwind else position_deg), 0
         if self._consent.start_here or self._consent.home:
-            # The motors are at zero, so they follow the path of the completed steps again, without holds.
+            # The motors are at zero. They therefore follow the path of the completed steps again, without
+            # holds.
             return position_deg, 0
         zero, step = self._resume.zero_deg, self._resume.steps_done
         poses = [(0.0, 0.0, 0.0), *(block.angles_deg for block in self._blocks)]
@@ -246,7 +248,7 @@ class GrblDriver:
         return zero, step
 
     def _say_uncertainty(self) -> None:
-        """Report the uncertainty of the instants. Only the sum of both transmission times is known."""
+        """Report how uncertain the instants are, because only the sum of both transmission times is known."""
         half_s = (self._session.port.shortest_s or 0.0) / 2
         rate_dps = max((block.feed_dpm or 0.0 for block in self._blocks), default=0.0) / 60.0
         if half_s * rate_dps > UNCERTAIN_DEG:
@@ -324,7 +326,7 @@ class GrblDriver:
             self._done += 1
 
     def _recovered(self, work: Callable[[], Waiting]) -> Waiting:
-        """Do a piece of work, and repeat it after each recovery from a fault."""
+        """Execute `work`. If a fault interrupts it, recover and execute it again."""
         self._recoveries = 0
         while True:
             try:
@@ -533,7 +535,7 @@ class GrblDriver:
         self._session.reported_s = self._clock.now_s()
         self._session.report = None
         if (yield from self._session.until(lambda: self._session.report is not None)):
-            # The reported offset must be the confirmed one, which a restarted controller has lost.
+            # The controller must report the confirmed offset again. A restarted controller has lost it.
             self._session.offset_deg = None
             yield from self._session.until(
                 lambda: self._session.offset_deg is not None, self._timeouts.boot_s

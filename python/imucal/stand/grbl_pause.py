@@ -1,6 +1,6 @@
 """States in which a GRBL controller pauses.
 
-They are reported at once, and the run fails unless the user ends them.
+These states are reported at once. The run fails unless the user ends them.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ QUERY_S: Final = 0.04
 # cycle (20 ms in a simulator, 16 ms in a converter) would always answer with the same delay.
 SPREAD: Final = 0.25
 GOLDEN: Final = 0.618
-# Length of the longest report, characters. It limits the rate of queries, so that the reports use at most a
-# third of the capacity of the serial line.
+# Length of the longest report, characters. The rate of queries is limited, so that reports of this length use
+# at most a third of the capacity of the serial line.
 REPORT_LENGTH: Final = 90
 # Longest wait for a byte, s. After the wait the thread checks whether a query is due.
 WAIT_S: Final = 0.01
@@ -36,8 +36,8 @@ WAIT_S: Final = 0.01
 LONGEST: Final = 512
 # Number of consecutive late reports after which a query counts as lost.
 LOST_AFTER: Final = 4
-# If a report arrives later than the shortest delay plus this time, s, and may answer a later query, the
-# earlier query counts as lost.
+# A query counts as lost if the next report arrives later than the shortest delay plus this time, s, and a
+# later query is waiting for an answer.
 LOST_S: Final = 0.25
 # Timeout for the end of a thread, s.
 JOIN_S: Final = 1.0
@@ -62,7 +62,7 @@ class GrblPort:
         # Host times of the unanswered queries.
         self._asked: deque[float] = deque()
         self._shifted = 0
-        # Status queries of the thread and lines of the driver must not interleave within a write.
+        # Lock for writing, because a status query of the thread must not be written in the middle of a line.
         self._writing = threading.Lock()
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
@@ -161,7 +161,7 @@ class GrblPort:
 
         while now_s - self._asked[0] > shortest_s + LOST_S and next_is_old_enough():
             self._asked.popleft()
-        # After the loss of a single query, all later answers seem to be delayed by one interval.
+        # If a single query was lost, all later answers seem to be late by one interval of queries.
         seems_late = now_s - self._asked[0] > shortest_s + 0.75 * self._query_s
         self._shifted = self._shifted + 1 if seems_late and next_is_old_enough() else 0
         if self._shifted > LOST_AFTER:

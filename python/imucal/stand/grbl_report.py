@@ -1,8 +1,8 @@
 """Parsing of lines of a GRBL controller: status reports, alarms, locks, and welcome messages.
 
 Lines have no checksum. A report is used only if its form is exact, including the number of decimals, and the
-driver checks its position against the commanded motion. All other lines are recognised even if characters are
-missing, because a lost character must not hide an alarm or a restart.
+driver checks its position against the commanded motion. Alarms, locks and welcome messages are recognised
+even if characters are missing, because a lost character must not hide an alarm or a restart.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ OFFSET: Final = re.compile(rf"\|WCO:({NUMBER}(?:,{NUMBER})*)(?:\||$)")
 # Order of the axes in reports and settings.
 AXES: Final = "XYZABCUVW"
 MM_PER_INCH: Final = 25.4
-# Minimum similarity (0 to 1) at which a damaged line is recognised as a known text. At this value half of the
-# characters may be lost.
+# Minimum similarity (0 to 1) at which a damaged line is recognised as a known text. A line that has lost half
+# of its characters still has this similarity.
 ALIKE: Final = 0.6
 WELCOMES: Final = ("Grbl 1.1h ['$' for help]", "GrblHAL 1.1f ['$' or '$HELP' for help]")
 LOCKS: Final = (

@@ -44,8 +44,8 @@ STOP_EVERY_S: Final = 0.3
 STOP_S: Final = 6.0
 # Number of queries with which the shortest time between query and report is measured.
 ROUND_TRIPS: Final = 16
-# Longest pause between two of these queries, s. The pauses vary, because a controller or a port with a fixed
-# cycle would otherwise answer with the same delay each time.
+# Longest pause between two queries of this measurement, s. The pauses vary, because a controller or a port
+# with a fixed cycle would otherwise answer with the same delay each time.
 CYCLE_S: Final = 0.02
 # A report that is delayed by more than the shortest delay plus this time, s, is not used. The time is shorter
 # than the interval of queries, because after the loss of a query a report may be assigned to a wrong query.
@@ -120,11 +120,11 @@ class GrblSession:
         self._expects_welcome = True
         self._is_welcomed = False
         self._settings: dict[int, Counter[str]] = {}
-        # Time spent in pauses, s, by which all timeouts are extended.
+        # Total duration of all pauses, s. All timeouts are extended by this time.
         self.paused_s = 0.0
 
     def now_s(self) -> float:
-        """Time without pauses, s."""
+        """Host time minus the total duration of all pauses, s."""
         return self._clock.now_s() - self.paused_s
 
     def receive(self) -> Sequence[Report]:
@@ -276,7 +276,7 @@ class GrblSession:
         raise LinkLostError(f"{self.port.name}: the controller does not answer after a reset")
 
     def settings(self, needed: Sequence[int]) -> Waiting:
-        """The settings with these numbers. A setting whose readings never agree is omitted."""
+        """The settings with these numbers, without settings whose readings never agree."""
         for _ in range(TRIES):
             self.answers.clear()
             self.port.send(b"$$\n")

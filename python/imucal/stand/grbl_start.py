@@ -20,7 +20,7 @@ from imucal.stand.link import LinkLostError
 
 __all__ = ["NEAR_DEG", "Consent", "Ready", "prepared", "require_zero"]
 
-# Largest deviation of each motor from its target, deg, at which a pose counts as reached.
+# A pose counts as reached if each motor is within this angle of its target, deg.
 NEAR_DEG: Final = 0.5
 # Numbers of the GRBL settings for reports in inches ($13) and for soft limits ($20).
 IN_INCHES, SOFT_LIMITS = 13, 20
@@ -109,7 +109,8 @@ def prepared(session: GrblSession, consent: Consent, blocks: Sequence[Block]) ->
     session.starting = False
     is_hal = any(number >= FIRST_OF_HAL for number in settings)
     if is_hal:
-        # grblHAL keeps the tool offset of an interrupted run over a reset. Targets are set by this offset.
+        # The tool offset is cleared, because grblHAL keeps it over a reset. The driver sets targets by this
+        # offset.
         yield from session.command("G49")
     position, offset = yield from _coordinates(session)
     yield from session.measure_delay()

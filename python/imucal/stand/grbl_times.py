@@ -1,9 +1,9 @@
 """Instants of reported motor positions.
 
 The latest possible instant of a position is the arrival of its report minus the shortest transmission time.
-If a report is delivered late, this bound is too late. Later reports correct it, because motors do not exceed
-their commanded rate. While the motors turn at this rate, a single prompt report corrects all late reports
-before it.
+If a report is delivered late, this instant is too late. Later reports correct the instant, because motors do
+not exceed their commanded rate. While the motors turn at this rate, one report that is not delayed corrects
+all late reports before it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from imucal.stand.grbl_report import Triple
 
 __all__ = ["Instants", "one_way_s"]
 
-# Time, s, during which later reports may correct an instant: about ten reports.
+# Reports that arrive within this time, s, may correct an earlier instant. This is the time of about ten
+# reports.
 WITHIN_S: Final = 0.5
 # Number of transmitted bits per character of a report.
 BITS: Final = 10

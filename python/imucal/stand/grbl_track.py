@@ -1,9 +1,9 @@
 """Plausibility of reported motor positions, which have no checksum.
 
-A position is accepted if it is near the straight line of the commanded move, and not farther along it than
-the motors can have come since the last accepted position. Other reports are considered damaged, unless three
-consecutive ones agree. In this case the motors are elsewhere, or the controller has restarted and counts from
-zero.
+A position is accepted if it is near the straight line of the commanded move, and if the motors can have
+reached it since the last accepted position. All other reports are considered damaged, unless three
+consecutive reports agree. In this case the motors are elsewhere, or the controller has restarted and counts
+from zero.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from imucal.stand.grbl_start import NEAR_DEG
 
 __all__ = ["Track"]
 
-# A reported position is possible if the motors have moved at most this factor times the commanded rate, plus
-# the additional angle, deg. Both allow for errors of a few milliseconds in the instants of reports.
+# A reported position is possible if the motors have rotated by at most RATE_FACTOR times the commanded rate
+# times the elapsed time, plus an angle, deg. Factor and angle allow for errors of a few milliseconds in the
+# instants of reports.
 RATE_FACTOR: Final = 1.5
 EXTRA_DEG: Final = 1.0
 # Number of consecutive implausible reports that must agree to be accepted as true.

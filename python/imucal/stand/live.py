@@ -60,7 +60,7 @@ def recoverable(output: Path) -> Iterator[None]:
     from imucal.stand.recorder import journal_of
 
     journal = journal_of(output)
-    # A journal that existed before belongs to another run. The error for this case already explains it.
+    # If the journal existed before, it belongs to another run, and the error message already explains this.
     was_there = journal.exists()
     try:
         yield

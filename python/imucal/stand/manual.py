@@ -1,4 +1,4 @@
-"""Driver for a person: instructions name the next pose, and the samples show when the pose was held.
+"""Driver for a hand-held unit: it tells a person the next pose, and detects in the samples that it was held.
 
 A pose is defined by the body direction that points up, because the rotation about the vertical is hard to
 control by hand. A pose is complete when the unit has moved since the previous pose, is within 25 deg of the
@@ -22,13 +22,13 @@ from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["ManualDriver", "pose_text", "ups_of"]
 
-# Largest angle between requested and measured up direction for a pose to count, deg.
+# A pose counts if the measured up direction is within this angle of the requested up direction, deg.
 NEAR_DEG: Final = 25.0
-# Averaging time of the samples in the test for rest, s.
+# Averaging time of the samples for the detection of rest, s.
 BIN_S: Final = 0.2
-# Largest deviation of averaged up directions from their mean at rest, deg.
+# At rest, averaged up directions deviate from their mean by at most this angle, deg.
 STILL_DEG: Final = 2.0
-# Largest deviation of averaged rates from their mean at rest, as a share of the largest change during a move.
+# At rest, averaged rates deviate from their mean by at most this share of the largest change during a move.
 STILL_SHARE: Final = 0.15
 # A pose is described by a single body axis, such as `+x up`, if that axis is within this angle of the
 # vertical, deg.
@@ -134,7 +134,7 @@ class ManualDriver:
         return not strays and (self._rates_span == 0.0 or rates <= STILL_SHARE * self._rates_span)
 
     def _is_moving(self) -> bool:
-        """Whether the up direction changes, or the rates vary by more than half of their largest range."""
+        """Whether the up direction changes, or the rates vary by more than half as much as in moves."""
         bins = self._bins()
         span = float(np.ptp(bins[:, 3:], axis=0).max())
         turned = max(_angle_deg(row[:3], bins[0, :3]) for row in bins) > 2 * STILL_DEG

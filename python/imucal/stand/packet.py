@@ -145,9 +145,9 @@ class PacketDecoder:
             is_whole = self._is_whole(data, at)
             inner = data.find(self.form.sync, at + 1, at + self._whole) if is_whole else -1
             if inner >= 0:
-                # Data that are not a packet pass a 16-bit CRC with a probability of 1/65536. So if another
-                # valid packet starts inside a match, the match consisted of a part of one packet and the
-                # start of the next one.
+                # Data that are not a packet pass a 16-bit CRC with a probability of 1/65536. If another valid
+                # packet starts inside this packet, this packet is therefore a false match: the end of one
+                # packet and the start of the next packet.
                 if len(data) - inner < self._whole:
                     break
                 is_whole = not self._is_whole(data, inner)

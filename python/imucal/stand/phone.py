@@ -150,7 +150,7 @@ class _Phyphox:
         given = self._get("/get?" + "&".join(self._requests()))
         session = str(_of(given, "status", {}).get("session", ""))
         if session != self._session:
-            # The measurement was cleared, so its time starts again.
+            # The user has cleared the measurement, so its time starts at zero again.
             if self._session:
                 self._last = dict.fromkeys(PHYPHOX_INPUTS, 0.0)
                 self._session = session

@@ -37,7 +37,7 @@ class PhoneDecoder:
 
     columns = COLUMNS
     wraps_at: tuple[float | None, ...] = (None,) * len(COLUMNS)
-    # The data count as checked, because the network protocol detects damaged data.
+    # Rows count as checked by a checksum, because the network protocol detects damaged data.
     is_checked = True
 
     def __init__(self) -> None:

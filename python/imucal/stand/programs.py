@@ -56,7 +56,7 @@ def in_another_order(program: Program, seed: int) -> Program:
     back = []
     for number in range(len(steps) - 1, 0, -1):
         x, y, z = (-turn for turn in steps[number].turn_deg)
-        # The last pose is always held, because a move can only be used if a rest follows it.
+        # The last pose on the way back is always held, because a move can only be used if a rest follows it.
         held = number == 1 or not on_way_out[number - 1]
         back.append(Step((x, y, z), steps[number].move_s, steps[number - 1].hold_s if held else 0.0))
     return dataclasses.replace(program, steps=(*out, *back))

@@ -70,7 +70,7 @@ def parse_target(text: str) -> ParameterLimit:
 
     name, _, value = text.partition("=")
     try:
-        # The unit is empty because predictions are in the units of the parameters.
+        # The limit needs no unit, because predictions are in the units of the parameters.
         target = ParameterLimit(name.strip(), "", max_std=float(value))
     except (ValueError, InputError):
         raise InputError(
@@ -121,7 +121,8 @@ class Progress:
             self._evaluating.join()
         if not wait and (self._clock.now_s() < self._next_s or not self._chunks):
             return
-        # The chunks are concatenated in this thread, because it also appends to the list.
+        # The chunks are concatenated before the background thread starts, because this thread appends to the
+        # list.
         self._chunks = [np.concatenate(self._chunks)] if self._chunks else []
         rows = self._chunks[0] if self._chunks else np.zeros((0, len(self.columns)))
         if wait:

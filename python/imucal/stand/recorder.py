@@ -3,8 +3,8 @@
     done = record(driver, source, "run.csv", steps=len(program.steps))
     done.state, done.samples
 
-Regardless of how a run ends, the samples received until then are in the recording, or after a crash in the
-journal next to it.
+When a run ends for any reason, the recording contains all samples received so far. After a crash, the journal
+in the same folder contains them.
 """
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ class _Run:
             self.update_state()
             if self.watch is not None:
                 self.watch(self.moment())
-        # Read the samples that were still in transmission when the motors stopped.
+        # The samples that were still in transmission when the motors stopped are read now.
         tail_s = self.clock.now_s() + TAIL_S
         while self.clock.now_s() < tail_s:
             self.read_samples()

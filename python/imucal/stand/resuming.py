@@ -20,8 +20,8 @@ from imucal.stand.journal import Logged, read_journal
 __all__ = ["Interrupted", "interrupted_in", "program_from"]
 
 ENDING: Final = ".journal"
-# If the elapsed monotonic time and the elapsed time of day differ by more than this time, s, the computer has
-# been restarted since the interruption.
+# The monotonic clock of a computer starts again after a restart. If its elapsed time differs from the elapsed
+# time of day by more than this time, s, the computer has restarted since the interruption.
 RESTARTED_S: Final = 5.0
 
 

@@ -98,7 +98,7 @@ class StreamSource:
         self._before: tuple[float, ...] | None = None
         self._last_sample_s = 0.0
         self._numbered = 0
-        # Samples after an interruption whose time is not known yet.
+        # Samples after an interruption that are held back, because their time is not known yet.
         self._continuation: Continuation | None = None
         self._shift = [0.0] * len(names)
         self._count = {
@@ -134,8 +134,8 @@ class StreamSource:
             while True:
                 if isinstance(arrived, Event):
                     self._events.append(arrived)
-                    # If the time is computed from the sample number, it is advanced by the duration of the
-                    # gap.
+                    # If the time is computed from the number of samples, the duration of the interruption is
+                    # added to it.
                     if arrived.code == "unit_link_back" and self._numbered and self._sequence is None:
                         self._interrupt((self._numbered - 1) / self._per_s, self._last_sample_s)
                 else:
@@ -284,7 +284,7 @@ class StreamSource:
         return [number / self._per_s, *kept]
 
     def _interrupt(self, last_s: float, host_s: float) -> None:
-        """Let samples wait until the time since the last sample is known, which arrived at `host_s`."""
+        """Hold samples back until the time since the last sample is known. It arrived at `host_s`."""
         self._continuation = Continuation(
             last_s,
             host_s,
@@ -294,7 +294,7 @@ class StreamSource:
         )
 
     def _continue(self, now_s: float, rows: list[list[float]]) -> None:
-        """Add the waiting samples once the time since the last sample is known."""
+        """Add the samples that were held back, once the time since the last sample is known."""
         found = self._continuation
         if found is None or (shift := found.shift(now_s)) is None:
             return

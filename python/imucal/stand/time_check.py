@@ -1,10 +1,10 @@
 """Check, by the host clock, of times that a unit sends as text without a checksum.
 
-If a digit is lost or changed on the line, the time is ahead of the host clock, or the next time is smaller.
-Therefore each row waits for the next row, which must continue it. If the next row continues the earlier rows
-instead, the waiting row is damaged. If later rows continue neither, the unit has restarted. Times may lag
-behind the host clock by any duration, because rows can be delivered late, but they cannot be ahead of the
-host clock.
+If a digit of a time is lost or changed on the line, the time is ahead of the host clock, or the next time is
+smaller. Therefore each row is held back until the next row arrives, whose time must continue that of the row.
+If the next row continues the earlier rows instead, the row that was held back is damaged. If later rows
+continue neither the row nor the earlier rows, the unit has restarted. Times may lag behind the host clock by
+any duration, because rows can be delivered late, but they cannot be ahead of the host clock.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Timed: TypeAlias = tuple[tuple[float, ...], float]
 SLACK_S: Final = 0.1
 # Largest accepted relative error of the unit's clock.
 RATE_ERROR: Final = 0.02
-# Time for which a row waits for the next row, s. It is longer than the sampling interval of most units, and
+# Longest time for which a row is held back, s. It is longer than the sampling interval of most units, and
 # shorter than the time for which a recording waits for its last samples.
 WAITS_S: Final = 0.1
-# If this number of rows wait and no row continues another row, the check is switched off.
+# If this number of rows are held back and no row continues another row, the check is switched off.
 MOST_WAITING: Final = 4
 
 
@@ -40,7 +40,7 @@ class _Waiting:
 
 
 class TimeCheck:
-    """Passes intact rows on and omits damaged ones.
+    """Returns intact rows and omits damaged rows.
 
     column   index of the time, or of the counter that gives it, in a row
     ticks_per_s  ticks per second of this column
@@ -53,8 +53,8 @@ class TimeCheck:
         self.damaged = 0
         self.is_void = False
         self._waiting: list[_Waiting] = []
-        # Time and arrival of the last row that passed, s, and the smallest difference of arrival and time so
-        # far, s.
+        # Time and arrival of the last intact row, s, and the smallest difference of arrival and time so far,
+        # s.
         self._last: tuple[float, float] | None = None
         self._least_s = math.inf
 
@@ -64,7 +64,7 @@ class TimeCheck:
         if self.is_void or not math.isfinite(time_s):
             return [(row, arrived_s)]
         new = _Waiting((row, arrived_s), time_s, fits=True)
-        # A row that fits can only be the first waiting row.
+        # Only the first row that is held back can continue the accepted rows.
         first = self._waiting[0] if self._waiting and self._waiting[0].fits else None
         if first is not None and self._continues(first.time_s, first.timed[1], new):
             self._leave_out(self._waiting[1:], new)
@@ -110,7 +110,8 @@ class TimeCheck:
         for row in rows:
             arrived_s = row.timed[1]
             if self._last is not None:
-                # The smallest difference may grow, because the rates of both clocks differ.
+                # The smallest difference of arrival and time may grow, because the rates of both clocks
+                # differ.
                 self._least_s += RATE_ERROR * max(arrived_s - self._last[1], 0.0)
             self._least_s = min(self._least_s, arrived_s - row.time_s)
             self._last = row.time_s, arrived_s

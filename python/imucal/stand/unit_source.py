@@ -45,7 +45,7 @@ def unit_source(
     source = StreamSource(
         _link(address, baud), _decoder(address, columns, packet), rate_hz=rate_hz, clock=clock
     )
-    # The columns are checked here, so that an error appears before the run and not at its calibration.
+    # The columns are checked here, so that an error is reported before the run and not after it.
     recording_of(source.columns, np.zeros((0, len(source.columns))), "the data of the unit")
     return source
 

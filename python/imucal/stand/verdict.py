@@ -48,12 +48,12 @@ OF_THE_UNIT: Final = {
 # changes by hundreds of times its noise in moves.
 DEAD_FACTOR: Final = 4.0
 # The noise is estimated from the lower quartile of the absolute differences of consecutive samples. For a
-# normal distribution it is 0.3186 standard deviations of the differences.
+# normal distribution this quartile is 0.3186 standard deviations of the differences.
 QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
 # If the attitude of the unit and the attitude from the stand's angles differ by more than this angle, deg, a
-# motor is faulty or the unit came off its mount. The first number is for calibrated samples, and is larger
-# than any play of a mount. The second is for raw samples, and is also larger than their errors.
+# motor is faulty or the unit came off its mount. The first limit is for calibrated samples and is larger than
+# any play of a mount. The second limit is for raw samples and is also larger than the errors of raw samples.
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (
@@ -165,7 +165,7 @@ def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
 
 
 def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
-    """The reason if axes without a signal may only not have been moved; None if they are defective."""
+    """The reason if the dead axes may be intact but were not moved; None if they are defective."""
     if len(dead) == len(AXES):
         return Reason(
             "no_motion",
