@@ -30,7 +30,7 @@ use crate::two_stage::ellipsoid::Start;
 use crate::two_stage::uncertainty::accelerometer_covariance;
 use crate::verdict::{GroupMisfit, Reason, RecordingSet, ResidualGroup, Verdict};
 
-/// A calibration of an accelerometer alone, with its covariance, residuals and figures.
+/// A calibration of an accelerometer without a gyroscope, with its covariance, residuals and figures.
 #[derive(Clone, Debug)]
 pub struct AccelerometerOutcome {
     /// The accelerometer, in the body frame `frame`.
@@ -41,31 +41,31 @@ pub struct AccelerometerOutcome {
     pub names: Vec<String>,
     /// Values of the parameters, in the same order, raw units.
     pub values: Vec<f64>,
-    /// Covariance of the parameters, by rows, for exactly known gravity.
+    /// Covariance of the parameters, by rows, if gravity is known exactly.
     /// [`covariance_with_references`](Self::covariance_with_references) includes the uncertainty of gravity.
     pub covariance: Vec<Vec<f64>>,
     /// Reports of all rests.
     pub rests: Vec<RestReport>,
     /// Threshold of the rest detection for each recording.
     pub thresholds: Vec<Threshold>,
-    /// White-noise densities x, y, z, m/s^2/sqrt(Hz): the medians over the recordings.
+    /// White-noise densities of the axes x, y, z, m/s^2/sqrt(Hz). Each is the median over the recordings.
     pub noise_density: Vector3<f64>,
     /// Report of the fit.
     pub fit: FitReport,
-    /// Standard deviation of the norms of gravity, m/s^2, estimated from the residuals if the noise of the means is not
-    /// known. `None` if this noise is known.
+    /// Standard deviation of the norms of gravity, m/s^2. It is estimated from the residuals if the noise of the means
+    /// is not known; `None` if the noise is known.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Held parameters with their estimates; empty if none is held.
     pub held: Vec<HeldEstimate>,
-    /// Share of the variance of each parameter that comes from the priors of the held parameters, in the order of
-    /// `names`; empty if none is held.
+    /// Share of each parameter's variance that is due to the priors of the held parameters, in the order of `names`;
+    /// empty if no parameter is held.
     pub prior_shares: Vec<f64>,
-    /// Errors due to the uncertainty of the priors; the error of a rotation is NaN. `None` if no parameter is held.
+    /// Errors due to the uncertainty of the priors; `None` if no parameter is held. The error of a rotation is NaN.
     pub prior_cost: Option<PriorCost>,
-    /// Goodness of fit of the norms of gravity at the rests relative to noise alone; empty if there are no degrees of
+    /// Goodness of fit of the norms of gravity at the rests, relative to noise; empty if there are no degrees of
     /// freedom.
     pub groups: Vec<GroupMisfit>,
-    /// Figures of merit on the calibration recordings. They contain no figures of moves.
+    /// Figures of merit on the calibration recordings. The figures of moves are missing.
     pub figures: Figures,
     /// Warnings about the recordings.
     pub findings: Vec<Finding>,
@@ -92,7 +92,7 @@ pub fn calibrate_accelerometer(
     }
 }
 
-/// As [`calibrate_accelerometer`], but error messages do not offer a model with fewer parameters.
+/// The calibration of [`calibrate_accelerometer`], with error messages that do not offer a model with fewer parameters.
 fn of_recordings(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<AccelerometerOutcome, Error> {
     let recordings: Vec<Recording<'_>> = recordings.iter().map(Recording::accelerometer_alone).collect();
     let data = UnitData::of_accelerometer(&recordings, options)?;
@@ -136,7 +136,7 @@ pub(super) fn of_accelerometer(held: Vec<HeldParameter>) -> Vec<HeldParameter> {
 
 impl AccelerometerOutcome {
     /// The result of an accelerometer fit to `rests`. `reports` are the reports of these rests. The fields for
-    /// thresholds, noise and findings remain empty.
+    /// thresholds, noise and findings are empty.
     pub(super) fn of_fit(
         fit: &AccelerometerFit,
         rests: &[&Rest],
@@ -149,7 +149,7 @@ impl AccelerometerOutcome {
         let start = Start { sensitivity: *fit.triad.sensitivity(), bias: *fit.triad.bias() };
         let (held, of_priors) = held_estimates((&parameters_of(&start), &symmetric), held, &[]);
         let by_priors = Mat::from_fn(21, 21, |i, j| if i < 9 && j < 9 { of_priors[(i, j)] } else { 0.0 });
-        // The error of a rotation is NaN, because an accelerometer does not measure rotations.
+        // An accelerometer does not measure rotations, so the error of a rotation is NaN.
         let cost = || PriorCost { rotation_deg: f64::NAN, ..prior_cost(&by_priors, &fit.triad, &Triad::identity()) };
         let prior_cost = (!held.is_empty()).then(cost);
         let (triad, [covariance, of_priors]) = of_frame(fit, [symmetric, of_priors], options.frame)?;
@@ -182,7 +182,7 @@ impl AccelerometerOutcome {
         is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost })
     }
 
-    /// The covariance of the parameters including the uncertainty of local gravity, by rows (model.md (38)).
+    /// The covariance of the parameters, by rows, with the uncertainty of local gravity (model.md (38)).
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let mut covariance = self.covariance.clone();
@@ -226,8 +226,8 @@ fn of_frame(
     frame: Frame,
 ) -> Result<(Triad<f64>, [Mat<f64>; 2]), Error> {
     let symmetric = Sensitivities { accelerometer: *fit.triad.sensitivity(), gyroscope: Matrix3::identity() };
-    // The covariance is extended by zeros for the gyroscope parameters, which do not affect the accelerometer
-    // parameters.
+    // The covariance is extended by zeros for the parameters of the gyroscope, on which the accelerometer does not
+    // depend.
     let all = covariances.map(|own| Mat::from_fn(21, 21, |i, j| if i < 9 && j < 9 { own[(i, j)] } else { 0.0 }));
     let (converted, all) = in_frame(frame, symmetric, all, &mut [])?;
     let triad = Triad::try_new(converted.accelerometer, *fit.triad.bias());

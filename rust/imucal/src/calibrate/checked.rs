@@ -1,5 +1,5 @@
-//! Recordings that have passed the checks, with the first fits. They are the input of calibrations with different
-//! models.
+//! Recordings that have passed the checks, and the first fits to them. Calibrations with different models start from
+//! them.
 
 use std::sync::OnceLock;
 
@@ -25,34 +25,35 @@ use crate::rounding::Rounding;
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::verdict::Verdict;
 
-/// Recordings of one unit that have passed the checks, with their rests and moves and the two-stage fit from which all
-/// joint fits start.
+/// Recordings of one unit that have passed the checks, with their rests, their moves, and the two-stage fit. All joint
+/// fits start from the two-stage fit.
 ///
-/// If the recordings cannot be fitted together, each recording is fitted separately, to find out whether they belong to
-/// several units.
+/// If the recordings cannot be fitted together, each recording is fitted separately. These fits show whether the
+/// recordings belong to several units.
 ///
-/// A result depends only on the recordings, the options and the arguments of the call, and not on earlier calls.
+/// A result depends only on the recordings, the options and the arguments of the call. Earlier calls have no influence.
 pub struct Checked<'a> {
     recordings: Vec<Recording<'a>>,
     /// All options except those of the model.
     options: Options<'static>,
-    /// Rests, noise and findings. Its list of recordings is empty, because `Checked` owns the recordings.
+    /// Rests, noise and findings. The list of recordings in this field is empty, because `Checked` owns the recordings.
     data: UnitData<'static>,
     accelerometer: AccelerometerFit,
     moves: Vec<Move>,
     unusable: Vec<Unusable>,
     gyroscope: Gyroscope,
-    /// The joint fit without effects, computed when it is first needed.
+    /// The joint fit without effects; computed when first needed.
     plain: OnceLock<Plain>,
-    /// Findings about recordings that cannot be fitted together, computed when they are first needed.
+    /// Findings about recordings that cannot be fitted together; computed when first needed.
     units: OnceLock<Vec<Finding>>,
 }
 
-/// Result of the joint fit without effects and without a warm start: both triads, and the rests and moves that it uses.
+/// Result of the joint fit without effects and without a warm start: both triads, and the rests and moves that the fit
+/// uses.
 type Plain = ([Triad<f64>; 2], Selection);
 
 impl<'a> Checked<'a> {
-    /// Returns an error if the recordings are of several units and therefore caused `error`.
+    /// Returns an error if recordings of several units are the cause of the error `error`.
     pub(super) fn refuse_several_units(
         recordings: &[Recording<'_>],
         options: &Options<'_>,
@@ -61,8 +62,8 @@ impl<'a> Checked<'a> {
         refuse_errors(&several_units(recordings, Err(error), |recording| fit_alone(recording, options))?)
     }
 
-    /// As [`Checked::try_new`], with two differences. Error messages do not offer a model with fewer parameters. After
-    /// a failed fit, it is not tested whether the recordings are of several units.
+    /// The function [`Checked::try_new`] with two differences. Error messages do not offer a model with fewer
+    /// parameters. After a failed fit, no test shows whether the recordings are of several units.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let mut accelerometer = data.fit_accelerometer(options)?;
@@ -71,8 +72,7 @@ impl<'a> Checked<'a> {
         if options.is_joint() {
             let (seen, sound, triads) = (data.clone(), data.sound(), [&accelerometer.triad, &gyroscope.fit.triad]);
             data.free_of_tremor(triads[0], triads[1], &sound);
-            // The tremor estimate must not use rests that the fit excludes. It is therefore repeated without these
-            // rests.
+            // The tremor estimate must not use rests that the fit excludes, so it is repeated without these rests.
             if data.is_held() {
                 let (_, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options, None)?;
                 if selection.used != sound {
@@ -80,8 +80,8 @@ impl<'a> Checked<'a> {
                     data.free_of_tremor(triads[0], triads[1], &selection.used);
                 }
             }
-            // Long rests are divided into epochs, each with its own mean, only for the joint fit. The two-stage fit
-            // above uses one mean for each rest.
+            // Long rests are divided into epochs, each with its own mean. Only the joint fit uses the epochs. The
+            // two-stage fit above uses one mean for each rest.
             if data.cut_into_epochs() {
                 data.use_epochs(&mut accelerometer);
                 (moves, unusable) = between(recordings, &data.rests, &accelerometer.used, &data.saturated);
@@ -112,8 +112,8 @@ impl<'a> Checked<'a> {
         &self.options
     }
 
-    /// As [`calibrate`](super::calibrate()). A warm start does not change the result, but reduces the number of
-    /// iterations.
+    /// The calibration of [`calibrate`](super::calibrate()) with the given model. A warm start reduces the number of
+    /// iterations, but does not change the result.
     ///
     /// # Errors
     /// As [`calibrate`](super::calibrate()).
@@ -144,8 +144,8 @@ impl<'a> Checked<'a> {
         Ok(self.units.get_or_init(|| found).clone())
     }
 
-    /// As [`calibrate`](Self::calibrate), but after a failed fit it is not tested whether the recordings are of several
-    /// units.
+    /// The calibration of [`calibrate`](Self::calibrate) without the test, after a failed fit, whether the recordings
+    /// are of several units.
     fn calibrate_one_unit(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
         let options = &self.options.with_model(model);
         options.check_model()?;
@@ -181,8 +181,8 @@ impl<'a> Checked<'a> {
         Ok(outcome)
     }
 
-    /// Returns an error if the joint fit has implausible gains but the two-stage fit, from which it started, has
-    /// plausible ones. The cause is then the fit and not the unit of a column.
+    /// Returns an error if the joint fit has implausible gains and the two-stage fit, from which it started, has
+    /// plausible gains. The joint fit is then wrong, and not the unit of a column.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };
@@ -194,7 +194,7 @@ impl<'a> Checked<'a> {
         Err(self.of_contradiction(Error::Fit(format!("the joint fit has gains that no sensor has: {}", wrong.message))))
     }
 
-    /// Adds the possible cause to an error of the joint fit of several recordings: one recording differs from the
+    /// Adds a possible cause to an error of the joint fit of several recordings: one recording may differ from the
     /// others.
     fn of_contradiction(&self, error: Error) -> Error {
         match error {
@@ -208,8 +208,8 @@ impl<'a> Checked<'a> {
     }
 
     /// Prepares the residuals of the joint fit without effects for a search, and passes them to `work` with both
-    /// triads. The residuals allow for drifts of both sensors within a rest. `temperatures_degc` replaces the
-    /// temperatures of the recordings.
+    /// triads. The residuals allow drifts of both sensors within a rest. The temperatures of the recordings are
+    /// replaced by `temperatures_degc`.
     pub(crate) fn prepare<T>(
         &self,
         temperatures_degc: &[Option<Vec<f64>>],
@@ -241,15 +241,14 @@ impl<'a> Checked<'a> {
         Ok(([joint.model.accelerometer, joint.model.gyroscope], selection))
     }
 
-    /// Whether the unit is hand-held in any recording. In the moves of a hand-held unit, the hand adds accelerations to
-    /// gravity.
+    /// Whether the unit is hand-held in any recording. The hand accelerates the unit during moves, so the specific
+    /// force inside moves is not only gravity.
     pub(crate) fn is_held(&self) -> bool {
         self.data.is_held()
     }
 
-    /// Whether the noise of the accelerometer is so far below a step of its converter that rounding errors inside the
-    /// moves are not white. Rounding errors are not white while the force changes so slowly that it stays within one
-    /// step.
+    /// Whether the noise of the accelerometer is far below a step of its converter. Rounding errors inside the moves
+    /// are then not white noise, because the force can change so slowly that it stays within one step.
     pub(crate) fn has_coarse_accelerometer(&self) -> bool {
         let is_coarse = |segments: &Segments| segments.rounding[3..].iter().any(Rounding::is_not_white_in_moves);
         self.data.segments.iter().any(is_coarse)
@@ -272,7 +271,7 @@ fn fit_alone(recording: &Recording<'_>, options: &Options<'_>) -> Result<Outcome
         .calibrate_one_unit(&ModelOptions::default(), None)
 }
 
-/// The recording with another temperature column.
+/// The recording with the temperature column replaced.
 fn with_temperature<'b>(recording: &Recording<'b>, column: &'b Option<Vec<f64>>) -> Recording<'b> {
     Recording { temperature_degc: column.as_deref(), ..*recording }
 }

@@ -13,8 +13,8 @@ pub fn rest_ranges(rests: &[RestReport], count: usize) -> Vec<Vec<Range<usize>>>
     (0..count).map(of).collect()
 }
 
-/// Refuses control recordings that are a part or an altered copy of a calibration recording. Such control recordings
-/// contain the noise to which the calibration was fitted, so the control figures would be too optimistic.
+/// Returns an error if a control recording is a part or an altered copy of a calibration recording. Such a control
+/// recording contains the noise to which the calibration was fitted, so its control figures would be too good.
 ///
 /// `rests` and `control_rests` are the index ranges of the rests of each recording ([`rest_ranges`]).
 ///

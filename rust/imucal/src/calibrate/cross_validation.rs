@@ -1,4 +1,4 @@
-//! Cross-validation: errors at rests and moves that were excluded from the fit.
+//! Cross-validation: prediction errors at rests and moves that the fit does not use.
 
 use super::Options;
 use super::unit_data::UnitData;
@@ -8,29 +8,29 @@ use crate::preintegration::integrate_rotation_linear;
 use crate::rests::moves::{Move, direction_error_rad};
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// Errors at rests and moves that were excluded from the fit (`folds` of [`Options`]).
+/// Prediction errors at rests and moves that the fit does not use (`folds` of [`Options`]).
 #[derive(Clone, Debug)]
 pub struct CrossValidation {
-    /// Root mean square, over all moves, of the angle between propagated and measured gravity, deg. Each angle is
-    /// computed with the fit without this move.
+    /// Root mean square over all moves of the angle between propagated and measured gravity, deg. The angle of each
+    /// move is computed with a fit without this move.
     pub gravity_direction_rms_deg: f64,
-    /// Angle between propagated and measured gravity of each move in the fit without the move, deg.
+    /// Angle between propagated and measured gravity for each move, computed with a fit without this move, deg.
     pub direction_error_deg: Vec<f64>,
-    /// Error of |f| at each rest in the joint fit without this rest, m/s^2. NaN for rests that are not used, for rests
-    /// without which the fit does not determine all parameters, and for the two-stage fit.
+    /// Error of |f| at each rest in a joint fit without this rest, m/s^2. NaN for the two-stage fit and for rests that
+    /// are not used. Also NaN if the fit without the rest does not determine all parameters.
     pub norm_error_mps2: Vec<f64>,
 }
 
 impl CrossValidation {
-    /// Root mean square of the known errors of |f|, m/s^2; `None` if there are none.
+    /// Root mean square of the known errors of |f|, m/s^2; `None` if no error is known.
     pub fn gravity_norm_rms_mps2(&self) -> Option<f64> {
         let known = || self.norm_error_mps2.iter().copied().filter(|error| error.is_finite());
         known().next().map(|_| rms(known()))
     }
 }
 
-/// Cross-validation of the two-stage fit. The gyroscope is fitted `folds` times, each time without every `folds`-th
-/// move, and is evaluated on the omitted moves.
+/// Cross-validation of the two-stage fit. The gyroscope is fitted `folds` times. Each fit omits every `folds`-th move
+/// and is evaluated on the omitted moves.
 pub(super) fn cross_validate(
     data: &UnitData<'_>,
     accelerometer: &AccelerometerFit,

@@ -1,6 +1,5 @@
-//! The design matrix of the joint fit, computed before any fit. The matrix shows which parameters the rests and moves
-//! together determine. It also yields least-squares values of these parameters, from which a fit can start (model.md
-//! (12)).
+//! The design matrix of the joint fit, computed before any fit. It shows which parameters the rests and moves together
+//! determine. It also gives least-squares values of these parameters, from which a fit can start (model.md (12)).
 
 use std::ops::Range;
 
@@ -13,19 +12,19 @@ use crate::numerics::lsq;
 use crate::parameters::{ACCELEROMETER, BASE};
 use crate::two_stage::observability::{LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2};
 
-/// Number of Gauss-Newton steps towards the true parameters. After the second step the remaining error is at the level
-/// of noise.
+/// Number of Gauss-Newton steps towards the true parameters. The error that remains after the second step is not larger
+/// than noise.
 const STEPS: usize = 3;
-/// Maximum change of a parameter in a step, as a fraction of the parameter's size. A larger step indicates faulty data
-/// and is not applied.
+/// Maximum change of a parameter in a step, as a fraction of the parameter's size. If a step is larger, the data are
+/// faulty, and the step is not applied.
 pub(super) const FAR_OFF: f64 = 0.3;
 
-/// The design matrix. Its rows are divided by the model errors of a real unit, and its columns are multiplied by a
+/// The design matrix. Its rows are divided by the model errors of a real unit. Its columns are multiplied by a
 /// hundredth of the size of each parameter.
 #[derive(Default)]
 pub(super) struct Design {
-    /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. The rows of the residuals come first, then
-    /// the rows of the held parameters.
+    /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. First come the rows of the residuals, then
+    /// the rows of the parameters with a prior.
     rows: Vec<[f64; 18]>,
     /// Residuals in units of the model errors.
     residuals: Vec<f64>,
@@ -49,8 +48,8 @@ impl Design {
         Ok(Self { rows, residuals, lines })
     }
 
-    /// The design at the least-squares values of the determined parameters and the nominal values of all others. It is
-    /// not computed at the nominal values of all parameters, because sensor errors of a few per cent would rotate the
+    /// The design at the least-squares values of the determined parameters and the nominal values of all others. The
+    /// nominal values of all parameters are not suitable, because sensor errors of a few per cent would rotate the
     /// unobservable directions by a few hundredths of a radian.
     ///
     /// Also returns these parameter values.
@@ -64,8 +63,8 @@ impl Design {
         let mut design = Self::at(prepared, terms, &parameters, sizes)?;
         for _ in 0..STEPS {
             let step = design.step()?;
-            // If a parameter deviates from nominal by more than [`FAR_OFF`], the unit has wrong axes or other faults,
-            // and the design at the nominal parameters is more informative.
+            // If a parameter deviates from its nominal value by more than [`FAR_OFF`], the unit has wrong axes or other
+            // faults. The design at the nominal parameters is then more informative.
             if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
                 break;
             }
@@ -87,13 +86,13 @@ impl Design {
         self.open_to(0..ACCELEROMETER, |source| matches!(source, Source::Norm(_)))
     }
 
-    /// Entries of the gyroscope that the moves do not determine, even with a known accelerometer.
+    /// Entries of the gyroscope sensitivity that the moves do not determine, even if the accelerometer is known.
     pub(super) fn open_to_moves(&self) -> Result<Open, Error> {
         self.open_to(ACCELEROMETER..OBSERVED.len(), |source| matches!(source, Source::Move(_)))
     }
 
-    /// Undetermined parameters among `columns` in a design that contains only the rows of some rests or moves.
-    /// `is_used` selects these rests or moves.
+    /// Parameters among `columns` that only the rows of some rests or moves do not determine. `is_used` selects these
+    /// rests or moves.
     fn open_to(&self, columns: Range<usize>, is_used: impl Fn(Source) -> bool) -> Result<Open, Error> {
         let rows: Vec<&[f64; 18]> =
             self.rows.iter().zip(&self.lines).filter(|(_, line)| is_used(line.source)).map(|(row, _)| row).collect();
@@ -123,8 +122,8 @@ impl Design {
     }
 }
 
-/// Indices of the parameters in the design matrix. The gyroscope bias is not among them, because it follows directly
-/// from the mean rates.
+/// Indices of the parameters in the design matrix. The gyroscope bias is not among them, because the mean rates give it
+/// directly.
 pub(super) const OBSERVED: [usize; 18] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 15, 16, 17, 18, 19, 20];
 
 /// Size of each parameter, raw units. The size of a sensitivity is the mean scale. The size of a bias is the reading at

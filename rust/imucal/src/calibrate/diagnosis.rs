@@ -6,23 +6,24 @@
 //! at_bound     a time constant longer than the recordings, or shorter than a hundredth of them
 //! ```
 //!
-//! Such a result is not an error. The covariance contains the same information, which the diagnosis puts into words.
+//! Such a result is not an error. The diagnosis describes in words what the covariance contains as numbers.
 
 use imucal_core::effects::Effect;
 
 use crate::calibrate::{Outcome, TermEstimate};
 use crate::recording::Recording;
 
-/// Absolute correlation of two parameters above which they are reported as not separately observable.
+/// Maximum absolute correlation of two parameters. A larger correlation is reported as a pair that is not separately
+/// observable.
 const TRADED: f64 = 0.95;
-/// Usual error of a sensitivity before calibration, as a fraction of the sensitivity. The value is typical of MEMS
-/// sensors. A larger standard deviation is reported.
+/// Usual error of a sensitivity of a MEMS sensor before calibration, as a fraction of the sensitivity. A larger
+/// standard deviation is reported.
 const USUAL_SENSITIVITY_ERROR: f64 = 0.01;
 /// Usual biases of a MEMS accelerometer, m/s^2, and of a MEMS gyroscope, rad/s. A larger standard deviation of a bias
 /// is reported.
 const USUAL_BIAS: [f64; 2] = [0.2, 0.02];
-/// Time constant below which a finding is reported, as a fraction of the duration of the longest recording. An effect
-/// with a shorter time constant decays almost immediately.
+/// Minimum time constant without a finding, as a fraction of the duration of the longest recording. An effect with a
+/// shorter time constant decays almost immediately.
 const SHORTEST_SHARE: f64 = 0.01;
 
 /// A parameter, or a group of parameters, that a calibration determines poorly.
@@ -32,8 +33,8 @@ pub struct Diagnosis {
     pub code: &'static str,
     /// Names of the parameters.
     pub parameters: Vec<String>,
-    /// The value that exceeded its limit: the largest correlation, the ratio of the standard deviation to the usual
-    /// size, or the time constant in s.
+    /// The value that exceeded its limit. It is the largest correlation, the ratio of the standard deviation to the
+    /// usual size, or the time constant in s.
     pub value: f64,
     /// Description with the value.
     pub message: String,
@@ -85,7 +86,7 @@ fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
     found
 }
 
-/// Parameters without a prior whose standard deviation exceeds their usual size.
+/// Parameters without a prior whose standard deviation is larger than their usual size.
 fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
     let mut found = Vec::new();
     for (p, name) in outcome.names.iter().enumerate() {
@@ -127,7 +128,7 @@ fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     })
 }
 
-/// The effect to which parameter `p` belongs, and the index of the parameter within the effect.
+/// The effect to which parameter `p` belongs, and the index of the parameter among those of the effect.
 fn effect_of(outcome: &Outcome, p: usize) -> Option<(&TermEstimate, usize)> {
     outcome.effects.iter().find_map(|e| Some((e, e.parameter_names.iter().position(|name| *name == outcome.names[p])?)))
 }
@@ -153,13 +154,13 @@ fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     }
 }
 
-/// The motion that would make these parameters distinguishable from all others.
+/// The motion that makes these parameters distinguishable from all others.
 fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     let free = outcome.frame.free_entries();
     const AXES: [&str; 3] = ["x", "y", "z"];
     let mut motions: Vec<String> = Vec::new();
-    // If the group contains an effect, no motion is recommended for the base parameters, because the motion that
-    // separates the effect from them determines them, too.
+    // If the group contains an effect, no motion is recommended for the base parameters. The motion that separates the
+    // effect from them also determines them.
     let with_effect = parameters.iter().any(|&p| p >= 21);
     for &p in parameters.iter().filter(|&&p| p >= 21 || !with_effect) {
         let motion = match p {
@@ -186,8 +187,8 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     motions.join("; ")
 }
 
-/// The motion that separates an effect from the other members of a group, or, if none is known, the motion that makes
-/// the effect observable.
+/// The motion that separates an effect from the other members of a group. If none is known, the motion that makes the
+/// effect observable.
 fn separation(outcome: &Outcome, effect: &Effect<f64>, group: &[usize]) -> String {
     let is_in_group =
         |name: &str| group.iter().any(|&p| effect_of(outcome, p).is_some_and(|(term, _)| term.name == name));

@@ -1,12 +1,12 @@
-//! Held parameters in the result of a calibration: how much information the recordings add to the priors, and which
-//! part of the uncertainty comes from the priors (model.md (40)).
+//! Parameters with a prior in the result of a calibration: the information that the recordings add to the priors, and
+//! the part of the uncertainty that is due to the priors (model.md (40)).
 //!
 //! ```text
 //! B = (C H^T) (C H^T)^T,     share of the priors in the variance of parameter j: B_jj / C_jj
 //! ```
 //!
-//! C is the covariance of the estimated parameters, and B is the part of C that comes from the priors. Each prior adds
-//! a residual to the fit: the difference between parameter and prior, divided by the standard deviation of the prior. H
+//! C is the covariance of the estimated parameters, and B is the part of C that is due to the priors. Each prior adds a
+//! residual to the fit: the difference between parameter and prior, divided by the standard deviation of the prior. H
 //! contains the derivatives of these residuals with respect to the parameters.
 
 use std::f64::consts::FRAC_PI_2;
@@ -19,11 +19,11 @@ use crate::held::{GROUPS, HeldParameter, PriorCost, PriorSource};
 use crate::joint::force_by_parameters;
 use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 
-/// Limit of the share of the variance of a held parameter that comes from its prior. Above this limit, the recordings
-/// contain less information than the prior, and the parameter is reported as not determined by them.
+/// Maximum share of the variance of a held parameter that is due to its prior. With a larger share, the recordings
+/// contain less information than the prior, and the parameter is reported as not determined by the recordings.
 const MAX_PRIOR_SHARE: f64 = 0.5;
-/// Difference between prior and recordings, in standard deviations of this difference, above which they are reported to
-/// contradict each other. The significance level of this limit is 6e-7.
+/// Maximum difference between prior and recordings, in standard deviations of this difference. A larger difference is
+/// reported as a contradiction. The significance level of the limit is 6e-7.
 const MAX_CONTRADICTION: f64 = 5.0;
 
 /// One held parameter with its prior and its estimate.
@@ -35,11 +35,11 @@ pub struct HeldEstimate {
     pub estimate: f64,
     /// Standard deviation of the estimate.
     pub sigma: f64,
-    /// Share of the variance of the estimate that comes from the priors. It is 1 if the recordings contain no
-    /// information about the parameter, and near 0 if they determine it.
+    /// Share of the variance of the estimate that is due to the priors. It is 1 if the recordings contain no
+    /// information about the parameter, and near 0 if they determine it accurately.
     pub prior_share: f64,
-    /// Difference between prior and recordings in standard deviations of this difference. `None` if the recordings
-    /// determine the parameter less accurately than the spread of MEMS sensors.
+    /// Difference between prior and recordings in standard deviations of this difference. `None` if the standard
+    /// deviation from the recordings is larger than the spread of MEMS sensors.
     pub contradiction: Option<f64>,
 }
 
@@ -49,7 +49,7 @@ impl HeldEstimate {
         self.prior_share <= MAX_PRIOR_SHARE
     }
 
-    /// Whether the recordings do not determine the parameter and its prior is only the default for MEMS sensors.
+    /// Whether the recordings do not determine the parameter, and its prior is the default for MEMS sensors.
     pub(super) fn is_unknown(&self) -> bool {
         self.prior.source == PriorSource::Default && !self.is_determined()
     }
@@ -60,9 +60,9 @@ impl HeldEstimate {
     }
 }
 
-/// Estimates of the held parameters from a fit with these parameters and their covariance, and the prior part B of the
-/// covariance. For each held parameter, `residuals` contains the residual of its prior in standard deviations, and one
-/// minus the leverage of this residual.
+/// Estimates of the held parameters. They are computed from the parameters and the covariance of a fit with these held
+/// parameters, and from the prior part B of the covariance. For each held parameter, `residuals` contains the residual
+/// of its prior in standard deviations, and one minus the leverage of this residual.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
@@ -89,16 +89,16 @@ pub(super) fn held_estimates(
     ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
 }
 
-/// Difference between prior and recordings in standard deviations. `None` for recordings that barely determine the
-/// parameter. The information of such recordings comes only from the nonlinearity of the model, and is no evidence
-/// against the prior.
+/// Difference between prior and recordings in standard deviations. `None` if the recordings hardly determine the
+/// parameter. Their information then comes only from the nonlinearity of the model, and is no evidence against the
+/// prior.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
-/// Standard deviations of the gravity direction and of a rotation due to this covariance of the parameters (symmetric
-/// frame).
+/// Standard deviations of the gravity direction and of a rotation, caused by this covariance of the parameters
+/// (symmetric frame).
 pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
     let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
     let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));
@@ -107,7 +107,7 @@ pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyro
         (directions.iter().map(variance).sum::<f64>() / directions.len() as f64).max(0.0).sqrt().to_degrees()
     };
     let gravity = |up: &Vector3<f64>| {
-        // The error due to a bias depends on the magnitude of the force, which is taken to be standard gravity.
+        // The error due to a bias depends on the magnitude of the force. Standard gravity is used here.
         let g = super::STANDARD_GRAVITY_MPS2;
         let across = (Matrix3::identity() - up * up.transpose()) * force_by_parameters(accelerometer, &(up * g)) / g;
         (across * force * across.transpose()).trace()
@@ -126,8 +126,8 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// List of the names of held parameters. If all members of a group are held, the name of the group replaces the names
-/// of its members.
+/// List of the names of held parameters. If all members of a group are held, the name of the group is listed instead of
+/// the names of its members.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

@@ -1,4 +1,4 @@
-//! The joint fit of a unit's recordings without outliers (model.md (18), (25)).
+//! The joint fit to a unit's recordings, with exclusion of outliers (model.md (18), (25)).
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -21,14 +21,14 @@ use crate::rests::unit_rest::ranges_of_rests;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// Maximum share of rests or moves that a search excludes as outliers. If a larger share contradicts the others, the
-/// model itself is likely to be wrong, and the search uses all rests and moves.
+/// model is probably wrong, and the search uses all rests and moves.
 const OUTLIERS: f64 = 0.1;
-/// Maximum bias instability, estimated from the scatter of the rates between rests, that counts as noise of the
-/// gyroscope, deg/h. Consumer sensors have 5 to 60 deg/h. A larger estimate means that the bias depends on a quantity
-/// such as the temperature, which is not noise.
+/// Maximum bias instability that counts as noise of the gyroscope, deg/h. It is estimated from the scatter of the rates
+/// between rests. Consumer sensors have 5 to 60 deg/h. With a larger estimate, the bias depends on a quantity such as
+/// the temperature, which is not noise.
 const MAX_INSTABILITY_DEGPH: f64 = 100.0;
-/// Maximum number of fits. Each fit excludes the outliers of the previous fit. Usually the set of outliers stops
-/// changing earlier.
+/// Maximum number of fits. Each fit excludes the outliers of the previous fit. Usually the set of outliers stays the
+/// same after fewer fits.
 const MAX_ROUNDS: usize = 4;
 
 /// The rests and moves that a fit uses.
@@ -38,7 +38,7 @@ pub(super) struct Selection {
     pub(super) used: Vec<bool>,
     /// The moves that are used.
     pub(super) moves: Vec<Move>,
-    /// Intervals between consecutive rests that are not used as moves, each with its reason.
+    /// Intervals between consecutive rests that are not used as moves, with the reason for each.
     pub(super) left_out: Vec<Unusable>,
 }
 
@@ -57,7 +57,7 @@ impl Selection {
         selection
     }
 
-    /// Excludes moves that contradict the others.
+    /// Excludes moves that contradict the other moves.
     fn leave_out(&mut self, contradicts: &[Move]) {
         self.moves.retain(|m| !contradicts.contains(m));
         self.left_out.extend(contradicts.iter().map(|m| Unusable { span: *m, reason: CONTRADICTS_MOVES }));
@@ -67,9 +67,9 @@ impl Selection {
 impl UnitData<'_> {
     /// The joint fit of both triads and the requested effects, and the rests and moves that it uses.
     ///
-    /// The fit starts from the warm start if there is one, otherwise from the two-stage fit. Each fit judges all rests
-    /// and moves, including those excluded before. A rest or move that agrees with an improved fit is therefore used
-    /// again.
+    /// The fit starts from the warm start. Without a warm start, it starts from the two-stage fit. After each fit, all
+    /// rests and moves are tested, including those excluded before. A rest or move that agrees with an improved fit is
+    /// therefore used again.
     pub(super) fn fit_without_outliers(
         &self,
         accelerometer: &AccelerometerFit,
@@ -84,7 +84,7 @@ impl UnitData<'_> {
         for _ in 1..MAX_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options, warm_start.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
-            // Outliers are judged by a fit that does not use them, so that they do not influence their own judgement.
+            // The outlier test uses a fit without the outliers, so that they do not influence their own test.
             let contradicts = self.prepared(&all, model, options, Wander::of(options.wander), |prepared| {
                 let known = is_of_all.then_some(&fit.linear);
                 joint::outliers(prepared, &self.terms(options)?, &fit.model, known)
@@ -112,14 +112,14 @@ impl UnitData<'_> {
         Selection { used, moves, left_out }
     }
 
-    /// The rests and moves for a search for effects. If more than the share [`OUTLIERS`] contradicts the fit, the model
-    /// is probably wrong, and all rests and moves are used.
+    /// The rests and moves for a search for effects. If the share of outliers exceeds [`OUTLIERS`], the model is
+    /// probably wrong, and all rests and moves are used.
     pub(super) fn for_search(&self, selection: Selection) -> Selection {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =
             (self.everything(), self.all_where(|reason| reason.is_none_or(|reason| reason == NOT_STILL)));
-        // If many rests have deviating mean rates, the cause is a gyroscope bias that differs between the rests, and
-        // not slow rotations.
+        // If many rests have deviating mean rates, the gyroscope bias differs between the rests. Slow rotations are not
+        // the cause.
         let all = if rests(&still) < (1.0 - OUTLIERS) * rests(&seemingly) { seemingly } else { still };
         let (kept, most) = (rests(&selection), rests(&all));
         let few = kept < (1.0 - OUTLIERS) * most
@@ -127,8 +127,8 @@ impl UnitData<'_> {
         if few { all } else { selection }
     }
 
-    /// The selection `all` without the outliers. If a rest is excluded, a single move replaces the two moves before and
-    /// after it.
+    /// The selection `all` without the outliers. If a rest is excluded, the two moves before and after it are replaced
+    /// by a single move.
     pub(super) fn without(&self, all: &Selection, contradicts: &[Item]) -> Selection {
         let mut used = all.used.clone();
         let mut bad = Vec::new();
@@ -139,8 +139,8 @@ impl UnitData<'_> {
             }
         }
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
-        // If an excluded rest lies between two moves, one longer move across this rest replaces the two. The longer
-        // move is excluded, too, if one of the two was excluded as an outlier.
+        // If an excluded rest is between two moves, one longer move across this rest replaces them. If one of the two
+        // moves was excluded as an outlier, the longer move is also excluded.
         let within = |m: &Move, bad: &Move| m.recording == bad.recording && m.first <= bad.first && bad.last <= m.last;
         let contradicts: Vec<Move> = moves.iter().filter(|m| bad.iter().any(|bad| within(m, bad))).copied().collect();
         let mut selection = Selection { used, moves, left_out };
@@ -162,7 +162,7 @@ impl UnitData<'_> {
         })
     }
 
-    /// Goodness of fit (model.md (26)) of the joint fit `fit`, which was started at the triads `model`.
+    /// Goodness of fit (model.md (26)) of the joint fit `fit`, which started from the triads `model`.
     pub(super) fn misfits(
         &self,
         fit: &JointFit,
@@ -179,7 +179,7 @@ impl UnitData<'_> {
         })
     }
 
-    /// Directions of gravity and rotations of moves that the joint fit does not use.
+    /// Directions of gravity and rotations of the moves that the joint fit does not use.
     pub(super) fn predict(
         &self,
         fit: &JointFit,
@@ -192,9 +192,9 @@ impl UnitData<'_> {
         })
     }
 
-    /// Cross-validation of the joint fit: the error of each rest and move in a fit without this rest or move. `moves`
-    /// contains all usable moves, and `model` is the start of the fit. Moves that the fit excluded as outliers are
-    /// predicted directly from the fit.
+    /// Cross-validation of the joint fit: the error of each rest and move in a fit without it. `moves` contains all
+    /// usable moves, and `model` is the start of the fit. Moves that the fit excluded as outliers are predicted with
+    /// the fit itself.
     pub(super) fn held_out(
         &self,
         fit: &JointFit,
@@ -209,7 +209,7 @@ impl UnitData<'_> {
             Ok(Joint::of_fit(prepared, &terms, fit)?.held_out(&fit.linear, folds))
         })?;
         let never: Vec<Move> = moves.iter().filter(|m| !selection.moves.contains(m)).copied().collect();
-        // The excluded moves may start or end at a rest that is not used, so these rests are included here.
+        // The excluded moves may start or end at a rest that is not used. These rests are included here.
         let mut used = selection.used.clone();
         never.iter().for_each(|m| [m.from, m.to].into_iter().for_each(|k| used[k] = true));
         let unseen = Selection { used, moves: never.clone(), left_out: Vec::new() };
@@ -236,7 +236,7 @@ impl UnitData<'_> {
         for (k, error) in found.norm_mps2 {
             norms[k] = error.unwrap_or(f64::NAN);
         }
-        // The error of a rest with several epochs is the mean of the errors of its epochs.
+        // The error of a rest with several epochs is the mean error of its epochs.
         let mean = |own: Range<usize>| {
             let known = || norms[own.clone()].iter().filter(|error| error.is_finite());
             known().sum::<f64>() / known().count() as f64
@@ -266,8 +266,9 @@ impl UnitData<'_> {
         self.prepared_for(selection, model, options, (kinds, options.may_drift(), wander), work)
     }
 
-    /// Prepares the input of a joint fit and passes it to `work`. `kinds` states which additional kinds of residuals
-    /// are needed, `drifts` whether sensors may drift during a rest, and `wander` how the biases vary between rests.
+    /// Prepares the input of a joint fit and passes it to `work`. `kinds` contains the additional kinds of residuals,
+    /// `drifts` states whether sensors may drift during a rest, and `wander` describes how the biases vary between
+    /// rests.
     pub(super) fn prepared_for<T>(
         &self,
         selection: &Selection,

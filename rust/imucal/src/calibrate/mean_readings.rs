@@ -1,7 +1,6 @@
-//! Calibration of an accelerometer from a table of mean readings, which has one row for each rest.
+//! Calibration of an accelerometer from a table of mean readings. The table has one row for each rest.
 //!
-//! A table contains no samples. The noise of the means is therefore either given by the user or estimated from the
-//! residuals.
+//! A table contains no samples. The user gives the noise of the means, or it is estimated from the residuals.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -23,8 +22,8 @@ use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
 /// Standard deviation of the means in the first fit if their noise is not known, as a fraction of the size of the
-/// ellipsoid. The value is so large that no row is excluded as an outlier. With a larger value, the fit would be
-/// refused, because the means would count as an ellipsoid of pure noise.
+/// ellipsoid. It is so large that no row is excluded as an outlier. With a larger value, the means would count as an
+/// ellipsoid of pure noise, and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
 
 /// Mean readings at rest, one row for each rest.
@@ -32,9 +31,9 @@ const FIRST_GUESS: f64 = 0.015;
 pub struct MeanReadings<'a> {
     /// Name of the table in messages.
     pub name: &'a str,
-    /// Means of the accelerometer, in `accel_unit`.
+    /// Mean accelerometer readings, in `accel_unit`.
     pub specific_force: &'a [[f64; 3]],
-    /// Means of the gyroscope, in `gyro_unit`; `None` without one.
+    /// Mean gyroscope readings, in `gyro_unit`; `None` without a gyroscope.
     pub angular_rate: Option<&'a [[f64; 3]]>,
     /// Unit of `specific_force`.
     pub accel_unit: RawUnit,
@@ -60,11 +59,11 @@ pub enum MeanNoise<'a> {
 pub struct RestBias {
     /// Mean of the rows, raw units.
     pub value: Vector3<f64>,
-    /// Standard deviation of this mean from the scatter of the rows, raw units; NaN for a single row.
+    /// Standard deviation of `value`, computed from the scatter of the rows, raw units; NaN for a single row.
     pub std: Vector3<f64>,
 }
 
-/// Calibrates an accelerometer from mean readings. If there is a gyroscope, its bias is determined as well. Its other
+/// Calibrates an accelerometer from mean readings. If there is a gyroscope, its bias is also determined. Its other
 /// parameters cannot be determined without moves.
 ///
 /// # Errors
@@ -85,9 +84,9 @@ pub fn calibrate_means(
     }
 }
 
-/// Accelerometer part of [`calibrate_means`]. Error messages do not offer a model with fewer parameters.
+/// The part of [`calibrate_means`] for the accelerometer. Error messages do not offer a model with fewer parameters.
 fn of_table(table: &MeanReadings<'_>, options: &Options<'_>) -> Result<AccelerometerOutcome, Error> {
-    // For the checks, the rows are converted to a recording with one sample for each rest.
+    // For the checks, the rows are converted to a recording in which each rest is one sample.
     let time_s: Vec<f64> = (0..table.specific_force.len()).map(|row| row as f64).collect();
     let recording = Recording {
         accel_unit: table.accel_unit,
@@ -123,8 +122,9 @@ struct Fitted {
     noise_from_residuals_mps2: Option<f64>,
 }
 
-/// The fit with the noise of the table. If the table does not contain the noise of each mean, a first fit is made. Its
-/// residuals give the noise if the noise is unknown. Its sensitivity converts the noise from m/s^2 to raw units.
+/// The fit with the noise of the table. If the table does not contain the noise of each mean, a first fit is made. If
+/// the noise is unknown, it is computed from the residuals of the first fit. If it is given in m/s^2, the sensitivity
+/// of the first fit converts it to raw units.
 fn fit(table: &MeanReadings<'_>, held: &[HeldParameter], options: &Options<'_>) -> Result<Fitted, Error> {
     let held = &StageRows::new(held, ACCEL);
     let fit_with = |variances: &dyn Fn(usize) -> Vector3<f64>| {
@@ -161,7 +161,7 @@ fn nominal_of(table: &MeanReadings<'_>, options: &Options<'_>) -> Option<f64> {
     if table.accel_unit == RawUnit::Si { Some(1.0) } else { options.accel_nominal }
 }
 
-/// Raw units per m/s^2 of each axis.
+/// Scale of each axis, raw units per m/s^2.
 fn scales(triad: &Triad<f64>) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| triad.sensitivity().row(axis).norm())
 }
@@ -200,7 +200,7 @@ fn bias_of(rates: &[[f64; 3]]) -> RestBias {
     let rows = || rates.iter().map(|row| Vector3::from(*row));
     let value = rows().sum::<Vector3<f64>>() / count;
     let squares = rows().map(|row| (row - value).component_mul(&(row - value))).sum::<Vector3<f64>>();
-    // For a single row, 0 / 0 yields NaN.
+    // For a single row, 0 / 0 gives NaN.
     RestBias { value, std: (squares / (count - 1.0) / count).map(f64::sqrt) }
 }
 

@@ -1,4 +1,4 @@
-//! Offer of a model with fewer parameters for recordings that do not determine all parameters.
+//! Offer of a model with fewer parameters if the recordings do not determine all parameters.
 
 use super::held_estimates::{HeldEstimate, listed};
 use super::{Checked, Options, prospect};
@@ -12,8 +12,8 @@ impl<'a> Checked<'a> {
     /// Checks the recordings, detects their rests and performs the two-stage fit.
     ///
     /// # Errors
-    /// As [`calibrate`](super::calibrate()). The message of [`Error::NotEnoughMotion`] also offers a model with fewer
-    /// parameters, if there is one that the recordings determine.
+    /// The errors of [`calibrate`](super::calibrate()). If the recordings determine a model with fewer parameters, the
+    /// message of [`Error::NotEnoughMotion`] also offers this model.
     pub fn try_new(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let checked = determined(recordings, options);
         if let Err(error) = &checked {
@@ -33,8 +33,8 @@ impl<'a> Checked<'a> {
     }
 }
 
-/// The checked recordings, which must determine all parameters without a prior. In the model with biases and scales
-/// only, the gyroscope scales of axes without rotation are also held by a prior.
+/// The checked recordings, which must determine all parameters that have no prior. In the model with biases and scales
+/// only, priors are also used for the gyroscope scales of axes without rotation.
 fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Checked<'a>, Error> {
     let checked = Checked::of_determined(recordings, options);
     if options.priors.model != ParameterModel::Orthogonal || !matches!(checked, Err(Error::NotEnoughMotion(_))) {
@@ -55,15 +55,15 @@ fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result
     Checked::of_determined(recordings, &Options { priors, ..options.clone() }).or(checked)
 }
 
-/// A usable result with a model of fewer parameters: the held parameters, and the errors due to the uncertainty of
+/// A usable result of a model with fewer parameters: the held parameters, and the errors due to the uncertainty of
 /// their priors.
 pub(super) struct Reduced {
     pub(super) held: Vec<HeldEstimate>,
     pub(super) cost: Option<PriorCost>,
 }
 
-/// The text of a refusal, followed by an offer of another model. This is the model with the most free parameters among
-/// the models that the data determine. The text also states the errors that remain with this model. `fit` performs a
+/// The text of a refusal, followed by an offer of another model. The offered model has the most free parameters among
+/// the models that the data determine. The text also states the errors that this model leaves. `fit` performs a
 /// complete calibration with the given options and returns `None` if it has no usable result.
 pub(super) fn with_offer(
     options: &Options<'_>,
@@ -94,7 +94,7 @@ fn offered(model: ParameterModel, result: &Reduced) -> String {
             ", which leaves an error (1 sigma) of {} deg in the direction of gravity",
             general(gravity_direction_deg, 2)
         );
-        // The error of a rotation is NaN for an accelerometer alone, which does not measure rotations.
+        // An accelerometer does not measure rotations, so the error of a rotation is NaN without a gyroscope.
         if !rotation_deg.is_nan() {
             words += &format!(" and of {} deg in a rotation by 90 deg", general(rotation_deg, 2));
         }

@@ -33,13 +33,14 @@ pub struct Outcome {
     pub calibration: Calibration<f64>,
     /// Body frame of the triads.
     pub frame: Frame,
-    /// Estimated effects in the order of the request; effects of the catalogue come first.
+    /// Estimated effects in the order of the request. Effects of the catalogue come first.
     pub effects: Vec<TermEstimate>,
-    /// Names of the parameters: 21 parameters of the triads, then the parameters of the effects.
+    /// Names of the parameters: first the 21 parameters of the triads, then the parameters of the effects.
     pub names: Vec<String>,
-    /// Values of the parameters, in the same order. Raw units for the triads, SI units for the effects.
+    /// Values of the parameters, in the same order. They are in raw units for the triads, and in SI units for the
+    /// effects.
     pub values: Vec<f64>,
-    /// Covariance of the parameters, by rows, for exactly known gravity and clock.
+    /// Covariance of the parameters, by rows, if gravity and the clock are known exactly.
     /// [`covariance_with_references`](Self::covariance_with_references) includes the uncertainty of both.
     pub covariance: Vec<Vec<f64>>,
     /// Reports of all rests.
@@ -48,37 +49,38 @@ pub struct Outcome {
     pub moves: Vec<MoveReport>,
     /// Threshold of the rest detection for each recording.
     pub thresholds: Vec<Threshold>,
-    /// White-noise densities of the unit, SI units per sqrt(Hz): the medians over the recordings.
+    /// White-noise densities of the unit, SI units per sqrt(Hz). Each is the median over the recordings.
     pub noise_density: NoiseDensity,
     /// Report of the accelerometer fit.
     pub accelerometer_fit: FitReport,
     /// Report of the gyroscope fit.
     pub gyroscope_fit: FitReport,
-    /// Report of the joint fit, if it was requested. In that case the other two fits only provide its start values.
+    /// Report of the joint fit; `None` if it was not requested. The other two fits then only provide the start values
+    /// of the joint fit.
     pub joint_fit: Option<FitReport>,
-    /// Goodness of fit of the joint fit, with the weights of noise alone (model.md (26)).
+    /// Goodness of fit of the joint fit, with weights from noise only (model.md (26)).
     pub misfit: Option<Misfit>,
-    /// Goodness of fit of each kind of residuals relative to noise alone. For the two-stage fit, the kinds are the
-    /// norms and the moves.
+    /// Goodness of fit of each kind of residuals, relative to noise. For the two-stage fit, the kinds are the norms and
+    /// the moves.
     pub groups: Vec<GroupMisfit>,
-    /// Factors by which the joint fit increases the noise of each kind of residual (model.md (19)).
+    /// Factors by which the joint fit increases the standard deviations of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
-    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s. It is given by the options or
-    /// estimated from the scatter of the rates between rests; `None` if the weights assume constant biases.
+    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s. The options give it, or it is
+    /// estimated from the scatter of the rates between rests. `None` if the weights assume constant biases.
     pub bias_instability_radps: Option<[f64; 3]>,
-    /// Standard deviation of the tremor about each axis, rad, for each recording; `None` for a unit on a rigid support.
+    /// Standard deviation of the tremor about each axis for each recording, rad; `None` for a unit on a rigid support.
     /// Only the joint fit estimates tremor.
     pub tremor_rad: Vec<Option<f64>>,
     /// Held parameters with their estimates; empty if none is held.
     pub held: Vec<HeldEstimate>,
-    /// Share of the variance of each parameter that comes from the priors of the held parameters, in the order of
-    /// `names`; empty if none is held.
+    /// Share of each parameter's variance that is due to the priors of the held parameters, in the order of `names`;
+    /// empty if no parameter is held.
     pub prior_shares: Vec<f64>,
     /// Errors due to the uncertainty of the priors; `None` if no parameter is held.
     pub prior_cost: Option<PriorCost>,
     /// Figures of merit on the calibration recordings.
     pub figures: Figures,
-    /// Cross-validation, if folds were requested.
+    /// Result of the cross-validation; `None` if no folds were requested.
     pub held_out: Option<CrossValidation>,
     /// Warnings about the recordings.
     pub findings: Vec<Finding>,
@@ -135,8 +137,8 @@ impl Outcome {
         })
     }
 
-    /// The result of the joint fit. `started_from` contains the reports of the accelerometer and gyroscope fits that
-    /// provided the start values.
+    /// The result of the joint fit. `started_from` contains the reports of the accelerometer and gyroscope fits whose
+    /// results were the start values.
     pub(super) fn joint(
         mut data: UnitData<'_>,
         started_from: [FitReport; 2],
@@ -173,15 +175,14 @@ impl Outcome {
         let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();
         let (held, of_priors) =
             held_estimates((&joint.model.parameters(), &joint.covariance), &data.held(options)?, &misfits.held);
-        // A parameter that its prior determines does not reduce the degrees of freedom of the residuals.
+        // A parameter that is determined by its prior does not reduce the degrees of freedom of the residuals.
         let by_priors = held.iter().map(|held| (held.sigma / held.prior.sigma).powi(2)).sum::<f64>().round() as usize;
         let is_any_held = held.iter().any(|held| !held.prior.is_combination());
         let prior_cost = is_any_held.then(|| prior_cost(&of_priors, force, rate));
         let of_unit = |matrix: &Mat<f64>| matrix.submatrix(0, 0, all, all).to_owned();
         let covariances = [of_unit(&joint.covariance), of_unit(&of_priors)];
         let (sensitivities, [covariance, of_priors]) = in_frame(options.frame, symmetric, covariances, &mut moves)?;
-        // The parameters of a known accelerometer are not listed as held parameters, unless the recordings contradict
-        // them.
+        // The parameters of a known accelerometer are listed as held parameters only if the recordings contradict them.
         let held: Vec<HeldEstimate> =
             held.into_iter().filter(|held| !held.prior.is_combination() || held.is_contradicted()).collect();
         let share =
@@ -232,7 +233,7 @@ impl Outcome {
     }
 }
 
-/// Goodness of fit of the residuals of the two-stage fit, whose weights contain only noise.
+/// Goodness of fit of the residuals of the two-stage fit, with weights from noise only.
 fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures: &Figures) -> Vec<GroupMisfit> {
     let direction_rad = figures.gravity_direction_rms_deg.to_radians();
     let groups = [
@@ -250,7 +251,7 @@ fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures:
 }
 
 /// Converts sensitivities, covariances and gravity directions of the moves from the symmetric to the requested body
-/// frame. Effects are not converted, because they are defined only in the symmetric frame.
+/// frame. Effects are defined only in the symmetric frame and are not converted.
 pub(super) fn in_frame<const N: usize>(
     frame: Frame,
     symmetric: Sensitivities,
@@ -275,7 +276,7 @@ pub(super) fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
     (0..matrix.nrows()).map(|i| (0..matrix.ncols()).map(|j| matrix[(i, j)]).collect()).collect()
 }
 
-/// Median of the noise densities over the recordings, converted to SI units with the triads.
+/// Median of the noise densities over the recordings. The triads convert the densities to SI units.
 pub(super) fn noise_density(noise: &[NoiseDensity], [accelerometer, gyroscope]: [&Triad<f64>; 2]) -> NoiseDensity {
     let median_of = |pick: fn(&NoiseDensity) -> Vector3<f64>| {
         Vector3::from_fn(|axis, _| {

@@ -1,8 +1,8 @@
-//! Prediction, before any fit, of the parameters that recordings can determine, and of their accuracy (model.md (12)).
+//! Prediction, before any fit, of the parameters that the recordings determine, and of their accuracy (model.md (12)).
 //!
-//! The residuals of the joint estimate are linearised at nominal sensors. The design matrix shows which parameters are
-//! not determined. With the noise of the rests, it also yields the standard deviation that each parameter will have if
-//! the model describes the unit.
+//! The residuals of the joint fit are linearised at nominal sensors. The design matrix shows which parameters are not
+//! determined. With the noise of the rests, the matrix also gives the standard deviation of each parameter, provided
+//! that the model describes the unit.
 
 use std::sync::OnceLock;
 
@@ -28,25 +28,26 @@ use crate::two_stage::observability::{
     EDGES_AND_CORNERS, FARTHEST, OR_ROLL, missing_poses, missing_turns, too_few_poses,
 };
 
-/// Minimum angle between the directions of gravity at two rests for the unit to count as rotated in between, rad.
+/// Minimum angle between the gravity directions at two rests for the unit to count as rotated between them, rad.
 const TURNED_RAD: f64 = 0.35;
-/// Maximum angle between two directions of gravity that count as equal, rad.
+/// Maximum angle between two gravity directions that count as equal, rad.
 const ALIKE_RAD: f64 = 0.05;
-/// Minimum ratio of the rms rate in a move to the noise at rest for the gyroscope to respond to the motion.
+/// Minimum ratio of the rms rate in a move to the noise at rest, for the gyroscope to count as responding to motion.
 const REACTS: f64 = 3.0;
 
-/// The parameters that recordings can determine, with predicted standard deviations.
+/// The parameters that the recordings determine, with predicted standard deviations.
 #[derive(Clone, Debug)]
 pub struct Prospect {
     /// Names of the 21 parameters, symmetric frame.
     pub names: [String; 21],
-    /// Predicted standard deviation of each parameter if the model describes the unit, raw units; `None` if the
-    /// parameter is not determined.
+    /// Predicted standard deviation of each parameter, raw units, provided that the model describes the unit; `None` if
+    /// the parameter is not determined.
     pub predicted_sigma: [Option<f64>; 21],
-    /// Names of the accelerometer parameters that the rests alone do not determine, for example because the only
-    /// directions are the six faces of a box. The rotations between the rests replace the missing directions.
+    /// Names of the accelerometer parameters that the rests do not determine without the moves. For example, the only
+    /// directions may be the six faces of a box. The rotations between the rests replace the missing directions.
     pub through_moves: Vec<String>,
-    /// Message about the undetermined parameters and the poses and rotations to add; `None` if all are determined.
+    /// Message about the undetermined parameters, with the poses and rotations to add; `None` if all parameters are
+    /// determined.
     pub missing: Option<String>,
 }
 
@@ -64,13 +65,13 @@ pub fn prospect(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<P
     Ok(data.prospect(scene, options)?.0)
 }
 
-/// The rests, moves and nominal sensors of the recordings before a fit.
+/// The rests, moves and nominal sensors of the recordings, before any fit.
 struct Scene {
     /// Whether each rest is without known faults.
     used: Vec<bool>,
     /// Moves between the rests without known faults.
     moves: Vec<Move>,
-    /// Intervals between the rests without known faults that cannot be used as moves.
+    /// Intervals between these rests that cannot be used as moves.
     unusable: Vec<Unusable>,
     /// Nominal accelerometer; `None` if its scale is unknown.
     accelerometer: Option<Triad<f64>>,
@@ -78,15 +79,16 @@ struct Scene {
     gyroscope: Option<Triad<f64>>,
     /// Directions of gravity at the rests without known faults, unit vectors in the body frame.
     up: Vec<Vector3<f64>>,
-    /// Message about an accelerometer that does not respond to motion.
+    /// Message if the accelerometer does not respond to motion.
     silent_accelerometer: Option<String>,
-    /// Message about a gyroscope that does not respond to motion.
+    /// Message if the gyroscope does not respond to motion.
     silent_gyroscope: Option<String>,
 }
 
 impl UnitData<'_> {
-    /// The prediction for rests and moves together, and a model with the least-squares values of the determined
-    /// parameters and the nominal values of all others. All refusals for missing motion follow from this prediction.
+    /// The prediction for rests and moves together. The second result is a model with the least-squares values of the
+    /// determined parameters and the nominal values of all others. All refusals for missing motion are based on this
+    /// prediction.
     pub(super) fn joint_information(&self, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         self.prospect(self.scene(options)?, options)
     }
@@ -136,8 +138,8 @@ impl UnitData<'_> {
         let mut predicted_sigma = [None; BASE];
         let problem = Joint::new(&prepared, &terms, &model.parameters())?;
         let (_, whitened) = problem.whitened(&model.parameters())?;
-        // Every parameter gets a prior with a standard deviation of a tenth of its size, so that the covariance is
-        // finite even if some parameters are undetermined.
+        // Every parameter has a prior with a standard deviation of a tenth of its size. The covariance is then finite
+        // even if some parameters are not determined.
         let held = Mat::from_fn(whitened.nrows() + 18, BASE, |i, p| match i.checked_sub(whitened.nrows()) {
             None => whitened[(i, p)],
             Some(k) if OBSERVED[k] == p => 1.0 / (FARTHEST * sizes[p]),
@@ -201,8 +203,9 @@ impl UnitData<'_> {
         Ok(scene)
     }
 
-    /// The nominal accelerometer. In SI units it is the identity. In counts it has the nominal scale or, if this is not
-    /// given, the scale of the smallest sphere through the rests. `None` if the scale is not determined.
+    /// The nominal accelerometer. In SI units it is the identity. In counts it has the nominal scale. If no nominal
+    /// scale is given, it has the scale of the smallest sphere through the rests. `None` if the scale is not
+    /// determined.
     fn nominal_accelerometer(&self, used: &[bool], options: &Options<'_>) -> Result<Option<Triad<f64>>, Error> {
         if self.raw_is_si(|recording| recording.accel_unit) {
             return Ok(Some(Triad::identity()));
@@ -227,8 +230,8 @@ impl UnitData<'_> {
         Ok(start.and_then(|start| Triad::try_new(start.sensitivity, start.bias).ok()).filter(exceeds_noise))
     }
 
-    /// The nominal gyroscope. In SI units it is the identity. In counts it has the nominal scale or, if this is not
-    /// given, the scale that follows from the rotation of gravity in moves. `None` if the scale is not determined.
+    /// The nominal gyroscope. In SI units it is the identity. In counts it has the nominal scale. If no nominal scale
+    /// is given, its scale is computed from the rotation of gravity in moves. `None` if the scale is not determined.
     fn nominal_gyroscope(
         &self,
         moves: &[Move],
@@ -249,13 +252,13 @@ impl UnitData<'_> {
         Triad::try_new(sensitivity, bias).ok()
     }
 
-    /// Whether the gyroscope reads no more than noise although the directions of gravity at the rests differ.
+    /// Whether the gyroscope reads only noise while the gravity directions at the rests differ.
     pub(super) fn has_silent_gyroscope(&self, moves: &[Move], accelerometer: &Triad<f64>) -> bool {
         let up = |rest: &UnitRest| accelerometer.correct(rest.rest.specific_force.mean).normalize();
         self.silent_gyroscope(moves, &self.rests.iter().map(up).collect::<Vec<_>>()).is_some()
     }
 
-    /// Message about a gyroscope that reads no more than noise although gravity rotates in the body frame; `None` if it
+    /// Message about a gyroscope that reads only noise while gravity rotates in the body frame; `None` if the gyroscope
     /// responds.
     fn silent_gyroscope(&self, moves: &[Move], up: &[Vector3<f64>]) -> Option<String> {
         let turned = |m: &&Move| up[m.from].angle(&up[m.to]) > TURNED_RAD;
@@ -278,8 +281,8 @@ impl UnitData<'_> {
         })
     }
 
-    /// Message about an accelerometer with constant readings at all rests although the gyroscope measures rotations
-    /// that change the direction of gravity; `None` if it responds.
+    /// Message about an accelerometer with constant readings at all rests while the gyroscope measures rotations that
+    /// change the gravity direction; `None` if the accelerometer responds.
     fn silent_accelerometer(&self, moves: &[Move], up: &[Vector3<f64>], gyroscope: &Triad<f64>) -> Option<String> {
         let alike = up.iter().all(|other| up[0].angle(other) < ALIKE_RAD);
         let rotates = |m: &&Move| {
@@ -303,7 +306,7 @@ impl Scene {
             None if self.accelerometer.is_none() => too_few_poses(),
             None => {
                 let poses = missing_poses(&self.up);
-                // Rotations can replace missing poses only if the gyroscope measures them.
+                // Rotations can replace missing poses only if a gyroscope measures them.
                 let rotates = self.gyroscope.is_some() && self.silent_gyroscope.is_none();
                 if rotates && poses.ends_with(EDGES_AND_CORNERS) { poses + OR_ROLL } else { poses }
             }

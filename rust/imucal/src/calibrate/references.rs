@@ -1,10 +1,9 @@
-//! Contribution of the two references of a calibration, local gravity and the clock of the samples, to the uncertainty.
+//! Uncertainty of a calibration due to its two references: local gravity and the clock of the samples.
 //!
 //! Rests and moves determine every parameter only relative to gravity and to the time stamps. An error of a reference
-//! is therefore not visible in the residuals, and it changes all parameters together. Let gravity have the relative
-//! error e and the unit of time the relative error d. Gravity is the only reference for lengths, because a length is an
-//! acceleration times a time squared. A parameter with the unit m^a s^b therefore has the relative error
-//!
+//! therefore does not change the residuals, but it changes all parameters together. Let gravity have the relative error
+//! e, and the unit of time the relative error d. Gravity is the only reference for lengths, because a length is an
+//! acceleration times a squared time. A parameter with the unit m^a s^b therefore has the relative error
 //! ```text
 //! a e + (2 a + b) d                                                                           model.md (38)
 //! ```
@@ -26,7 +25,7 @@ pub struct References {
     pub clock_ppm: f64,
 }
 
-/// Largest accepted standard deviation of gravity, m/s^2. It is half the width of `GRAVITY_ON_EARTH_MPS2`.
+/// Largest accepted standard deviation of gravity, m/s^2. It is half the width of the range `GRAVITY_ON_EARTH_MPS2`.
 const MAX_GRAVITY_SIGMA_MPS2: f64 = 0.1;
 /// Largest accepted standard deviation of a clock, ppm (10 %). A clock with a larger error is not a usable reference.
 const MAX_CLOCK_PPM: f64 = 1e5;
@@ -50,8 +49,8 @@ impl References {
 }
 
 impl Outcome {
-    /// The covariance of the parameters including the uncertainty of the references, by rows. The covariance of
-    /// user-defined effects is not changed, because their units are not known.
+    /// The covariance of the parameters, by rows, with the uncertainty of the references. The covariance of
+    /// user-defined effects does not change, because their units are not known.
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance_of_gravity = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let variance_of_clock = (1e-6 * references.clock_ppm).powi(2);
@@ -67,7 +66,8 @@ impl Outcome {
         covariance
     }
 
-    /// Relative error of each parameter for a relative error of gravity, and of the unit of time.
+    /// Relative error of each parameter due to a relative error of gravity, and due to a relative error of the unit of
+    /// time.
     fn exponents(&self) -> Vec<[f64; 2]> {
         let base = (0..21).map(|p| match p {
             3..9 => [-1.0, 0.0],
@@ -86,13 +86,14 @@ impl Outcome {
     }
 }
 
-/// Exponents of gravity and of the unit of time in a unit, such as `rad/s/(m/s^2)`.
+/// Exponents of gravity and of the unit of time in a unit such as `rad/s/(m/s^2)`.
 fn in_references(unit: &str) -> [f64; 2] {
     let [metres, seconds] = exponents_of(&mut unit.chars().peekable());
     [metres, 2.0 * metres + seconds]
 }
 
-/// Exponents of metre and second in a unit up to its end or to a closing bracket. Other units (rad, K) are ignored.
+/// Exponents of metre and second in a unit. The unit ends at a closing bracket or at the end of the text. Other units
+/// (rad, K) are ignored.
 fn exponents_of(unit: &mut std::iter::Peekable<std::str::Chars<'_>>) -> [f64; 2] {
     let (mut sum, mut sign) = ([0.0; 2], 1.0);
     while let Some(next) = unit.next() {

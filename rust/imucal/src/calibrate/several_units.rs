@@ -1,9 +1,9 @@
-//! Detection of recordings of several units in one calibration, and of biases that changed between the recordings of
-//! one unit.
+//! Detection of recordings of several units in one calibration, and of biases that changed between recordings of one
+//! unit.
 //!
-//! If the recordings cannot be fitted together, each recording is fitted separately. Recordings of different units then
-//! differ in the sensitivities by far more than the standard deviations. Recordings of one unit that was switched off
-//! in between differ only in the biases.
+//! If the recordings cannot be fitted together, each recording is fitted separately. If the recordings are of different
+//! units, their sensitivities differ by far more than the standard deviations. If one unit was switched off between the
+//! recordings, only the biases differ.
 
 use imucal_core::calibration::Calibration;
 
@@ -15,22 +15,22 @@ use crate::recording::Recording;
 use crate::verdict::Verdict;
 
 /// Difference of a parameter between two recordings, in standard deviations of this difference, above which the
-/// parameter counts as different. With 15 parameters and ten recordings, noise alone exceeds this limit in one of a
-/// million calibrations.
+/// parameter counts as different. With 15 parameters and ten recordings, noise exceeds this limit in one of a million
+/// calibrations.
 const DIFFERENT: f64 = 6.0;
 /// Minimum difference of a sensitivity that counts as different, as a fraction of the mean scale. A smaller difference
-/// has no practical meaning, even if it is significant.
+/// has no practical effect, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
-/// Limit of a ratio: chi2 per degree of freedom of the fit to all recordings, divided by chi2 per degree of freedom of
-/// the separate fits. Above the limit, the recordings count as not fitting together. An effect that is missing in the
-/// model increases both values equally, so the ratio stays near one.
+/// Maximum ratio for recordings that fit together: chi2 per degree of freedom of the fit to all recordings, divided by
+/// that of the separate fits. An effect that the model lacks increases both values equally, so the ratio stays near
+/// one.
 const WORSE_TOGETHER: f64 = 4.0;
-/// Limit of the share of rests that the fit to all recordings excludes but the separate fits use. Above this limit, the
-/// recordings count as not fitting together. This criterion is needed because the rests of a second unit may be
-/// excluded as outliers, so that chi2 describes one unit only.
+/// Maximum share of rests, for recordings that fit together, that the separate fits use but the fit to all recordings
+/// excludes. This limit is needed because the rests of a second unit may be excluded as outliers, so that chi2
+/// describes one unit only.
 const EXCLUDED: f64 = 0.1;
-/// Difference between the mean temperatures of two recordings, K, above which different scales are not taken as
-/// evidence of different units. Scales of MEMS sensors change by up to 0.05 %/K, whereas misalignments barely change.
+/// Difference of the mean temperatures of two recordings, K, above which different scales are no evidence of different
+/// units. Scales of MEMS sensors change by up to 0.05 %/K, whereas misalignments hardly change.
 const WARMER_K: f64 = 5.0;
 /// Maximum number of parameters that the message names for a pair of recordings.
 const NAMED: usize = 3;
@@ -50,9 +50,9 @@ struct Difference {
     times_sigma: f64,
 }
 
-/// Findings about recordings that cannot be fitted together: an error if they belong to several units, a warning if
-/// only the biases changed. `together` is the result of the fit without effects to all recordings. `fit_alone` performs
-/// the fit to a single recording, in the symmetric frame.
+/// Findings about recordings that cannot be fitted together. Recordings of several units are an error, and changed
+/// biases of one unit are a warning. `together` is the result of the fit without effects to all recordings. `fit_alone`
+/// performs the fit to a single recording, in the symmetric frame.
 ///
 /// # Errors
 /// [`Error::Cancelled`] if the calculation was cancelled.
@@ -61,8 +61,8 @@ pub(super) fn several_units(
     together: Result<&Outcome, &Error>,
     fit_alone: impl Fn(&Recording<'_>) -> Result<Outcome, Error>,
 ) -> Result<Vec<Finding>, Error> {
-    // Only failures of the fit are examined further. A fault of the data, such as an altered copy of another recording,
-    // has already been reported and does not indicate several units.
+    // Only failures of the fit are examined here. A fault of the data, for example an altered copy of another
+    // recording, has already been reported and does not indicate several units.
     let is_of_fit = |error: &Error| matches!(error, Error::Fit(_) | Error::NotEnoughMotion(_));
     let fits_together = together.map_or_else(|error| !is_of_fit(error), |outcome| outcome.verdict() == Verdict::Good);
     if recordings.len() < 2 || fits_together {
@@ -89,7 +89,8 @@ pub(super) fn several_units(
     Ok(together.ok().and_then(|_| biases_moved(&alone)).into_iter().collect())
 }
 
-/// Whether the fit to all recordings is much worse than the separate fits, or excludes many rests that they use.
+/// Whether the fit to all recordings is much worse than the separate fits, or excludes many rests that the separate
+/// fits use.
 fn is_worse_together(together: &Outcome, alone: &[Alone<'_>]) -> bool {
     let used = |outcome: &Outcome| outcome.rests.iter().filter(|rest| rest.excluded.is_none()).count();
     let by_each: usize = alone.iter().map(|fit| used(&fit.outcome)).sum();
@@ -107,8 +108,8 @@ fn is_worse_together(together: &Outcome, alone: &[Alone<'_>]) -> bool {
     sums(&mut std::iter::once(together)) > WORSE_TOGETHER * each
 }
 
-/// Indices of the recordings of each unit. A recording belongs to a unit if its sensitivities agree with the
-/// sensitivities of the first recording of this unit.
+/// Indices of the recordings of each unit. A recording belongs to a unit if its sensitivities agree with those of the
+/// first recording of this unit.
 fn groups(alone: &[Alone<'_>]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for k in 0..alone.len() {
@@ -190,7 +191,7 @@ fn list(differences: &[Difference]) -> String {
     }
 }
 
-/// The sensitivities that differ between two recordings, the most significant first. Scales are ignored if the
+/// The sensitivities that differ between two recordings, in descending order of significance. Scales are ignored if the
 /// recordings were made at different temperatures.
 fn sensitivities(a: &Alone<'_>, b: &Alone<'_>) -> Vec<Difference> {
     let is_warmer = a.temperature_degc.zip(b.temperature_degc).is_some_and(|(a, b)| (a - b).abs() > WARMER_K);
@@ -210,7 +211,7 @@ fn sensitivities(a: &Alone<'_>, b: &Alone<'_>) -> Vec<Difference> {
     sorted((0..BASE).filter(|p| !is_bias(*p)).filter_map(differs))
 }
 
-/// The biases that differ between two recordings, the most significant first.
+/// The biases that differ between two recordings, in descending order of significance.
 fn biases(a: &Alone<'_>, b: &Alone<'_>) -> Vec<Difference> {
     let differs = |p: usize| -> Option<Difference> {
         let (values, sigma) = pair(a, b, p);
@@ -247,7 +248,7 @@ fn scales(calibration: &Calibration<f64>) -> [f64; 2] {
     [&calibration.accelerometer, &calibration.gyroscope].map(|triad| triad.sensitivity().norm() / 3f64.sqrt())
 }
 
-/// Name of a base parameter in plain words, without its sensor.
+/// Name of a base parameter in words, without the name of its sensor.
 fn word(p: usize) -> &'static str {
     match p {
         0..9 => WORDS[p],

@@ -1,4 +1,5 @@
-//! The two-stage fit of a unit's recordings: the accelerometer from the rests, then the gyroscope from the moves.
+//! The two-stage fit of a unit's recordings. The accelerometer is fitted to the rests, and then the gyroscope to the
+//! moves.
 
 use std::ops::Range;
 
@@ -33,15 +34,15 @@ pub(super) struct Gyroscope {
     pub(super) fit: GyroscopeFit,
     /// Directions of gravity at the ends of each move, and the standard deviation of its residual.
     pub(super) ends: Vec<Ends>,
-    /// For each move, the part of the standard deviation of its residual that is due to the move itself and not to the
-    /// means of the rests, rad.
+    /// For each move: the part of the residual's standard deviation that is due to the move itself, rad. The part due
+    /// to the means of the rests is not included.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
 }
 
 impl UnitData<'_> {
-    /// Fits the accelerometer to the rests without known faults. A message about missing poses also names the moves
+    /// Fits the accelerometer to the rests without known faults. If poses are missing, the message also names the moves
     /// that the gyroscope needs.
     pub(super) fn fit_accelerometer(&self, options: &Options<'_>) -> Result<AccelerometerFit, Error> {
         self.fit_rests(options).map_err(|error| self.with_all_that_is_missing(error, options))
@@ -65,7 +66,7 @@ impl UnitData<'_> {
             }
             alone => alone?,
         };
-        // From here on, the arrays have one entry for each detected rest, including excluded rests.
+        // From here on, the arrays have one entry for each detected rest. Excluded rests are included.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {
@@ -79,9 +80,9 @@ impl UnitData<'_> {
     }
 
     /// Fits the accelerometer if the directions at the rests are not sufficient, for example on the six faces of a box.
-    /// The rotations between the rests replace the missing directions, so rests and moves together must determine all
-    /// parameters. Parameters that the rests do not determine keep their values from a linearised joint fit, which
-    /// starts at zero misalignment (model.md (10)).
+    /// The rotations between the rests replace the missing directions. Rests and moves together must therefore
+    /// determine all parameters. A parameter that the rests do not determine keeps its value from a linearised joint
+    /// fit, which starts at zero misalignment (model.md (10)).
     ///
     /// # Errors
     /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters. `of_rests` is the
@@ -104,8 +105,7 @@ impl UnitData<'_> {
         }
     }
 
-    /// Replaces a message about the motion that is missing for one stage by a message about all motion that is missing
-    /// for the calibration.
+    /// Replaces a message about motion that one stage lacks by a message about all motion that the calibration lacks.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {
@@ -137,9 +137,9 @@ impl UnitData<'_> {
         Ok((moves, unusable))
     }
 
-    /// Replaces the list of the rests that the accelerometer fit uses by the list of their epochs. All epochs of a long
+    /// Replaces the flags of the rests that the accelerometer fit uses by flags of their epochs. All epochs of a long
     /// rest without known faults are used, even if the fit excluded this rest as an outlier. The deviation of its mean
-    /// is no reason for exclusion, because a single mean does not describe a long rest.
+    /// is no reason for exclusion, because one mean does not describe a long rest.
     pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
         let used = &accelerometer.used;
         let of = |own: Range<usize>| {
@@ -150,8 +150,8 @@ impl UnitData<'_> {
         accelerometer.used = ranges_of_rests(&self.rests).into_iter().flat_map(of).collect();
     }
 
-    /// The directions of gravity and the standard deviation of each move, and the part of this standard deviation that
-    /// does not come from the means of the rests, rad.
+    /// For each move: the gravity directions at its ends with the standard deviation of its residual, and the part of
+    /// this standard deviation that is not due to the means of the rests, rad.
     pub(super) fn ends(
         &self,
         moves: &[Move],
@@ -187,8 +187,8 @@ impl UnitData<'_> {
             );
             return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
         }
-        // The weights require the scale of the gyroscope. The fit is therefore performed twice, first with the weights
-        // of the start value and then with the weights of the first result.
+        // The weights depend on the scale of the gyroscope. The fit is therefore performed twice: first with the
+        // weights for the start value, and then with the weights for the first result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
         let held = self.held(options)?;
         let held = StageRows::new(&held, GYRO_SENSITIVITY);
@@ -198,8 +198,8 @@ impl UnitData<'_> {
         let is_start = !accelerometer.is_determined;
         let mut fit = preintegrated.fit(&ends, &first, is_start);
         if matches!(fit, Err(Error::NotEnoughMotion(_))) && options.is_joint() && !is_start {
-            // If the rests barely determine the accelerometer, its errors may appear as outliers of a few moves.
-            // Therefore no moves are excluded here; the joint fit judges all moves again.
+            // If the rests hardly determine the accelerometer, its errors may appear as outliers of a few moves.
+            // Therefore no moves are excluded here. The joint fit tests all moves again.
             fit = preintegrated.fit(&ends, &first, true);
         }
         let fit = fit.map_err(|error| self.with_all_that_is_missing(error, options))?;
@@ -223,7 +223,7 @@ impl Gyroscope {
         self.moves = moves.to_vec();
     }
 
-    /// Reports of all moves, including those that are not used, in chronological order.
+    /// Reports of all moves in chronological order, including moves that are not used.
     pub(super) fn move_reports(&self, unusable: &[Unusable]) -> Vec<MoveReport> {
         let report = |k: usize| {
             let excluded = (!self.fit.used[k]).then_some(CONTRADICTS_MOVES);
@@ -245,7 +245,7 @@ impl Gyroscope {
     }
 }
 
-/// Whether a start value is sufficiently far from singular to be inverted.
+/// Whether a start value can be inverted, because it is sufficiently far from singular.
 fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
     let size = sensitivity.norm() / 3f64.sqrt();
     size.is_finite() && sensitivity.determinant().abs() > 0.05 * size.powi(3)

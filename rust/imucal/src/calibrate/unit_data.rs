@@ -1,4 +1,4 @@
-//! The checked recordings of one unit with their rests, noise and tremor. They are the input of all fits.
+//! The checked recordings of one unit, with their rests, noise and tremor. All fits use them as input.
 
 use std::ops::Range;
 
@@ -21,7 +21,7 @@ use crate::rests::tremor::{self, Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, in_epochs, ranges_of_rests, rests_of, together};
 use crate::two_stage::gyroscope::{self, GyroscopeBias};
 
-/// Minimum number of moves for the gyroscope. Each move has two residuals, and the sensitivity has nine entries.
+/// Minimum number of moves for the gyroscope fit. Each move has two residuals, and the sensitivity has nine entries.
 pub(super) const MIN_MOVES: usize = 5;
 /// Reason code of an excluded move that contradicts all others.
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
@@ -61,7 +61,7 @@ impl<'a> UnitData<'a> {
         Self::checked(recordings, options, check::check_columns)
     }
 
-    /// As [`Self::try_new`], for recordings that contain only an accelerometer.
+    /// The function [`Self::try_new`] for recordings without a gyroscope.
     pub(super) fn of_accelerometer(recordings: &'a [Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         Self::checked(recordings, options, check::check_one_or_both)
     }
@@ -111,8 +111,8 @@ impl<'a> UnitData<'a> {
                 if rest.is_saturated(&saturated) {
                     Some("saturation")
                 } else if weight.min() == 0.0 && !(is_long && has_other_bias(&recordings[0], &rest.rest, &bias.bias)) {
-                    // The mean rate is far from the mean rates of all other rests, because the interval is a slow,
-                    // uniform rotation and not a rest.
+                    // The mean rate is far from those of all other rests. The interval is therefore a slow, uniform
+                    // rotation instead of a rest.
                     Some(NOT_STILL)
                 } else {
                     None
@@ -125,14 +125,14 @@ impl<'a> UnitData<'a> {
         Ok(Self { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings })
     }
 
-    /// These data, with `recordings` replacing their recordings. The new recordings must contain the same samples.
+    /// These data with the recordings replaced by `recordings`, which must contain the same samples.
     pub(super) fn of<'b>(self, recordings: &'b [Recording<'b>]) -> UnitData<'b> {
         let Self { segments, rests, excluded, bias, noise, hands, saturated, findings, .. } = self;
         UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }
     }
 
-    /// Estimates the tremor of a hand and removes it from rests and noise. The estimate needs the calibrations of both
-    /// sensors. Only rests in `used` contribute to the hand model.
+    /// Estimates the tremor of a hand and removes it from rests and noise. The estimate needs calibrations of both
+    /// sensors. Only the rests in `used` contribute to the hand model.
     pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, used: &[bool]) {
         let sensors = Sensors { accelerometer, gyroscope };
         self.hands = tremor::hands(self.recordings, &mut self.rests, used, &mut self.noise, sensors);
@@ -169,7 +169,7 @@ impl<'a> UnitData<'a> {
         ])
     }
 
-    /// Hint about intervals at rest that are slightly too short, for messages about missing rests.
+    /// Hint about intervals at rest that are slightly too short. Messages about missing rests contain it.
     pub(super) fn short_rests(&self, options: &Options<'_>) -> Option<String> {
         self.recordings.iter().zip(&self.segments).find_map(|(recording, segments)| {
             let range = segments.too_short.iter().max_by_key(|range| range.len())?;
@@ -195,8 +195,8 @@ impl<'a> UnitData<'a> {
         self.hands.iter().any(Option::is_some)
     }
 
-    /// Returns an error if the unit is hand-held and an effect is requested that is observable only from the force
-    /// inside moves. That force contains the unknown acceleration of the hand.
+    /// Returns an error if the unit is hand-held and a requested effect is observable only from the force inside moves.
+    /// That force contains the unknown acceleration of the hand.
     pub(super) fn require_turns_in_place(&self, options: &Options<'_>) -> Result<(), Error> {
         let blind = options.effects.iter().find(|choice| is_unobservable_hand_held(choice.effect.name));
         match blind.filter(|_| self.is_held()) {
@@ -214,7 +214,8 @@ impl<'a> UnitData<'a> {
         &self.noise
     }
 
-    /// Data for the directions of gravity at the ends of moves, with these estimates of both sensors.
+    /// Data from which the gravity directions at the ends of moves are computed with the given estimates of both
+    /// sensors.
     pub(super) fn directions<'b>(&'b self, accelerometer: &'b Triad<f64>, gyroscope: &'b Triad<f64>) -> Directions<'b> {
         let Self { recordings, rests, noise, hands, .. } = self;
         Directions { recordings, rests, noise, hands, accelerometer, gyroscope }
@@ -222,8 +223,8 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
-    /// Reports of all rests. `used` states which rests or epochs the fit uses. `norms` are the errors of the norm and
-    /// their standard deviations in a joint fit.
+    /// Reports of all rests. `used` states for each rest or epoch whether the fit uses it. `norms` contains the errors
+    /// of the norm and their standard deviations in a joint fit.
     pub(super) fn rest_reports(
         &self,
         accelerometer: &Triad<f64>,
@@ -248,27 +249,27 @@ impl UnitData<'_> {
     }
 }
 
-/// Whether the mean rate of a long rest differs from the mean rates of the other rests because of a different bias and
-/// not because of a rotation. A rotation would have to be about the vertical, because a rotation about a horizontal
-/// axis would have changed the direction of gravity. A rate difference in any other direction is therefore a bias. In
-/// counts, the vertical may not be known because of offsets.
+/// Whether the mean rate of a long rest differs from those of the other rests because of a different bias, instead of a
+/// rotation. A rotation would have to be about the vertical, because a rotation about a horizontal axis would have
+/// changed the gravity direction. A rate difference in any other direction is therefore a bias. For readings in counts,
+/// the vertical may be unknown because of offsets.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
-    /// Maximum cosine of the angle between the difference of the rates and the vertical (18 deg). The axes of the
-    /// sensors may differ by some degrees.
+    /// Maximum cosine of the angle between the rate difference and the vertical, for the difference to count as a bias
+    /// (18 deg). The axes of the sensors may differ by some degrees.
     const VERTICAL: f64 = 0.95;
     let difference = rest.angular_rate.mean - bias;
     let along = difference.dot(&rest.specific_force.mean.normalize()).abs();
     recording.accel_unit == RawUnit::Si && along < VERTICAL * difference.norm()
 }
 
-/// Variance of the mean rates over the epochs of a rest, raw units squared; zero for a rest without epochs.
+/// Variance of the mean rates over the epochs of a rest, squared raw units; zero for a rest without epochs.
 fn rate_wander(epochs: &[Rest]) -> Vector3<f64> {
     let count = epochs.len().max(1) as f64;
     let mean = epochs.iter().map(|epoch| epoch.angular_rate.mean).sum::<Vector3<f64>>() / count;
     epochs.iter().map(|epoch| (epoch.angular_rate.mean - mean).map(|rate| rate * rate)).sum::<Vector3<f64>>() / count
 }
 
-/// Recommendation for recordings with too few usable moves. It contains the number of unusable moves for each reason.
+/// Recommendation for recordings with too few usable moves. It states the number of unusable moves for each reason.
 pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
     let needed = format!("at least {MIN_MOVES} between different poses are needed, better 12");
     let Some(first) = unusable.first() else {

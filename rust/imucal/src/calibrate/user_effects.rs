@@ -1,8 +1,8 @@
-//! User-defined effects: functions of the corrected state that the library cannot evaluate by itself.
+//! User-defined effects: functions of the corrected state that the library cannot evaluate without the caller.
 //!
-//! The field of a user-defined effect may depend on the corrected rate and force, and therefore on the calibration that
-//! is estimated with this field. The fit and the evaluation of the field are therefore repeated alternately until the
-//! field no longer changes.
+//! The field of a user-defined effect may depend on the corrected rate and force. It therefore depends on the
+//! calibration, which is estimated with this field. The fit and the evaluation of the field are repeated alternately
+//! until the field no longer changes.
 
 use imucal_core::effects::Sensor;
 
@@ -12,10 +12,10 @@ use crate::numerics::lsq::Termination;
 use crate::verdict::RecordingSet;
 
 /// Maximum number of fits until the fields converge. Each repetition multiplies the change of a field by about the
-/// relative size of the effects, a few per cent.
+/// relative size of the effects, which is a few per cent.
 const MAX_FITS: usize = 20;
 /// Maximum change of a value of a field in the last repetition for the field to count as converged, as a fraction of
-/// the largest value of the field. The remaining relative change of the parameters is of this order.
+/// the largest value of the field. The relative change of the parameters is then of the same order.
 const SETTLED: f64 = 1e-7;
 
 /// The field of a user-defined effect at every sample of the recordings of a unit.
@@ -23,19 +23,19 @@ const SETTLED: f64 = 1e-7;
 pub struct SampledField {
     /// Name of the effect.
     pub name: String,
-    /// The triad to which the effect adds.
+    /// The triad on which the effect acts.
     pub sensor: Sensor,
     /// Typical size of each of the p parameters of the effect, SI units.
     pub typical: Vec<f64>,
-    /// For each recording an array (N, 3, p) in C order: derivatives of true rate or force (body frame) with respect to
-    /// the parameters.
+    /// Derivatives of true rate or force (body frame) with respect to the parameters: for each recording, an array (N,
+    /// 3, p) in C order.
     pub columns: Vec<Vec<f64>>,
 }
 
 /// Corrected angular rate, rad/s, and specific force, m/s^2, of every sample of one recording, body frame.
 pub type CorrectedSamples = (Vec<[f64; 3]>, Vec<[f64; 3]>);
 
-/// Means over consecutive intervals of 0.1 s of a set of recordings ([`BriefMeans`](crate::gap::BriefMeans)), corrected
+/// Means of a set of recordings over consecutive intervals of 0.1 s ([`BriefMeans`](crate::gap::BriefMeans)), corrected
 /// by two calibrations, in the order of the recordings.
 #[derive(Clone, Debug)]
 pub struct BriefCorrection {
@@ -43,7 +43,8 @@ pub struct BriefCorrection {
     pub before: Vec<CorrectedSamples>,
     /// Corrected by the second calibration.
     pub after: Vec<CorrectedSamples>,
-    /// Fields of the user-defined effects of the second calibration at these means, in the order of its effects.
+    /// Fields of the user-defined effects of the second calibration at these means, in the order of the effects in this
+    /// calibration.
     pub fields: Vec<SampledField>,
 }
 
@@ -55,17 +56,17 @@ pub trait UserEffects {
     /// Fields of the named effects for the calibration recordings, at the state corrected by `outcome`.
     ///
     /// # Errors
-    /// Any error. It ends the computation that requested the fields.
+    /// Any error of the caller. It ends the calculation that requested the fields.
     fn fields(&self, names: &[String], outcome: &Outcome) -> Result<Vec<SampledField>, Error>;
 
-    /// A set of recordings corrected by `outcome`, including the user-defined effects.
+    /// A set of recordings corrected by `outcome`. The correction includes the user-defined effects.
     ///
     /// # Errors
     /// As [`UserEffects::fields`].
     fn corrected(&self, outcome: &Outcome, set: RecordingSet) -> Result<Vec<CorrectedSamples>, Error>;
 
-    /// Means over 0.1 s of a set of recordings, corrected by two calibrations. The first is the reference calibration
-    /// of the caller, or `before` if the caller has none; the second is `after`.
+    /// Means over 0.1 s of a set of recordings, corrected by two calibrations. The first calibration is the caller's
+    /// reference calibration, or `before` if there is none. The second is `after`.
     ///
     /// # Errors
     /// As [`UserEffects::fields`].
@@ -89,10 +90,10 @@ pub(crate) fn views(fields: &[SampledField]) -> Vec<UserField<'_>> {
 }
 
 impl Checked<'_> {
-    /// As [`Checked::calibrate`], with the user-defined effects `names`.
+    /// The calibration of [`Checked::calibrate`] with the user-defined effects `names`.
     ///
     /// # Errors
-    /// As [`Checked::calibrate`], and errors of `user_effects`. If the fields do not converge, the verdict of the
+    /// The errors of [`Checked::calibrate`] and of `user_effects`. If the fields do not converge, the verdict of the
     /// result is poor.
     pub fn calibrate_with(
         &self,

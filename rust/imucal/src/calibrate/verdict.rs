@@ -11,12 +11,12 @@ use crate::recording::Recording;
 use crate::verdict::{Reason, RecordingSet, Verdict};
 
 /// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few rests or moves may be
-/// disturbed by accident, but a larger share indicates a wrong model.
+/// disturbed accidentally, but a larger share shows that the model is wrong.
 pub(super) const MAX_CONTRADICTING_SHARE: f64 = 0.1;
-/// Maximum share of rests in a good calibration whose mean rates are far from the mean rates of the other rests. A few
-/// slow rotations may be detected as rests by mistake.
+/// Maximum share of rests in a good calibration whose mean rates are far from those of the other rests. A few slow
+/// rotations may be mistaken for rests.
 const MAX_MOVING_SHARE: f64 = 0.2;
-/// p-value of chi2 from which the residuals are reported as too small for the estimated noise. With a correct noise
+/// p-value of chi2 above which the residuals are reported as too small for the estimated noise. With a correct noise
 /// estimate, this happens in one of a million calibrations.
 const OVERESTIMATED: f64 = 1.0 - 1e-6;
 
@@ -24,7 +24,7 @@ impl Outcome {
     /// The verdict: good, or incomplete or poor with reasons. Control recordings have a separate verdict, see
     /// [`evaluate`](mod@crate::evaluate).
     pub fn verdict(&self) -> Verdict {
-        // The reasons are collected in the order in which they are displayed.
+        // The reasons are collected in the order in which messages list them.
         let mut reasons = self.fits_not_converged();
         reasons.extend(self.figures.reason(RecordingSet::Calibration, Vec::new));
         let contradicts = |excluded: &Option<&str>| excluded.is_some_and(|reason| reason.starts_with("contradicts"));
@@ -48,7 +48,7 @@ impl Outcome {
         Verdict::of(reasons)
     }
 
-    /// The priors that the recordings contradict.
+    /// Reasons for the priors that the recordings contradict.
     fn contradicted_priors(&self) -> Vec<Reason> {
         let of = |held: &HeldEstimate| Reason::PriorContradicted {
             parameter: held.prior.name.clone(),
@@ -58,7 +58,7 @@ impl Outcome {
         self.held.iter().filter(|held| held.is_contradicted()).map(of).collect()
     }
 
-    /// Reasons for the fits of the result that have not converged: the two fits of the two-stage fit, or the joint fit.
+    /// Reasons for the fits that have not converged: both fits of the two-stage fit, or the joint fit.
     fn fits_not_converged(&self) -> Vec<Reason> {
         let two_stages = [("the accelerometer fit", self.accelerometer_fit), ("the gyroscope fit", self.gyroscope_fit)];
         let fits = self.joint_fit.map_or(two_stages.to_vec(), |joint| vec![("the joint fit", joint)]);
@@ -66,8 +66,8 @@ impl Outcome {
         not_converged.map(|(fit, report)| Reason::NotConverged { fit, report }).collect()
     }
 
-    /// A warning if the noise at the rests is much larger than the residuals. In that case, motion at the rests was
-    /// interpreted as noise.
+    /// A warning if the estimated noise at the rests is much larger than the residuals. Motion at the rests was then
+    /// mistaken for noise.
     pub(super) fn overestimated_noise(&self, recordings: &[Recording<'_>]) -> Option<Finding> {
         let misfit = self.misfit.filter(|misfit| misfit.p_value >= OVERESTIMATED)?;
         let ratio = (misfit.chi2 / misfit.degrees_of_freedom as f64).sqrt();
@@ -88,8 +88,8 @@ impl Outcome {
     }
 }
 
-/// Reason for the held parameters that are determined neither by the recordings nor by a prior of the user; `None` if
-/// there are none.
+/// Reason for the held parameters that neither the recordings nor a prior of the user determines; `None` if there are
+/// none.
 pub(super) fn held_by_default(held: &[HeldEstimate], cost: Option<PriorCost>) -> Option<Reason> {
     let unknown: Vec<&HeldEstimate> = held.iter().filter(|held| held.is_unknown()).collect();
     let cost = cost.filter(|_| !unknown.is_empty())?;

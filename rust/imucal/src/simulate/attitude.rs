@@ -1,4 +1,5 @@
-//! A time-varying attitude: a rotation with its angular rate and angular acceleration, and the chain rule for products.
+//! A time-varying attitude: a rotation with its angular rate and angular acceleration. The chain rule gives the product
+//! of two such attitudes.
 //!
 //! ```text
 //! R_ac = R_ab R_bc
@@ -13,7 +14,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::profile::Course;
 
-/// Attitude of a moving frame relative to a reference frame. Rate and acceleration are in the moving frame.
+/// Attitude of a moving frame relative to a reference frame. The rate and the acceleration are expressed in the moving
+/// frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Attitude {
     /// Rotation from the moving frame to the reference frame.
@@ -41,7 +43,7 @@ impl Attitude {
         }
     }
 
-    /// A rotation about a fixed axis by the time-varying share `share` of the rotation vector `turn_rad`, rad.
+    /// A rotation about a fixed axis. Its rotation vector is `share`, which varies with time, times `turn_rad`, rad.
     #[inline]
     pub(super) fn along(turn_rad: &Vector3<f64>, share: Course) -> Self {
         Self {
@@ -51,14 +53,14 @@ impl Attitude {
         }
     }
 
-    /// A small rotation with a time-varying vector.
+    /// A small rotation given by a time-varying vector.
     ///
     /// ```text
     /// p = vector / 2 = axis tan(angle / 2),   R = (1, p) / |(1, p)|,   w = 2 (p' - p x p') / (1 + p^2)
     /// ```
     ///
-    /// `vector` is a Rodrigues vector. It differs from the rotation vector by about one twelfth of its cube, and its
-    /// derivatives are simpler.
+    /// `vector` is a Rodrigues vector. It differs from the rotation vector by about one twelfth of its cube. Its
+    /// derivatives are simpler than those of a rotation vector.
     #[inline]
     pub(super) fn small(vector: &[Course; 3]) -> Self {
         let half = |part: fn(&Course) -> f64| Vector3::from([0, 1, 2].map(|axis| part(&vector[axis]) / 2.0));
@@ -68,7 +70,7 @@ impl Attitude {
         Self {
             rotation: UnitQuaternion::new_unchecked(Quaternion::from_parts(1.0, p) * (weight / 2.0).sqrt()),
             rate,
-            // p' x p' is zero; the derivative of the weight is -weight^2 p . p'.
+            // p' x p' is zero, and the derivative of the weight is -weight^2 p . p'.
             acceleration: (p_acceleration - p.cross(&p_acceleration)) * weight - rate * (weight * p.dot(&p_rate)),
         }
     }

@@ -1,9 +1,9 @@
-//! Simulation in blocks that fit into the processor's cache. For each block, the true state is calculated first, then
+//! Simulation in blocks that fit into the processor's cache. For each block, the true state is computed first, and then
 //! the measurements.
 //!
-//! The true state is a function of time only, so pieces of a block can be computed on any thread. The measurements
-//! depend on earlier measurements (noise, filter), so each triad is one sequential job. The result has the same bytes
-//! for any number of threads.
+//! The true state is a function of time only, so the pieces of a block can be computed on any thread. The measurements
+//! depend on earlier measurements because of noise and filter, so each triad is one sequential job. The result has the
+//! same bytes for any number of threads.
 
 use imucal_core::so3;
 use nalgebra::Vector3;
@@ -23,13 +23,13 @@ const BLOCK_STEPS: usize = 32_768;
 /// distributed among the threads.
 const PIECE_STEPS: usize = 1024;
 
-/// Data that all pieces of a run share.
+/// Data of a run that all of its pieces use.
 pub(super) struct Plan<'a> {
     pub(super) setup: &'a Setup<'a>,
     pub(super) truth: Truth<'a>,
     /// The stand whose encoders are read; `None` without a stand.
     pub(super) stand: Option<&'a Stand>,
-    /// Internal steps per sample.
+    /// Number of internal time steps per sample.
     pub(super) steps: usize,
     pub(super) threads: usize,
 }
@@ -101,11 +101,11 @@ struct Piece<'r> {
     angular_acceleration: &'r mut [[f64; 3]],
     rotation: &'r mut [[f64; 4]],
     temperature_degc: &'r mut [f64],
-    /// Motor angles read by the encoders; empty without a stand.
+    /// Motor angles from the encoders; empty without a stand.
     stand_rad: &'r mut [[f64; 3]],
 }
 
-/// The pieces of the samples from `first` to `end` (excluded).
+/// Divides the samples from `first` to `end` (excluded) into pieces.
 fn pieces<'r>(
     plan: &Plan,
     run: &'r mut Simulation,
@@ -126,7 +126,7 @@ fn pieces<'r>(
     let mut temperature_degc = run.temperature_degc[first..end].chunks_mut(samples);
     let mut stand_rad = stand_rad.chunks_mut(samples);
     let times = buffers.true_time_s.chunks(samples).enumerate();
-    // All columns have the same number of rows, except the stand's columns, which are empty without a stand.
+    // All columns have the same number of rows. Only the columns of the stand are empty if there is no stand.
     times
         .map(|(k, true_time_s)| Piece {
             first: first + k * samples,
@@ -151,7 +151,7 @@ impl Piece<'_> {
         let mut cursor = plan.truth.cursor();
         let mut seen = self.seen_force.iter_mut().zip(self.seen_rate.iter_mut());
         for (i, time_s) in self.true_time_s.iter().enumerate() {
-            // The last internal step is at the instant of the sample, so after the loop the cursor is at this instant.
+            // The last internal step is at the instant of the sample, so the cursor is at this instant after the loop.
             for step in 1..=steps {
                 cursor.seek(time_s - (steps - step) as f64 * step_s);
                 let share = step as f64 / steps as f64;
@@ -176,7 +176,7 @@ impl Piece<'_> {
     }
 }
 
-/// Rate and force that the user added to those of the motion, linearly interpolated between two samples.
+/// Rate and force that the user adds to those of the motion, interpolated linearly between two samples.
 #[inline]
 fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = |rows: Option<&[[f64; 3]]>| match rows {

@@ -5,8 +5,7 @@
 //! g(latitude, h) = g(latitude, 0) (1 - 2/a (1 + f + m - 2 f sin^2) h + 3/a^2 h^2)  free-air correction to second order
 //! ```
 //!
-//! This is normal gravity, the gravity of the reference ellipsoid. Actual gravity differs from it by up to about 1e-3
-//! m/s^2.
+//! Normal gravity is the gravity of the reference ellipsoid. Actual gravity differs from it by up to about 1e-3 m/s^2.
 
 use imucal_core::EARTH_RATE_RADPS;
 use nalgebra::Vector3;
@@ -33,14 +32,15 @@ pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
     at_zero * (1.0 - height * (first - 3.0 * height))
 }
 
-/// Standard deviation of actual gravity about normal gravity, m/s^2: 50 mGal. The rms of the gravity anomalies of the
-/// model EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012); mountains have more.
+/// Standard deviation of the difference between actual and normal gravity, m/s^2 (50 mGal). The rms of the gravity
+/// anomalies in the model EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012). On
+/// mountains, it is larger.
 const ANOMALY_MPS2: f64 = 5e-4;
-/// Standard deviation of the height above the ellipsoid, for a place on land whose height is unknown, m.
+/// Standard deviation of the height above the ellipsoid of a place on land, if its height is unknown, m.
 const UNKNOWN_HEIGHT_M: f64 = 500.0;
 
-/// Standard deviation of actual gravity about normal gravity, m/s^2. Normal gravity is computed for the known height,
-/// or for the height 0 if the height is unknown.
+/// Standard deviation of the difference between actual and normal gravity, m/s^2. Normal gravity is computed for the
+/// known height, or for the height 0 if the height is unknown.
 pub fn normal_gravity_sigma_mps2(height_is_known: bool) -> f64 {
     let by_height = gravity_mps2(0.0, 0.0) - gravity_mps2(0.0, UNKNOWN_HEIGHT_M);
     if height_is_known { ANOMALY_MPS2 } else { ANOMALY_MPS2.hypot(by_height) }

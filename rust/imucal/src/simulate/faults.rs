@@ -5,7 +5,7 @@
 //! t_i     = stamp_i / (1 + clock_rate_error) + clock_jitter n_i      the true time of sample i
 //! ```
 //!
-//! The time stamps remain nominal, so a clock error is not visible in the time column. The clock of the unit gains
+//! The time stamps stay nominal, so the time column does not show a clock error. The clock of the unit gains
 //! `clock_rate_error` seconds per second relative to true time.
 
 use rand::RngExt;
@@ -18,15 +18,15 @@ use crate::error::Error;
 /// Faults of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Share of lost samples. Samples are lost independently of each other, and their rows are missing in the
-    /// recording. The first sample is never lost.
+    /// Share of lost samples. Samples are lost independently of each other, and the recording lacks their rows. The
+    /// first sample is never lost.
     pub missing_share: f64,
-    /// Share of the samples that repeat the measured values of the previous sample with a new time stamp. This happens
-    /// when a sensor is read before it has a new sample.
+    /// Share of samples with a new time stamp and the measured values of the previous sample. Such samples occur if a
+    /// sensor is read before it has a new sample.
     pub duplicated_share: f64,
     /// Relative rate error of the unit's clock; positive if the clock is fast.
     pub clock_rate_error: f64,
-    /// Standard deviation of the true sampling instant about the instant of the time stamp, s.
+    /// Standard deviation of the difference between the true sampling instant and the time stamp, s.
     pub clock_jitter_s: f64,
 }
 
@@ -43,7 +43,7 @@ impl Faults {
                 return input(format!("{name} is {share}: give a share from 0 to below 1"));
             }
         }
-        // A clock that runs slower than half or faster than double the true rate is not plausible.
+        // A clock that runs at less than half or more than double the true rate is not plausible.
         if !(-0.5..=1.0).contains(&self.clock_rate_error) {
             return input(format!("clock_rate_error is {}: give -0.5 to 1", self.clock_rate_error));
         }
@@ -53,14 +53,14 @@ impl Faults {
         Ok(())
     }
 
-    /// Flags of the lost samples; `None` if no sample is lost.
+    /// Flag of each sample that states whether it is lost; `None` if no sample is lost.
     pub(super) fn missing(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut missing = chosen(self.missing_share, samples, Stream::Missing.generator(seed))?;
         missing[0] = false;
         Some(missing)
     }
 
-    /// Flags of the samples that repeat the previous sample; `None` if no sample repeats another sample.
+    /// Flag of each sample that states whether it repeats the previous sample; `None` if no sample is repeated.
     pub(super) fn duplicated(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut duplicated = chosen(self.duplicated_share, samples, Stream::Duplicated.generator(seed))?;
         duplicated[0] = false;
@@ -68,7 +68,7 @@ impl Faults {
     }
 }
 
-/// Selects each sample with the probability `share`; `None` for a share of zero. There must be at least one sample.
+/// Selects each sample with the probability `share`; `None` if the share is zero. There must be at least one sample.
 fn chosen(share: f64, samples: usize, mut generator: ChaCha8Rng) -> Option<Vec<bool>> {
     (share > 0.0).then(|| (0..samples).map(|_| generator.random_bool(share)).collect())
 }
@@ -79,7 +79,7 @@ pub(super) fn lose<T>(rows: &mut Vec<T>, missing: &[bool]) {
     rows.retain(|_| missing.next() != Some(&true));
 }
 
-/// Overwrites the flagged rows by the previous row, in ascending order, so that consecutive repeats have equal values.
+/// Overwrites each flagged row by the previous row. The order is ascending, so consecutive repeats have equal values.
 pub(super) fn duplicate<T: Copy>(rows: &mut [T], duplicated: &[bool]) {
     for i in 1..rows.len() {
         if duplicated[i] {

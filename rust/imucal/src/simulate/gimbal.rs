@@ -5,10 +5,10 @@
 //! w    = R_z^T R_y^T e_x q1' + R_z^T e_y q2' + e_z q3'    body rate, in the body frame
 //! ```
 //!
-//! With all motors at zero the body frame equals the world frame, z up. Motors 2 and 3 can produce any direction of
+//! If all motors are at zero, the body frame equals the world frame, z up. Motors 2 and 3 can produce any direction of
 //! gravity in the body frame, so the accelerometer program does not use motor 1.
 //!
-//! On a stand with non-orthogonal axes, the directions of the axes with all motors at zero are
+//! On a stand with non-orthogonal axes, the directions of the axes are as follows if all motors are at zero:
 //!
 //! ```text
 //! axis 1 = e_x,   axis 2 = R_z(n1) e_y,   axis 3 = R_z(n1) R_x(n2) e_z
@@ -21,7 +21,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::attitude::Attitude;
 use super::profile::MotorState;
 
-/// Attitude of the body on a stand without errors, `v_world = r_wb * v_body`; the motor angles are in rad.
+/// Attitude of the body on a stand without errors, `v_world = r_wb * v_body`, for the motor angles in rad.
 pub fn rotation_world_from_body(angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle_rad.x)
         * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle_rad.y)

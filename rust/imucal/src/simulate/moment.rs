@@ -39,7 +39,7 @@ impl Moment {
         }
     }
 
-    /// This motion with an additional rotation of the unit, relative to the body frame.
+    /// This motion, followed by an additional rotation of the unit relative to the body frame.
     pub(super) fn turned(self, turn: &Attitude) -> Self {
         let before = Attitude {
             rotation: self.rotation_world_from_body,

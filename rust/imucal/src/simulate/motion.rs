@@ -4,8 +4,8 @@
 //! R_wb(t),   w = vee(R_wb^T dR_wb/dt),   dw/dt,   x''(t)
 //! ```
 //!
-//! Attitude and derivatives have closed forms. The rate is therefore the derivative of the attitude, except for
-//! rounding errors, and the motion does not depend on the sampling rate.
+//! Attitude and derivatives have closed forms. The rate is therefore the derivative of the attitude up to rounding
+//! errors, and the motion does not depend on the sampling rate.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -46,7 +46,7 @@ impl Motion {
         }
     }
 
-    /// Start and end of each rest, s. With tremor, these are the intervals in which a pose is held.
+    /// Start and end of each rest, s. If there is tremor, these are the intervals in which a pose is held.
     pub fn rests(&self) -> Vec<(f64, f64)> {
         match self {
             Self::Stand { program, .. } => program.rests(),
@@ -55,7 +55,7 @@ impl Motion {
         }
     }
 
-    /// Motion at a time, s. Times before the start return the motion at the start, and times after the end return the
+    /// Motion at a time, s. A time before the start gives the motion at the start, and a time after the end gives the
     /// motion at the end.
     pub fn at(&self, time_s: f64) -> Moment {
         match self {
@@ -80,8 +80,8 @@ impl Motion {
         }
     }
 
-    /// The latest time, s, up to which [`at`](Self::at) returns the same motion as at `time_s`, so that a caller can
-    /// reuse that motion. `None` while the unit moves.
+    /// The latest time, s, up to which [`at`](Self::at) returns the same motion as at `time_s`. A caller can reuse the
+    /// motion until then. `None` while the unit moves.
     pub fn still_until(&self, time_s: f64) -> Option<f64> {
         match self {
             Self::Stand { program, stand } => {
@@ -96,7 +96,7 @@ impl Motion {
         }
     }
 
-    /// Verifies that the motion can be simulated.
+    /// Returns an error if the motion cannot be simulated.
     pub(super) fn check(&self) -> Result<(), Error> {
         match self {
             Self::Stand { stand, .. } => stand.check(),

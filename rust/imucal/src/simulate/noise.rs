@@ -1,4 +1,5 @@
-//! Random errors of a triad, independent for each axis: white noise, bias instability (flicker noise) and random walk.
+//! Random errors of a triad: white noise, bias instability (flicker noise) and random walk. The errors of the axes are
+//! independent.
 //!
 //! ```text
 //!                      two-sided power density        Allan deviation                     a sample at rate r
@@ -21,9 +22,9 @@
 //!     = sum_k c_k p_k^n,    p_k = exp(-d_k),  d_k = d_0 2.5^-k,  c_k = ln 2.5 / pi  d_k exp(-d_k / 2) / sqrt(1 - p_k)
 //! ```
 //!
-//! The sum is the trapezoidal rule in ln d, whose error decreases as exp(-pi^2 / spacing). With a ratio of 2.5 between
-//! adjacent poles the error of the power is 0.05 %. The slowest pole, whose time constant is longer than the record,
-//! also represents all slower poles.
+//! The sum is the trapezoidal rule in ln d, whose error decreases as exp(-pi^2 / spacing). If adjacent poles have a
+//! ratio of 2.5, the error of the power is 0.05 %. The time constant of the slowest pole is longer than the record.
+//! This pole also represents all slower poles.
 
 use std::f64::consts::{PI, TAU};
 
@@ -34,7 +35,7 @@ use rand_distr::StandardNormal;
 
 use super::unit::Sensor;
 
-/// Values of three axes and an unused fourth value, so that the array has the width of a vector register.
+/// Values of three axes and an unused fourth value. The array thus has the width of a vector register.
 type Lanes = [f64; 4];
 
 /// One random number generator per axis.
@@ -48,8 +49,8 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    /// Random errors for `steps` steps at `rate_hz`. `generators` are the random number generators for white noise,
-    /// flicker noise and random walk.
+    /// Random errors for `steps` steps at `rate_hz`. `generators` are the random number generators of white noise,
+    /// flicker noise and random walk, in this order.
     pub(super) fn new(sensor: &Sensor, rate_hz: f64, steps: usize, generators: [Generators; 3]) -> Self {
         let [white, flicker, walk] = generators;
         Self {
@@ -118,24 +119,24 @@ struct Flicker {
     input_std: f64,
     poles: Vec<Pole>,
     states: Vec<Lanes>,
-    /// Sum of the coefficients c of poles that decay within one step and are therefore treated as filters without
+    /// Sum of the coefficients c of the poles that decay within one step. Such a pole is treated as a filter without
     /// memory.
     through: f64,
     generators: Generators,
 }
 
-/// Ratio of the decays d of adjacent poles. With this ratio, the error of the power is 0.05 %.
+/// Ratio of the decays d of adjacent poles. It makes the error of the power 0.05 %.
 const RATIO: f64 = 2.5;
-/// Largest decay of a pole. Poles with a larger decay have a coefficient c below 1e-12 and are omitted.
+/// Largest decay d of a pole. A pole with a larger decay has a coefficient c below 1e-12 and is omitted.
 const FASTEST: f64 = 64.0;
-/// Decay above which a pole has p below 1e-6 and is treated as a filter without memory.
+/// Decay d above which a pole has p below 1e-6. It is then treated as a filter without memory.
 const MEMORYLESS: f64 = 14.0;
 
 impl Flicker {
-    /// A filter in its steady state from the first step on, because a sensor has usually been on long before its record
-    /// starts.
+    /// A filter that is in its steady state from the first step on. A sensor has usually been switched on long before
+    /// its record starts.
     fn new(instability: f64, steps: usize, mut generators: Generators) -> Self {
-        // Decay of a pole whose corner frequency is a tenth of the lowest frequency in the record.
+        // Decay of the pole whose corner frequency is a tenth of the lowest frequency in the record.
         let slowest = TAU / (10.0 * steps.max(1) as f64);
         let mut poles = Vec::new();
         let mut through = 0.0;
@@ -152,8 +153,8 @@ impl Flicker {
             }
             decay /= RATIO;
         }
-        // Poles with smaller decays are omitted. Their coefficients c form a geometric series, in which each c is
-        // smaller than the previous c by the square root of RATIO. The sum of this series is added to the last c.
+        // Poles with smaller decays are omitted. Their coefficients c form a geometric series: each c is the previous c
+        // divided by the square root of RATIO. The sum of this series is added to the last c.
         if let Some(last) = poles.last_mut() {
             last.c /= 1.0 - RATIO.sqrt().recip();
         }

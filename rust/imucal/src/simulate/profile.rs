@@ -4,13 +4,13 @@
 //! angle(t) = angle_0 + turn s(t / T),    s(0) = 0,  s(1) = 1,  s' and s'' zero at both ends
 //! ```
 //!
-//! A motor accelerates during the first quarter of the duration `T`, turns at a constant rate during half of it, and
-//! decelerates during the last quarter. Each ramp has three parts of equal length: positive jerk, constant
-//! acceleration, negative jerk. The first three derivatives are therefore bounded. They follow from the angle of the
-//! turn and its duration: peak rate 4/3 turn/T, peak acceleration 8 turn/T^2, jerk 96 turn/T^3. All motors have the
-//! same `T`, so they start and stop together.
+//! During the first quarter of the duration `T`, a motor accelerates. It turns at a constant rate during half of `T`,
+//! and decelerates during the last quarter. Each ramp has three parts of equal length: positive jerk, constant
+//! acceleration, negative jerk. The first three derivatives are therefore bounded. For an angle `turn`, the peak rate
+//! is 4/3 turn/T, the peak acceleration is 8 turn/T^2, and the jerk is 96 turn/T^3. All motors have the same `T`, so
+//! they start and stop together.
 //!
-//! The jerk has steps, so the acceleration has corners. An integrator of second order, such as that of `imucal_core`,
+//! The jerk has steps, so the acceleration has corners. A second-order integrator, for example that of `imucal_core`,
 //! keeps its order, because a corner affects a single step, with an error of third order.
 
 use std::iter::Sum;
@@ -18,17 +18,17 @@ use std::ops::Mul;
 
 use nalgebra::Vector3;
 
-/// Ratio of the peak rate of a turn to turn / duration.
+/// Peak rate of a turn, divided by turn / duration.
 pub const PEAK_RATE: f64 = 4.0 / 3.0;
-/// Ratio of the peak acceleration of a turn to turn / duration^2.
+/// Peak acceleration of a turn, divided by turn / duration^2.
 pub const PEAK_ACCELERATION: f64 = 8.0;
-/// Ratio of the magnitude of the jerk, where it is not zero, to turn / duration^3.
+/// Magnitude of the nonzero jerk of a turn, divided by turn / duration^3.
 pub const JERK: f64 = 96.0;
 
 /// Angles, rates and accelerations of the three motors, outermost motor first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorState {
-    /// Motor angles, rad, not reduced to one revolution.
+    /// Motor angles, rad. They are not reduced to one revolution.
     pub angle_rad: Vector3<f64>,
     /// Motor rates, rad/s.
     pub rate_radps: Vector3<f64>,
@@ -42,8 +42,8 @@ impl MotorState {
         Self { angle_rad, rate_radps: Vector3::zeros(), acceleration_radps2: Vector3::zeros() }
     }
 
-    /// State `time_s` seconds after the start of a turn by `turn_rad` that takes `duration_s`. The motors are at rest
-    /// before and after the turn.
+    /// State `time_s` seconds after the start of a turn. The motors turn by `turn_rad` within `duration_s`, and are at
+    /// rest before and after the turn.
     pub fn turning(start_rad: Vector3<f64>, turn_rad: Vector3<f64>, duration_s: f64, time_s: f64) -> Self {
         if time_s <= 0.0 {
             return Self::still(start_rad);
@@ -78,8 +78,8 @@ pub(super) struct Course {
     pub(super) acceleration: f64,
 }
 
-/// A segment of the first half of the profile: the start of the segment, the value and the derivatives at the start,
-/// and the constant jerk.
+/// A segment of the first half of the profile: its start, the value and the derivatives at its start, and its constant
+/// jerk.
 struct Segment {
     start: f64,
     value: f64,
@@ -100,7 +100,7 @@ impl Course {
     /// The seven-segment profile: increases from 0 to 1 while `share` increases from 0 to 1.
     #[inline]
     pub(super) fn jerk_limited(share: f64) -> Self {
-        // The second half is computed by mirroring the first half, so that both ends are exact.
+        // The second half is the mirrored first half, so that both ends are exact.
         if share > 0.5 {
             let mirrored = Self::first_half(1.0 - share);
             return Self { value: 1.0 - mirrored.value, rate: mirrored.rate, acceleration: -mirrored.acceleration };
@@ -108,12 +108,11 @@ impl Course {
         Self::first_half(share)
     }
 
-    /// A smoother profile from 0 to 1, `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7` for u = `share`. The first three derivatives
-    /// are zero at both ends, and all derivatives are continuous.
+    /// A smoother profile from 0 to 1, `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7` with u = `share`. Its first three
+    /// derivatives are zero at both ends, and all derivatives are continuous between the ends.
     #[inline]
     pub(super) fn smooth_step(share: f64) -> Self {
-        // The second half is mirrored as in `jerk_limited`, because the polynomial loses digits by cancellation near u
-        // = 1.
+        // The second half is the mirrored first half, because the polynomial loses digits by cancellation near u = 1.
         let u = share.min(1.0 - share);
         let value = u.powi(4) * (35.0 + u * (-84.0 + u * (70.0 - 20.0 * u)));
         let left = share * (1.0 - share);
@@ -124,7 +123,7 @@ impl Course {
         }
     }
 
-    /// Profile from 0 to 1 and back to 0 while `share` increases from 0 to 1: the smooth step of `4 u (1 - u)`.
+    /// Profile from 0 to 1 and back to 0 while `share` increases from 0 to 1. It is the smooth step of `4 u (1 - u)`.
     #[inline]
     pub(super) fn swell(share: f64) -> Self {
         let inner = Self { value: 4.0 * share * (1.0 - share), rate: 4.0 - 8.0 * share, acceleration: -8.0 };

@@ -1,8 +1,9 @@
 //! A program of the stand: a sequence of turns and holds.
 //!
-//! Every step turns each motor by an angle and then holds. All motors start and stop together (see
-//! [`profile`](super::profile)). A program starts with all motors at zero. [`Program::grid`] and [`Program::random`]
-//! are the accelerometer and gyroscope programs of the paper (`docs/model.md`). Any other program is a list of steps.
+//! In every step, each motor turns by an angle, and then all motors hold. All motors start and stop together (see
+//! [`profile`](super::profile)). At the start of a program, all motors are at zero. [`Program::grid`] and
+//! [`Program::random`] are the accelerometer and gyroscope programs of the paper (`docs/model.md`). Any other program
+//! is given as a list of steps.
 
 use std::f64::consts::PI;
 
@@ -34,7 +35,8 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
-    /// Direction in which each motor has turned last, after this step. `before` contains these directions before it.
+    /// For each motor, the direction of its last turn after this step. `before` contains the directions before this
+    /// step.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }
@@ -56,8 +58,8 @@ impl Step {
     }
 }
 
-/// The accelerometer program of the paper. Motor 3 makes a full revolution in equal steps, then motor 2 makes one such
-/// step. The sequence is repeated until motor 2 has turned by half a revolution.
+/// The accelerometer program of the paper. Motor 3 makes a full revolution in equal steps, and then motor 2 makes one
+/// step of the same size. This sequence is repeated until motor 2 has turned by half a revolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
     /// Step of both motors, rad. Half a revolution must be an integer multiple of the step. The paper uses 20 deg.
@@ -80,7 +82,8 @@ pub struct RandomMoves {
     /// Number of turns. The paper uses 45.
     pub moves: usize,
     /// Maximum magnitude of each motor's mean rate during a turn, rad/s. The angle of the turn is uniformly distributed
-    /// within +- `max_rate_radps * move_s`. The default is 120 deg/s. The peak rate is 4/3 of the mean rate.
+    /// between plus and minus `max_rate_radps * move_s`. The default is 120 deg/s. The peak rate is 4/3 of the mean
+    /// rate.
     pub max_rate_radps: f64,
     /// Duration of each turn, s. The paper uses 2 s.
     pub move_s: f64,
@@ -94,7 +97,7 @@ impl Default for RandomMoves {
     }
 }
 
-/// A verified list of steps, with the time and the motor angles at the start of each step.
+/// A checked list of steps, with the time and the motor angles at the start of each step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Program {
     steps: Vec<Step>,
@@ -172,8 +175,8 @@ impl Program {
         Self::try_new(steps)
     }
 
-    /// The gyroscope program of the paper. The default has 46 rests and 45 moves in 320 s. A seed always yields the
-    /// same turns.
+    /// The gyroscope program of the paper. The default has 46 rests and 45 moves in 320 s. The same seed always gives
+    /// the same turns.
     ///
     /// # Errors
     /// [`Error::Input`] if the maximum rate or a time is invalid.
@@ -205,8 +208,8 @@ impl Program {
         self.end.time_s
     }
 
-    /// Exact angles, rates and accelerations of the motors at a time, s. The motors are at rest before the start and
-    /// after the end.
+    /// Exact angles, rates and accelerations of the motors at a time, s. Before the start and after the end, the motors
+    /// are at rest.
     pub fn motors(&self, time_s: f64) -> MotorState {
         self.phase(time_s).motors
     }
@@ -226,7 +229,7 @@ impl Program {
         }
     }
 
-    /// The latest time, s, up to which no motor moves; `None` during a turn.
+    /// The latest time, s, until which no motor moves; `None` during a turn.
     pub(super) fn still_until(&self, time_s: f64) -> Option<f64> {
         let started = self.started(time_s);
         if let Some(index) = started.checked_sub(1)
@@ -244,7 +247,7 @@ impl Program {
         self.starts.partition_point(|start| start.time_s <= time_s)
     }
 
-    /// Start and end of every interval without motion, s; consecutive holds are one rest.
+    /// Start and end of every interval without motion, s. Consecutive holds count as one rest.
     pub fn rests(&self) -> Vec<(f64, f64)> {
         let mut rests = Vec::new();
         let mut rest_start = 0.0;

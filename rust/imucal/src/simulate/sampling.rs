@@ -1,4 +1,4 @@
-//! Signal path from the sensing element to the samples: a low-pass filter, and point samples or means.
+//! Signal path from the sensing element to the samples: a low-pass filter, followed by point sampling or averaging.
 //!
 //! ```text
 //! point      y_i = x(t_i)
@@ -6,9 +6,9 @@
 //! low pass   |H(f)|^2 = 1 / (1 + (f / bandwidth)^4),         a Butterworth filter of second order
 //! ```
 //!
-//! Averaging and filtering, and the noise before them, are simulated at an internal rate above the sampling rate. The
-//! integral is computed by the trapezoidal rule. The filter is discretised by the bilinear transform, with prewarping
-//! that makes the gain exact at the bandwidth. Point samples without a filter are simulated at the sampling rate.
+//! Averaging, filtering, and the noise before them are simulated at an internal rate above the sampling rate. The
+//! integral is computed by the trapezoidal rule. The filter is discretised by the bilinear transform with prewarping,
+//! so that the gain is exact at the bandwidth. Point samples without a filter are simulated at the sampling rate.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -21,16 +21,16 @@ pub struct LowPass {
     pub bandwidth_hz: f64,
 }
 
-/// Minimum number of internal steps per sample with averaging or a filter.
+/// Minimum number of internal steps per sample if there is averaging or a filter.
 pub(super) const MIN_STEPS: usize = 8;
 /// Maximum number of internal steps per sample.
 pub(super) const MAX_STEPS: usize = 64;
-/// Number of internal steps per period of the bandwidth frequency. It is large enough to make the frequency distortion
-/// of the bilinear transform small.
+/// Number of internal steps per period of the bandwidth frequency. With this number, the frequency distortion of the
+/// bilinear transform is small.
 const STEPS_PER_PERIOD: f64 = 16.0;
 
 impl LowPass {
-    /// Number of internal steps per sample for this filter, at a sampling rate in Hz.
+    /// Number of internal steps per sample that this filter needs at a sampling rate in Hz.
     pub(super) fn steps(&self, rate_hz: f64) -> usize {
         ((STEPS_PER_PERIOD * self.bandwidth_hz / rate_hz).ceil() as usize).max(MIN_STEPS)
     }

@@ -5,9 +5,9 @@
 //! measured = convert(sample(low_pass(seen + noise)))         model.md (22)
 //! ```
 //!
-//! White noise of density N is drawn with the standard deviation N sqrt(rate) at a given rate. A mean over the time T
-//! then has the standard deviation N / sqrt(T) at any rate. These are the two-sided densities of Allan deviation and
-//! angle random walk. With one-sided densities, the standard deviation would be N sqrt(rate / 2).
+//! White noise of density N is simulated with random numbers of standard deviation N sqrt(rate) at a given rate. A mean
+//! over the time T then has the standard deviation N / sqrt(T) at any rate. Densities are two-sided, as for the Allan
+//! deviation and the angle random walk. With one-sided densities, the standard deviation would be N sqrt(rate / 2).
 
 use nalgebra::Vector3;
 
@@ -24,7 +24,7 @@ pub(super) struct Seen {
     pub(super) moving: bool,
 }
 
-/// Simulation of one triad, sample by sample. It stores the state of filter and noise from one sample to the next.
+/// Simulation of one triad, sample by sample. It stores the state of the filter and of the noise between samples.
 pub(super) struct Sampler<'a> {
     sensor: &'a Sensor,
     noise: Noise,
@@ -44,7 +44,7 @@ struct Memory {
 }
 
 impl<'a> Sampler<'a> {
-    /// A triad for `samples` samples at `rate_hz`, each with `steps` internal steps.
+    /// A triad for `samples` samples at `rate_hz`. Each sample has `steps` internal steps.
     pub(super) fn new(sensor: &'a Sensor, triad: Triad, rate_hz: f64, samples: usize, steps: usize, seed: u64) -> Self {
         let steps = if sensor.is_point_sampled() { 1 } else { steps };
         let rate_hz = rate_hz * steps as f64;
@@ -57,8 +57,8 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// The next sample. `seen` contains the internal steps of this sample; the last step is at the instant of the
-    /// sample.
+    /// The next sample. `seen` contains the input at the internal steps of this sample. The last step is at the instant
+    /// of the sample.
     #[inline]
     pub(super) fn measure(&mut self, seen: &[Seen]) -> [f64; 3] {
         let measured = match (&mut self.analogue, seen) {
@@ -85,8 +85,8 @@ impl Analogue {
         let (mut last, mut sum) = (Vector3::zeros(), Vector3::zeros());
         for step in steps {
             let now = Vector3::from(step.value);
-            // The mean over one internal time step is computed as the average of the values at its two ends. The mean
-            // over all steps of a sample is therefore the trapezoidal rule over the sampling interval.
+            // The mean over one internal time step is the average of the values at its two ends. The mean over all
+            // steps of a sample is therefore the trapezoidal rule over the sampling interval.
             let mut value = if sensor.averaging { (memory.seen + now) * 0.5 } else { now };
             memory.seen = now;
             noise.add_to(&mut value, step.moving);
@@ -101,8 +101,8 @@ impl Analogue {
 }
 
 impl Memory {
-    /// Steady state of the filter for the first input value. The state includes noise. Otherwise the first samples
-    /// would contain too little noise.
+    /// Steady state of the filter for the first input value. The state contains noise, because the first samples would
+    /// otherwise contain too little noise.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);

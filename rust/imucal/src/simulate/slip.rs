@@ -1,5 +1,5 @@
-//! Slip of the unit on its mount: the attitude of the unit relative to the stand changes once. The encoders of the
-//! stand do not measure the slip.
+//! Slip of the unit on its mount: a single change of the attitude of the unit relative to the stand. The encoders of
+//! the stand do not measure it.
 //!
 //! ```text
 //! R_wb(t) = R_wb without the slip * exp(turn s((t - time) / 50 ms))
@@ -37,8 +37,8 @@ impl Slip {
         moment.turned(&Attitude::along(&self.turn_rad, course))
     }
 
-    /// End of the present interval without motion, s; `None` during the slip. `until_s` is the end that this interval
-    /// would have without the slip.
+    /// End of the present interval without motion, s; `None` during the slip. `until_s` is the end of this interval
+    /// without the slip.
     pub(super) fn still_until(&self, time_s: f64, until_s: f64) -> Option<f64> {
         if time_s <= self.time_s {
             return Some(until_s.min(self.time_s));

@@ -77,7 +77,8 @@ impl Stand {
         }
     }
 
-    /// Encoder readings, rad: motor angles with the encoder effects in `effects`, noise and rounding to counts.
+    /// Encoder readings, rad: the motor angles with the encoder effects in `effects`, with noise, and rounded to
+    /// counts.
     ///
     /// `noise` contains three numbers with a standard deviation of one.
     pub fn read_encoders(
@@ -98,7 +99,7 @@ impl Stand {
         }
     }
 
-    /// Attitude of the unit at rest, `v_world = r_wb * v_body`; the motor angles are in rad.
+    /// Attitude of the unit at rest, `v_world = r_wb * v_body`, for the motor angles in rad.
     pub fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
         let motors = MotorState::still(*angle_rad);
         self.moment(&Phase { motors, direction: Vector3::zeros(), turn: None }).rotation_world_from_body
@@ -108,7 +109,8 @@ impl Stand {
     pub(super) fn moment(&self, phase: &Phase) -> Moment {
         let [tilt_x, tilt_y] = self.base_tilt_rad;
         let tilt = so3::exp(&Vector3::new(tilt_x, tilt_y, 0.0));
-        // The attitude relative to the base; the tilt relative to the world is applied last.
+        // First, the attitude relative to the base is computed. The tilt of the base relative to the world is applied
+        // last.
         let mut attitude = gimbal::inner_ring(&phase.motors, &self.non_orthogonality_rad);
         if self.flexure_rad != 0.0 {
             attitude = attitude.then(&self.flexure(&attitude.seen(&tilt.inverse_transform_vector(&Vector3::z()))));
@@ -135,8 +137,8 @@ impl Stand {
         }
     }
 
-    /// Bending of the innermost ring, from the up vector in the ring's frame and the first two derivatives of this
-    /// vector.
+    /// Bending of the innermost ring. It is computed from the up vector in the frame of the ring and the first two
+    /// derivatives of this vector.
     fn flexure(&self, [up, rate, acceleration]: &[Vector3<f64>; 3]) -> Attitude {
         // up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
         let course = |axis: usize| Course { value: up[axis], rate: rate[axis], acceleration: acceleration[axis] };
@@ -144,13 +146,13 @@ impl Stand {
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])
     }
 
-    /// Vibration about or along three axes with an amplitude of one.
+    /// Vibration with an amplitude of one, about three axes or along three axes.
     fn vibration(&self, elapsed_s: f64, duration_s: f64) -> [Course; 3] {
         let swell = Course::swell(elapsed_s / duration_s).in_time(duration_s);
         [0.0, 1.0, 2.0].map(|axis| swell * Course::sine(TAU * self.vibration_hz, TAU / 3.0 * axis, elapsed_s))
     }
 
-    /// Verifies that all values can be used.
+    /// Returns an error if a value cannot be used.
     pub(super) fn check(&self) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("stand: {message}")));
         let angles = self.mount_rotation_rad.iter().chain(&self.base_tilt_rad).chain(&self.non_orthogonality_rad);

@@ -1,6 +1,7 @@
-//! Random numbers. Each purpose has a separate ChaCha stream, and all streams use the seed of the run.
+//! Random numbers. Each purpose has its own ChaCha stream, and all streams use the seed of the run.
 //!
-//! A random value therefore depends only on the seed and on its purpose, not on other draws, their order or the thread.
+//! A random value therefore depends only on the seed and its purpose. Other draws, their order and the thread have no
+//! influence.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -12,7 +13,7 @@ pub(super) enum Triad {
     Gyroscope,
 }
 
-/// Purpose of a random stream. The stream numbers determine every simulated recording, so they must not change.
+/// Purpose of a random stream. The stream numbers determine every simulated recording, so they must stay the same.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Stream {
     /// Turns of a random program.

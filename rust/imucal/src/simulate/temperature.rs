@@ -19,7 +19,7 @@ impl Temperature {
         Self { time_s: vec![0.0], temperature_degc: vec![temperature_degc] }
     }
 
-    /// A profile with knots at these times, s, and temperatures, degC.
+    /// A profile with knots at the given times, s, and the given temperatures, degC.
     ///
     /// # Errors
     /// [`Error::Input`] if there is no knot, the columns have different lengths, a value is not finite, or a time is

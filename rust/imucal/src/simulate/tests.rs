@@ -39,13 +39,14 @@ fn an_ideal_unit_says_the_truth() {
     assert_eq!(run.recording("run").len(), 32_000);
 }
 
-/// Integration by the midpoint rule has an error of second order. The error must therefore be small, and at twice the
-/// sampling rate it must be a quarter as large.
+/// Integration by the midpoint rule has an error of second order. The error must therefore be small, and it must be a
+/// quarter as large at twice the sampling rate.
 #[test]
 fn integrating_the_true_rate_gives_the_attitude() {
     let error_rad = |rate_hz: f64| {
         let program = Program::random(&RandomMoves { moves: 5, ..RandomMoves::default() }, 2).unwrap();
-        // The sampling rate is doubled, so that every second sample is the midpoint of an integration step.
+        // The simulation has twice the sampling rate, so that every second sample is the midpoint of an integration
+        // step.
         let run = simulate(&program, &Unit::ideal(), 2.0 * rate_hz, GRAVITY_MPS2, 0).unwrap();
         let stand_rad = run.stand_rad.as_ref().unwrap();
         let mut attitude = UnitQuaternion::identity();
@@ -146,7 +147,7 @@ fn arguments_that_cannot_be_used_are_refused() {
     }
 }
 
-/// A hand-held run with a rising temperature and all properties that a motion can have.
+/// A hand-held run with a rising temperature and with all properties that a motion can have.
 fn hand_setup<'a>(motion: &'a Motion, unit: &'a Unit, temperature: &'a Temperature) -> Setup<'a> {
     Setup {
         motion,

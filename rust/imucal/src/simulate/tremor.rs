@@ -15,10 +15,10 @@ use super::profile::Course;
 use super::stream::Stream;
 
 /// Frequency bands of hand tremor, from slow sway to physiological tremor at about 9 Hz. Each entry contains the lowest
-/// and the highest frequency of the band, Hz, and the share of the band in the variance.
+/// and the highest frequency of the band, Hz, and the band's share of the variance.
 const BANDS: [(f64, f64, f64); 3] = [(0.3, 0.8, 0.6), (1.5, 4.0, 0.3), (8.0, 11.0, 0.1)];
 
-/// A tremor: about each axis, one sine for each frequency band.
+/// A tremor, with one sine for each frequency band about each axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tremor([[Sine; BANDS.len()]; 3]);
 
@@ -30,7 +30,7 @@ struct Sine {
 }
 
 impl Tremor {
-    /// A random tremor with this standard deviation about each axis, rad. A seed always yields the same tremor.
+    /// A random tremor with this standard deviation about each axis, rad. The same seed always gives the same tremor.
     pub fn random(tremor_rad: f64, seed: u64) -> Self {
         Self::drawn(tremor_rad, &mut Stream::Tremor.generator(seed))
     }
@@ -57,7 +57,7 @@ impl Tremor {
     }
 }
 
-/// A random sine in a frequency band, whose variance is the band's share of the variance of the tremor.
+/// A random sine in a frequency band. Its variance is the band's share of the variance of the tremor.
 fn sine((low_hz, high_hz, share): (f64, f64, f64), tremor_rad: f64, generator: &mut ChaCha8Rng) -> Sine {
     Sine {
         amplitude_rad: tremor_rad * (2.0 * share).sqrt(),

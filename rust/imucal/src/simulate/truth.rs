@@ -5,7 +5,7 @@
 //! seen = sensitivity * (true + sum_c Phi_c(state) theta_c + added) + bias      model.md (15), (22)
 //! ```
 //!
-//! The state applies to the true instant of a sample, even if the time stamps are wrong.
+//! The state is that at the true instant of a sample, even if the time stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use nalgebra::Vector3;
@@ -15,7 +15,7 @@ use super::temperature::Temperature;
 use super::unit::Unit;
 use crate::recording::REFERENCE_TEMPERATURE_DEGC;
 
-/// Motion, location and unit: everything that determines the true state.
+/// All inputs of the true state: motion, location and unit.
 pub(super) struct Truth<'a> {
     motion: &'a Motion,
     unit: &'a Unit,
@@ -41,13 +41,13 @@ impl<'a> Truth<'a> {
                 Need::AngularAcceleration | Need::Attitude | Need::Stand => false,
             });
             let place = if changes { &mut changing } else { &mut steady };
-            // A subset always fits into an `EffectSet`, so this cannot fail.
+            // The new set is a subset of an `EffectSet`, so there is always room and the result can be ignored.
             let _ = place.push(*member);
         }
         Self { motion, unit, gravity_mps2, temperature, constant_degc, rests: motion.rests(), steady, changing }
     }
 
-    /// A cursor that computes the state at any instant. It is fastest for increasing instants.
+    /// A cursor that computes the state at any instant. It is fastest if the instants increase.
     pub(super) fn cursor(&self) -> Cursor<'_> {
         Cursor {
             truth: self,
@@ -70,7 +70,7 @@ impl<'a> Truth<'a> {
     }
 }
 
-/// The state at an instant. It is reused for as long as the unit is at rest.
+/// The state at an instant. While the unit is at rest, the state is reused.
 pub(super) struct Cursor<'a> {
     truth: &'a Truth<'a>,
     from_s: f64,
@@ -113,7 +113,7 @@ impl Cursor<'_> {
         (self.from_s, self.until_s) = (time_s, truth.motion.still_until(time_s).unwrap_or(time_s));
     }
 
-    /// Input of gyroscope and accelerometer. `added` is the additional rate and force from the setup.
+    /// Input of gyroscope and accelerometer. `added` is the additional rate and force given in the setup.
     #[inline]
     pub(super) fn seen(&self, added: (Vector3<f64>, Vector3<f64>)) -> (Vector3<f64>, Vector3<f64>) {
         let (mut on_rate, mut on_force) = self.steady;

@@ -6,13 +6,13 @@
 //! ```
 //!
 //! R_wb and x are the attitude and the position of the unit. R_k and x_k are their values at rest k. `turn` is the
-//! rotation vector from the attitude at rest k to the next attitude, and `sway` is a random rotation vector. u
+//! rotation vector from the attitude at rest k to the attitude at rest k + 1. `sway` is a random rotation vector. u
 //! increases from 0 to 1 during the move after rest k.
 //!
 //! s increases from 0 to 1 during the move, and b increases from 0 to 1 and returns to 0. The first three derivatives
-//! of s and b are zero at both ends of the move, so both are smooth where rests begin and end. The sway varies the axis
-//! of rotation during a move, because a hand does not rotate a unit about a fixed axis. R_tremor is the tremor, a sum
-//! of sines about each axis. The tremor is the only motion of the unit during rests.
+//! of s and b are zero at both ends of the move, so both are smooth at the start and end of rests. The sway varies the
+//! axis of rotation during a move, because a hand does not rotate a unit about a fixed axis. R_tremor is the tremor, a
+//! sum of sines about each axis. During rests, the tremor is the only motion of the unit.
 
 use imucal_core::so3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -27,7 +27,7 @@ use super::stream::Stream;
 use super::tremor::Tremor;
 use crate::error::Error;
 
-/// Standard deviation, per axis, of the rotation vector of the sway, rad. The value is large enough to vary the axis of
+/// Standard deviation of each component of the sway's rotation vector, rad. It is large enough to vary the axis of
 /// rotation noticeably during a move.
 const SWAY_RAD: f64 = 0.3;
 
@@ -40,9 +40,9 @@ pub struct HandMoves {
     pub hold_s: f64,
     /// Duration of each move, s.
     pub move_s: f64,
-    /// Standard deviation of the tremor about each axis, rad; 0 for none.
+    /// Standard deviation of the tremor about each axis, rad; 0 for no tremor.
     pub tremor_rad: f64,
-    /// Edge length of the cube in which the positions are uniformly distributed, m; 0 for pure rotation.
+    /// Edge length of the cube in which positions are uniformly distributed, m; 0 for motion without translation.
     pub translation_m: f64,
 }
 
@@ -70,7 +70,7 @@ struct Pose {
 }
 
 impl Tumble {
-    /// A run with random poses, uniformly distributed over all attitudes. A seed always yields the same run.
+    /// A run with random poses, uniformly distributed over all attitudes. The same seed always gives the same run.
     ///
     /// # Errors
     /// [`Error::Input`] if there is no pose, a time is not positive, or the tremor or the translation is negative.
@@ -81,7 +81,7 @@ impl Tumble {
             (0..moves.poses).map(|_| (attitude(&mut generator), place(&mut generator) * moves.translation_m)).collect();
         let poses = (0..moves.poses).map(|k| {
             let (rotation, place_m) = places[k];
-            // No move follows the last pose, so the move that is stored with it ends at the last pose itself.
+            // No move follows the last pose, so the move stored with it ends at the same pose.
             let (next_rotation, next_place_m) = places[(k + 1).min(moves.poses - 1)];
             Pose {
                 rotation,
@@ -141,8 +141,8 @@ impl Tumble {
         (turned, pose.carry_m * step.acceleration)
     }
 
-    /// Index of the pose that the unit reached last, and the elapsed share of the move to the next pose; `None` while
-    /// the unit rests in the pose.
+    /// Index of the pose that the unit reached last, and the elapsed share of the move to the next pose. The share is
+    /// `None` while the unit rests in the pose.
     fn place_in_time(&self, time_s: f64) -> (usize, Option<f64>) {
         let last = self.poses.len() - 1;
         let k = ((time_s / (self.moves.hold_s + self.moves.move_s)).max(0.0) as usize).min(last);
@@ -159,8 +159,8 @@ impl Tumble {
     }
 }
 
-/// A random attitude, uniformly distributed over all attitudes, because a normalised vector of four normal numbers is
-/// uniformly distributed on the unit sphere.
+/// A random attitude, uniformly distributed over all attitudes. A normalised vector of four normal numbers is uniformly
+/// distributed on the unit sphere.
 fn attitude(generator: &mut ChaCha8Rng) -> UnitQuaternion<f64> {
     let [w, x, y, z] = [(); 4].map(|()| generator.sample::<f64, _>(StandardNormal));
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))

@@ -24,15 +24,15 @@ pub struct Unit {
 /// (22).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
-    /// Sensitivity (M S in the paper); the identity for a sensor without errors.
+    /// Sensitivity, which is the product M S in the paper; the identity for a sensor without errors.
     pub sensitivity: Matrix3<f64>,
     /// Bias at the start of the run, SI unit.
     pub bias: Vector3<f64>,
-    /// Density of the continuous white noise, SI unit/sqrt(Hz): the square root of the power density, as in datasheets
-    /// and Allan plots. A point sample has the standard deviation `noise_density * sqrt(rate_hz)`, and a mean over the
-    /// time T has `noise_density / sqrt(T)`.
+    /// Density of the continuous white noise, SI unit/sqrt(Hz). It is the square root of the power density, as in
+    /// datasheets and Allan plots. A point sample has the standard deviation `noise_density * sqrt(rate_hz)`, and a
+    /// mean over the time T has the standard deviation `noise_density / sqrt(T)`.
     pub noise_density: f64,
-    /// Factor on the standard deviation of the white noise while the unit moves; 1 for the same noise as at rest.
+    /// Factor on the standard deviation of the white noise while the unit moves; 1 if the noise does not change.
     pub noise_in_motion: f64,
     /// Bias instability B, SI unit: flicker noise with an Allan deviation of `sqrt(2 ln 2 / pi) B = 0.664 B`.
     pub bias_instability: f64,
@@ -41,7 +41,8 @@ pub struct Sensor {
     pub random_walk: Vector3<f64>,
     /// Low-pass filter before sampling, which also filters the noise; `None` for no filter.
     pub low_pass: Option<LowPass>,
-    /// Whether a sample is the mean over the interval since the previous sample, instead of the value at its instant.
+    /// Whether a sample is the mean over the interval since the previous sample. If false, it is the value at its
+    /// instant.
     pub averaging: bool,
     /// Converter that rounds to counts and clips to its range; `None` for samples without rounding and clipping.
     pub converter: Option<Converter>,
@@ -58,12 +59,13 @@ pub struct Converter {
 }
 
 impl Converter {
-    /// Output for an input `value`, SI unit: rounded and clipped. [`Sensor::check`] has verified `bits`.
+    /// Output for an input `value`, SI unit, rounded and clipped. [`Sensor::check`] has checked `bits`.
     #[inline]
     pub(super) fn convert(&self, value: f64) -> f64 {
         // At this magnitude, consecutive f64 numbers differ by one. Adding and then subtracting this number therefore
-        // rounds to the nearest integer, ties to even. Older processors lack a rounding instruction. Clipped counts are
-        // far smaller than this number, so the sum remains in the range in which consecutive numbers differ by one.
+        // rounds to the nearest integer, ties to even. It replaces the rounding instruction, which older processors
+        // lack. Clipped counts are far smaller than this number, so the sum stays in the range in which consecutive
+        // numbers differ by one.
         const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
         let half = (1_u64 << (self.bits - 1)) as f64;
         let counts = (value / self.lsb).clamp(-half, half - 1.0);
@@ -101,7 +103,7 @@ impl Sensor {
         }
     }
 
-    /// Verifies that all values can be used; `name` is the name of the sensor in error messages.
+    /// Returns an error if a value cannot be used. `name` is the name of the sensor in error messages.
     pub(super) fn check(&self, name: &str, rate_hz: f64) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("{name} of the unit: {message}")));
         if !self.sensitivity.iter().chain(&self.bias).all(|value| value.is_finite()) {
@@ -150,7 +152,7 @@ impl Unit {
     /// The unit of the paper (Tables 1 and 2), NXP FXOS8700CQ and FXAS21002CQ, with noise and resolution from the
     /// datasheets.
     ///
-    /// The densities of datasheets are one-sided, so they are divided by sqrt(2) (`docs/model.md` (22)).
+    /// Densities in datasheets are one-sided, so they are divided by sqrt(2) (`docs/model.md` (22)).
     ///
     /// * FXOS8700CQ: 126 ug/sqrt(Hz); 14 bit, range +-2 g, 0.244 mg per count (2 g / 8192).
     /// * FXAS21002CQ: 0.025 deg/s/sqrt(Hz); 16 bit, range +-500 deg/s, 15.625 mdeg/s per count (clips at 512 deg/s).
