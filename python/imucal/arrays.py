@@ -15,8 +15,8 @@ from imucal.errors import InputError
 __all__ = ["FloatArray", "SampleArray", "as_matrix", "as_rows", "as_samples"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
-# Types of sensor samples that are not converted, so that a long recording in a smaller type is not copied to
-# float64.
+# Types of sensor samples that are not converted to float64, because the copy of a long recording would need
+# more memory.
 SampleArray: TypeAlias = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
 SMALLER: Final = (np.dtype(np.float32), np.dtype(np.int16))
 
@@ -48,8 +48,8 @@ def _as_array(
         # asanyarray keeps the mask of a masked array, which marks values that are not measurements.
         array = np.asanyarray(values)
         numeric = array.dtype.kind in "fiub" or array.size == 0
-        # The type is compared first, because access to np.ma loads the module numpy.ma, which takes as long
-        # as reading a small file.
+        # The type is compared before np.ma is accessed. The first access loads the module numpy.ma, which
+        # takes as long as reading a small file.
         masked = type(array) is not np.ndarray and isinstance(array, np.ma.MaskedArray)
         # A masked array of integers is converted to float64, because integers have no NaN for masked values.
         if numeric and (array.dtype not in kept or masked):

@@ -35,7 +35,7 @@ DEGREE_RAD: Final = math.pi / 180.0
 _G: Final = STANDARD_GRAVITY_MPS2
 _DEG: Final = DEGREE_RAD
 
-# Key: SI unit. Value: the units that files and options may use instead, each with its size in the SI unit.
+# By SI unit: the units that files and options may use instead, each with its size in the SI unit.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "1": {"1": 1.0, "%": 1e-2, "ppm": 1e-6, "rad": 1.0, "deg": _DEG},
     "bit": {"bit": 1.0},
@@ -54,8 +54,8 @@ UNITS: Final[dict[str, dict[str, float]]] = {
     "rad/s/(m/s^2)": {"rad/s/(m/s^2)": 1.0, "deg/s/g": _DEG / _G},
     "rad/s/(m/s^2)^2": {"rad/s/(m/s^2)^2": 1.0, "deg/s/g^2": _DEG / _G**2},
 }
-# Units of a sensitivity in counts, for example lsb per deg/s. Key: SI unit per count, the reciprocal. Value:
-# the units that files and options may use, each with the size of its quantity (deg/s) in SI units.
+# Units of a sensitivity in counts, for example lsb per deg/s, by the reciprocal SI unit, for example
+# rad/s/lsb. Each unit has the size of its quantity (deg/s) in SI units.
 COUNTS: Final[dict[str, dict[str, float]]] = {
     "m/s^2/lsb": {"lsb/g": _G},
     "rad/s/lsb": {"lsb/(deg/s)": _DEG},

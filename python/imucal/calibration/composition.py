@@ -5,9 +5,10 @@
 
 e1 is expressed as a function of the true values, which is possible for the effects in `_moved`.
 
-The second calibration has estimated the errors that the first one leaves, including those from the errors of
-its parameters. So the bias and sensitivity of the result have the uncertainty of the second calibration
-alone. The uncertainty of the first remains in the effects that the second does not estimate.
+The second calibration has estimated the errors that the first calibration leaves in the data, including the
+errors that are due to its parameters. So the bias and sensitivity of the result have the uncertainty of the
+second calibration alone. Effects of the first calibration that the second does not estimate keep their
+uncertainty.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ MODEL: Final = (
     "user_effects",
     "axes",
 )
-# Effects of the first calibration whose parameters are a matrix, which is transformed by T2.
+# Effects of the first calibration whose parameters form a matrix. T2 transforms this matrix.
 G_SENSITIVITY: Final = "gyro_g_sensitivity"
 ANGULAR_ACCELERATION: Final = "gyro_angular_acceleration"
 DELAY: Final = "gyro_time_offset"
@@ -80,7 +81,8 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
         covariance_names=names,
         noise=second.noise,
         temperature_range_degc=_temperature_range(first, second),
-        # The result is usable, but its residuals are not known, because no recording was corrected by both.
+        # The result is usable, but its residuals are not known, because no recording was corrected by both
+        # calibrations.
         verdict="incomplete",
         reasons=(
             "two calibrations were combined, and the combination was not evaluated on any recording: use "
@@ -142,8 +144,8 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
         if values.name not in left:
             moved.append(_moved(first, values, accel2, step, second))
             if values.name == G_SENSITIVITY:
-                # The rate that the first correction subtracts because of the bias b2 of the second
-                # accelerometer.
+                # The g-sensitivity of the first calibration, times the bias b2 of the second accelerometer,
+                # is a constant rate.
                 gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel2.bias
     # A product of lower triangular matrices is lower triangular; other products have no special form.
     triangular = first.frame == second.frame == "triangular" and second.axes == UNCHANGED
@@ -231,7 +233,7 @@ def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tu
                     f"{values.shape} s in the second: their sum is no effect of the catalogue; correct in "
                     "two steps"
                 )
-            # The plain form is the full form with zeros.
+            # An effect in its plain form equals the full form with zeros for the further parameters.
             total = np.zeros(max(len(other.values), len(values.values)))
             total[: len(other.values)] += other.values
             total[: len(values.values)] += values.values
@@ -248,7 +250,7 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
         return None, ()
     to_second = jacobian(lambda model: _composed(first, model), second)
     covariance = to_second @ from_second @ to_second.T
-    # Parameters that only `first` has estimated: parameters of its effects and of its gyroscope.
+    # Names of parameters that only `first` has estimated, of its effects and of its gyroscope.
     estimated = tuple(f"{values.name}_" for values in second.effects)
     base = base_count(first.frame, has_gyroscope=first.gyroscope is not None)
     both = base_count(first.frame, has_gyroscope=second.gyroscope is not None)

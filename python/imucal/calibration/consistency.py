@@ -2,7 +2,7 @@
 
 The file repeats the matrices as a table of parameters, the covariance as standard deviations, the raw units
 as units of the parameters, and the frame in words. The calibration that was read is written again, and each
-of these fields is compared with the newly written one. A tolerance allows for decimals rounded by hand.
+of these fields is compared with the field that is written. A tolerance allows for decimals rounded by hand.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from imucal.errors import FormatError
 __all__ = ["origins_of", "require_covariance", "require_written_again"]
 
 WAY_OUT: Final = "correct one of them, or calibrate again"
-# Fields that older files do not have.
+# Fields that files of older versions of imucal do not have.
 OPTIONAL: Final = frozenset(
     {
         "axes",
@@ -43,8 +43,8 @@ SHARE_OF_STD: Final = 0.01
 # Accepted rounding of an entry of the sensitivity, relative to its largest entry, and of a bias or a value of
 # an effect: rounding to nine decimals.
 DECIMALS_ROUNDING: Final = 1e-9
-# Accepted magnitude of a negative eigenvalue of the correlation matrix. Rounding the entries to seven digits
-# causes eigenvalues of smaller magnitude.
+# Largest accepted magnitude of a negative eigenvalue of the correlation matrix. If the entries are rounded to
+# seven digits, negative eigenvalues are smaller than this.
 CORRELATION_ROUNDING: Final = 1e-5
 
 

@@ -184,8 +184,8 @@ def _require_derivative(recording: Recording, name: str) -> None:
         )
 
 
-# If the iteration diverges, values overflow to infinity without a warning, and the InputError below is
-# raised.
+# If the iteration diverges, values overflow to infinity. NumPy's warnings are switched off, because the
+# InputError at the end of the function reports the divergence.
 @np.errstate(over="ignore", invalid="ignore")
 def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     """The raw recording without the contributions of the user-defined effects.
@@ -209,8 +209,8 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     )
     rate, force = _core.correct_recording(others, recording)
     # The rate is differentiated only once, because differentiation in each iteration would add noise. The
-    # time since the last motion is also computed only once, because it changes abruptly when the rate crosses
-    # a threshold, so a sample near the threshold could oscillate forever.
+    # time since the last motion is also computed only once. It changes abruptly when the rate crosses a
+    # threshold, so a sample near the threshold might never converge.
     start = State.of(recording, rate, force)
     acceleration = start.angular_acceleration
     measured = np.isfinite(np.hstack((rate, force)))
@@ -248,7 +248,8 @@ def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[Fl
 def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
     """Magnitude of the terms whose rounding errors enter a corrected sample, (N, 3) in SI units."""
     inverse = np.abs(np.linalg.inv(triad.sensitivity))
-    # Counts are converted to float64 first, because the absolute value of the lowest int16 overflows int16.
+    # Counts are converted to float64 before the absolute value is taken, because the absolute value of -32768
+    # overflows int16.
     size = np.abs(raw.astype(np.float64, copy=False))
     return _largest((size + np.abs(triad.bias)) @ inverse.T)
 

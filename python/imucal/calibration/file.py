@@ -135,8 +135,8 @@ def _effects_table(model: SensorModel, parameters: Sequence[Parameter]) -> list[
             else number(values, effect.shape, float(values.shape)),
         }
         if isinstance(effect, UserEffect):
-            # The typical sizes are stored, because a program that reads the file may not have the definition
-            # of the effect.
+            # The typical sizes of the parameters are stored, because a program that reads the file may not
+            # have the definition of the effect.
             for item, parameter in zip(entry["parameters"], effect.parameters, strict=True):
                 item["typical"] = parameter.typical
             entry["user_defined"] = True
@@ -178,7 +178,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
     names: tuple[str, ...] = ()
     if covariance.value is not None:
         names = tuple(item.text() for item in covariance.get("names").items())
-        # The names in the table are compared with the names of the matrix entries later.
+        # The names in the table of parameters are compared with the names of the matrix entries later.
         require_covariance(covariance, [item.get("name").text() for item in node.get("parameters").items()])
     return {
         "accelerometer": accelerometer,

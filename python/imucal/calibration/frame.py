@@ -61,7 +61,8 @@ def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
         )
 
     def convert(model: SensorModel) -> SensorModel:
-        # The accelerometer alone defines the frame, so a missing gyroscope can be replaced by the identity.
+        # The accelerometer alone defines the frame, so the identity can replace the sensitivity of a missing
+        # gyroscope.
         gyroscope = np.eye(3) if model.gyroscope is None else model.gyroscope.sensitivity
         accel, gyro = _core.convert_frame(model.accelerometer.sensitivity, gyroscope, frame)
         rotation: FloatArray = np.linalg.solve(accel, model.accelerometer.sensitivity).astype(np.float64)

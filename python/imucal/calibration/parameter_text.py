@@ -15,8 +15,8 @@ __all__ = ["ParameterRow", "Units", "difference_text", "parameter_row", "sigma_t
 # or `si` of imucal.units.
 Units: TypeAlias = Callable[[str, str], Scale]
 # Number of significant digits of a standard deviation. The value of the parameter is shown with the same
-# number of decimals. Further digits may differ between processors, because rounding errors change the result
-# of a fit by a small part of the standard deviations.
+# number of decimals. Further digits would not be reproducible: rounding errors depend on the processor, and
+# change the result of a fit by a small part of the standard deviations.
 SIGMA_DIGITS: Final = 2
 # Significant digits of a value without a standard deviation.
 VALUE_DIGITS: Final = 7

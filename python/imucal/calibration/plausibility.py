@@ -26,9 +26,9 @@ __all__ = [
 ]
 
 AGAIN: Final = "correct it, or calibrate again"
-# Accepted range of the sensitivity by sensor and raw unit, in raw units per SI unit. In counts,
-# accelerometers range from 8 bits at +-30 g (0.43 per m/s^2) to 32 bits at +-1 g, and gyroscopes from 8 bits
-# at +-4000 deg/s (1.8 per rad/s) to 32 bits at +-10 deg/s.
+# Accepted range of the sensitivity by sensor and raw unit, in raw units per SI unit. In counts, the lower
+# limit for accelerometers is 8 bits at +-30 g (0.43 per m/s^2), and the upper limit is 32 bits at +-1 g. For
+# gyroscopes the limits are 8 bits at +-4000 deg/s (1.8 per rad/s) and 32 bits at +-10 deg/s.
 SENSITIVITY: Final[dict[tuple[str, str], tuple[float, float]]] = {
     ("accelerometer", "m/s^2"): unit_bounds.SENSITIVITY,
     ("gyroscope", "rad/s"): unit_bounds.SENSITIVITY,

@@ -78,7 +78,8 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
     for k, parameter in enumerate(model.parameters):
         sensor, _, rest = parameter.name.partition("_")
         in_sensitivity = rest.startswith("sensitivity_")
-        # The step is half of the value, because the shape (time constant) of an effect must stay positive.
+        # The step of other parameters is half of the value, because the shape (time constant) of an effect
+        # must stay positive.
         step = STEP * sizes[sensor] if in_sensitivity else abs(parameter.value) / 2 or 1e-3
         up, down = values.copy(), values.copy()
         up[k] += step

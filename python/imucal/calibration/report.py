@@ -20,13 +20,13 @@ from imucal.errors import FormatError
 __all__ = ["require_date", "require_figures", "require_fit", "require_sha256", "require_version"]
 
 AGAIN: Final = "correct one of them, or calibrate again"
-# Largest accepted figures of merit by name: residuals as large as gravity, half a revolution, and chi2 of
-# residuals of a million times the noise.
+# Largest accepted figures of merit by name. The limits are a residual as large as gravity, an angle of half a
+# revolution, and the chi2 of residuals of a million times the noise.
 LARGEST: Final = {"gravity_norm_rms_mps2": 9.9, "gravity_direction_rms_deg": 180.0, "chi2_per_dof": 1e12}
 COUNTS: Final = ("rests", "moves")
 FITS: Final = ("accelerometer", "gyroscope", "joint")
-# Groups of fields of the section `fit` that occur only together: fields of every calibration, and fields of a
-# joint fit.
+# Groups of fields of the section `fit`. If one field of a group occurs, all fields of the group must occur.
+# The first group is that of every calibration, and the second group that of a joint fit.
 TOGETHER: Final = (
     ("accelerometer", "gyroscope", "rest_thresholds"),
     ("joint", "noise_alone", "bias_instability_radps", "tremor_deg", "effects"),

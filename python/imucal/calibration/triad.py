@@ -44,9 +44,9 @@ GYRO_ENTRIES: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 # Number of parameters of both triads in the frames "symmetric" and "triangular". In tables and covariances,
 # these parameters precede the parameters of effects.
 BASE: Final = 21
-# Largest accepted condition number of a sensitivity matrix. Real triads have less than 2. At 100, two axes
-# are within a degree of each other, or one axis has almost no sensitivity. The correction then multiplies
-# noise and rounding errors by 100.
+# Largest accepted condition number of a sensitivity matrix. The condition number of real triads is below 2.
+# If it is 100, two axes are within about a degree of each other, or one axis has almost no sensitivity. The
+# correction then multiplies noise and rounding errors by up to 100.
 MAX_CONDITION: Final = 100.0
 
 
@@ -73,7 +73,8 @@ def base_count(frame: Frame, *, has_gyroscope: bool = True) -> int:
 
 def frame_of(sensitivity: FloatArray) -> Frame:
     """Frame "symmetric" or "triangular" if an accelerometer's sensitivity has this form, else "given"."""
-    # The eigenvalues must also be positive, because a rotation by 180 deg is symmetric as well.
+    # Symmetry alone is not sufficient, because a rotation by 180 deg is also symmetric. Its eigenvalues are
+    # not all positive.
     if np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all()):
         return "symmetric"
     if np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all()):

@@ -3,7 +3,7 @@
     0  good, incomplete   1  bad input, or no result          2  finished, but the verdict is poor
     130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP: no file is incomplete
 
-If a reader closes standard output early, the written files and the exit code are not affected.
+If a program that reads standard output closes it early, the written files and the exit code are not affected.
 
 Commands raise ImucalError for all foreseen errors, which are printed on stderr as a message. Other exceptions
 are bugs; their message explains how to show the traceback.
@@ -27,7 +27,7 @@ from imucal.cli.streams import printable, standing_streams
 
 __all__ = ["app", "main"]
 
-# Name of the environment variable that the shell's completion script sets when it calls the command.
+# Environment variable that the completion script of a shell sets when it calls `imucal`.
 COMPLETE = "_IMUCAL_COMPLETE"
 # Messages longer than this number of characters are split at each "; " into separate lines.
 MOST_ON_A_LINE = 300
@@ -73,12 +73,12 @@ TASKS: Final[dict[str, dict[str, str]]] = {
         "simulate": "Simulate a unit: on a stand, turned by hand, or at rest.",
     },
 }
-# Commands whose module and function have another name, because the name of the command has another meaning in
-# Python.
+# Commands whose module and function have another name, because the name of the command is a keyword or a
+# function of Python.
 OTHER_NAMES = {"import": "import_calibration", "help": "help_command"}
 # Commands whose module contains a group, `app`, instead of a function.
 GROUPS = ("demo", "fleet", "limits", "stand")
-# Words that users may try, each with the command that does the intended task.
+# Words that users may type instead of a command, each with the command that they probably mean.
 OTHER_WORDS: Final = {
     "batch": "fleet run",
     "record": "capture",
@@ -176,7 +176,7 @@ def _run(arguments: list[str]) -> int:
     try:
         if COMPLETE in os.environ:
             _complete(os.environ[COMPLETE])
-        # `app.main` is not used, because it would print an empty line at an interrupt.
+        # The context is used instead of `app.main`, because `app.main` prints an empty line at an interrupt.
         with app.make_context(app.name, arguments) as context:
             app.invoke(context)
     except Exit as end:
@@ -201,7 +201,7 @@ def _complete(instruction: str) -> NoReturn:
 def _unwritable(error: OSError) -> int:
     """Handle an OSError of standard output. Commands convert all other OSErrors to ImucalError."""
     if error.filename is None and error.strerror is not None:
-        # Otherwise the interpreter would flush standard output again at exit, and fail.
+        # Standard output is replaced by the null device, because the interpreter flushes it again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return _failed(error)
 

@@ -39,8 +39,8 @@ ARGUMENTS: Final = (
     "time_unit",
     "topic",
 )
-# Matches values in quotes or brackets, and plain values. `...` is excluded, because it represents a value
-# that the reader chooses.
+# Matches values in quotes or brackets, and plain values. It does not match `...`, which represents a value
+# that the user chooses.
 VALUE: Final = r"'[^']*'|\"[^\"]*\"|\[[^]]*\]|(?!\.\.\.)[\w+-][\w.+/^-]*(?<!\.)"
 ASSIGNED: Final = re.compile(rf"(?<![\w.-])({'|'.join(ARGUMENTS)})( = |=)({VALUE})")
 # Fields of documents that contain messages.
@@ -60,7 +60,8 @@ def _option(found: re.Match[str]) -> str:
     if value == "True":
         return option
     bare = value[1:-1] if value[0] in "'\"[" else value
-    # Other values are quoted, because the shell would split at spaces or interpret special characters.
+    # All other values are quoted, because the shell would split them at spaces or interpret special
+    # characters.
     return f"{option} {bare}" if re.fullmatch(r"[\w.,=+/^-]+", bare) else f"{option} '{bare}'"
 
 

@@ -51,8 +51,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Remove these rows, or find out why the logger wrote them.",
         ),
         "value_impossible": Code(
-            "A sample exceeds what any such sensor can measure, for example because a line of the file is"
-            " damaged.",
+            "A sample is larger than any such sensor can measure, for example because a line of the file is "
+            "damaged.",
             "Remove these rows, or give the unit of the column in its name.",
         ),
         "stuck_axis": Code(
@@ -79,7 +79,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     },
     "Time stamps and lost samples": {
         "time_not_increasing": Code(
-            "A time stamp is not later than the one before it.",
+            "A time stamp is not later than the previous time stamp.",
             "Sort the rows, remove rows that are written twice, or use the time stamps of the sensor.",
         ),
         "clock_rate": Code(
@@ -87,27 +87,28 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Give the unit of the time in the column name (`time_ms`, `time_us`, `time_ns`), or `--rate-hz`.",
         ),
         "clock_irregular": Code(
-            "The time stamps are uneven, because they are those of packets, or of the arrival of the "
-            "samples.",
+            "The time stamps are uneven, because they are the times of packets, or the times of arrival of "
+            "the samples.",
             "Use the time stamps of the sensor, or omit them and give `--rate-hz` if no sample is missing.",
         ),
         "samples_missing": Code(
             "Samples are lost: the time stamps have gaps, or the angular rate jumps.",
-            "A few do no harm. Otherwise look for lost packets or a full buffer, and record again.",
+            "A few lost samples do no harm. If there are more, look for lost packets or a full buffer, and "
+            "record again.",
         ),
         "samples_duplicated": Code(
-            "Rows repeat the row before, because a slower sensor was polled or rows were written twice.",
+            "Rows repeat the previous row, because a slower sensor was polled or rows were written twice.",
             "Record at the rate at which the sensor has new samples, or drop the repeated rows.",
         ),
     },
     "Units": {
         "accel_units": Code(
-            "The specific force at rest is not near gravity, so the column is in another unit than its "
-            "name says.",
+            "The specific force at rest is not near gravity, so the unit of the column is not the unit in "
+            "its name.",
             "Rename the columns (`accel_x_g`, `accel_x_mg`, `accel_x_lsb`), or give `--accel-unit`.",
         ),
         "gyro_units": Code(
-            "The rates do not fit the rotation of gravity, or no gyroscope has such rates.",
+            "The rates do not agree with the rotation of gravity, or are larger than any gyroscope measures.",
             "Rename the columns (`gyro_x_dps`, `gyro_x_radps`, `gyro_x_lsb`), or give `--gyro-unit`; "
             "check the time column.",
         ),
@@ -122,8 +123,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "convert counts.",
         ),
         "gains_differ": Code(
-            "One axis has a different gain from the other two.",
-            "Check how this column was scaled. There is nothing to do if the axes are different sensors.",
+            "The gain of one axis differs from the gain of the other two axes.",
+            "Check how this column was scaled. If the axes are different sensors, nothing has to be done.",
         ),
         "noise_implausible": Code(
             "No sensor has this noise density, so the samples are probably in another unit.",
@@ -139,7 +140,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             " counts.",
         ),
         "temperature_jump": Code(
-            "The temperature jumps or is constant in a way that no thermometer shows.",
+            "The temperature jumps by more than 5 K between two samples, or has values that are not finite.",
             "Repair the column or drop it. Effects of temperature need a value in every row.",
         ),
         "temperature_raw": Code(
@@ -169,15 +170,17 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Give every recording once; repeated data make the stated accuracy wrong.",
         ),
         "control_not_independent": Code(
-            "The control recording has the noise of a calibration recording: it is a part or a copy of it.",
-            "Record a control run of its own, or use `--folds`.",
+            "The control recording has the noise of a calibration recording, so it is a part or a copy of "
+            "that recording.",
+            "Record a separate control run, or use `--folds`.",
         ),
         "seen_by_the_fit": Code(
             "The calibration is evaluated on a file from which it was made.",
             "Evaluate on another recording of the unit.",
         ),
         "several_units": Code(
-            "Each recording fits alone, but not all together: they are of different units.",
+            "The model fits each recording separately, but not all recordings together, so they are of "
+            "different units.",
             "Calibrate each unit by itself.",
         ),
         "biases_moved": Code(
@@ -193,7 +196,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "read_by_header": Code(
             "Names and units of the columns were taken from the header of a file of another program.",
-            "Nothing, if they are right; otherwise give `--columns`.",
+            "If names and units are right, nothing has to be done. Otherwise give `--columns`.",
         ),
         "counts_assumed": Code(
             "Files without a header were taken as counts, but their numbers are not whole.",
@@ -204,7 +207,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Look for gaps in time, or download the log again.",
         ),
         "checksums_missing": Code(
-            "All sentences have the same placeholder as check sum, so garbled ones cannot be found.",
+            "All sentences have the same placeholder as check sum, so garbled sentences cannot be found.",
             "Record with check sums.",
         ),
         "resampled": Code(
@@ -258,15 +261,17 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "The calibration is of another unit, or of other units of measurement.",
         ),
         "contradicting_rests": Code(
-            "Many rests contradict the others.",
+            "Many rests contradict the other rests.",
             "Hold the unit still for at least two seconds in each pose, on something rigid.",
         ),
         "contradicting_moves": Code(
-            "Many moves contradict the others, as with lost samples or saturation in moves.",
+            "Many moves contradict the other moves, for example because of lost samples or saturation in "
+            "moves.",
             "Look at the findings, rotate more slowly, and record again.",
         ),
         "moving_rests": Code(
-            "Many rests have mean angular rates far from those of the others: the unit was turning slowly.",
+            "The mean angular rates of many rests are far from those of the other rests, so the unit was "
+            "turning slowly.",
             "Hold the unit still in each pose.",
         ),
         "prior_contradicted": Code(
@@ -276,13 +281,13 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     },
     "Verdict incomplete": {
         "residuals_above_noise": Code(
-            "Some residuals exceed twice their noise, because the unit has an error, or the motion a "
-            "property, that the model does not contain.",
+            "Some residuals exceed twice their noise, because the model does not contain an error of the "
+            "unit or a property of the motion.",
             "The result is usable. [`imucal gap`](gap.md) searches for the missing effect.",
         ),
         "irregular_clock": Code(
             "Only the residuals of moves exceed their noise, and the time stamps are irregular.",
-            "Use the time stamps of the sensor, or even ones.",
+            "Use the time stamps of the sensor, or time stamps with equal steps.",
         ),
         "parameters_held": Code(
             "Parameters that the recording does not determine are held at nominal values; the message "
@@ -290,14 +295,15 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Record more poses, or accept the stated error. See [few poses](few-poses.md).",
         ),
         "residuals_not_tested": Code(
-            "There are as many parameters as rests, or the noise is not known, so nothing tests the result.",
+            "There are as many parameters as rests, or the noise is not known, so the residuals cannot test "
+            "the result.",
             "Add poses, give `--noise`, or give a control recording.",
         ),
     },
     "Diagnosis of a fit": {
         "traded_off": Code(
             "Parameters are so strongly correlated that they cannot be estimated separately.",
-            "Record the motion that the message names, or hold one of them with `--hold`.",
+            "Record the motion that the message names, or hold one of the parameters with `--hold`.",
         ),
         "flat": Code(
             "A parameter is poorly determined: its standard deviation exceeds its usual size.",

@@ -169,7 +169,7 @@ def _code(name: str) -> str:
 
 
 def _cell(text: str) -> str:
-    """Text of a table cell, with escaped bars, which would end the cell."""
+    """Text of a table cell. Bars are escaped, because a bar would end the cell."""
     return text.replace("|", "\\|")
 
 

@@ -52,8 +52,8 @@ def as_interrupts() -> Iterator[Ended]:
     """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt."""
     ended = Ended()
     numbers = []
-    # Handlers are only set in the main thread, because signals interrupt only this thread. Signals that are
-    # already ignored, as with nohup, stay ignored.
+    # Handlers are set only in the main thread, because signals interrupt only the main thread. If a signal is
+    # already ignored, as with nohup, it stays ignored.
     if threading.current_thread() is threading.main_thread():
         known = [getattr(signal, name) for name in HANDLED if hasattr(signal, name)]
         numbers = [number for number in known if signal.getsignal(number) == signal.SIG_DFL]

@@ -27,7 +27,8 @@ __all__ = ["TRACEBACK", "command_offered", "is_fault", "message_of", "no_result_
 
 # Environment variable. If it is set, a bug ends the command with a traceback.
 TRACEBACK: Final = "IMUCAL_TRACEBACK"
-# Matches the name of a smaller model that a message proposes. `WITH_MODEL`: commands with the option --model.
+# OFFERED matches the name of a smaller model that a message proposes. WITH_MODEL lists the commands with the
+# option --model.
 OFFERED: Final = re.compile(r"\bmodel='(\w+)'")
 WITH_MODEL: Final = ("calibrate", "gap")
 
@@ -65,11 +66,12 @@ def _foreseen(error: BaseException) -> str | None:
     if isinstance(error, MemoryError):
         return "not enough memory: give a shorter recording"
     if isinstance(error, OSError) and error.strerror is not None:
-        # This is an error of standard output, because other OSErrors have been converted to ImucalError.
+        # An OSError here is an error of standard output. All other OSErrors have been converted to
+        # ImucalError.
         what = "standard output cannot be written" if error.filename is None else error.filename
         return f"{what}: {error.strerror}"
-    # Errors of the command line parser are recognised by this method, because their class has no stable
-    # import path.
+    # Errors of the command line parser are recognised by their method `format_message`, because their class
+    # has no stable import path.
     if hasattr(error, "format_message"):
         return str(error.format_message())
     return None
@@ -112,8 +114,8 @@ def refusal_told(arguments: Sequence[str]) -> Iterator[None]:
         yield
     except Exception as error:
         path = _json_in(arguments)
-        # If the value of --json is missing, the parser takes the next word, possibly a data file, as its
-        # value. Therefore the document is only written if the file does not exist or contains an earlier
+        # If the value of --json is missing, the parser takes the next word as its value, which may be a data
+        # file. Therefore the document is written only if the file does not exist or contains an earlier
         # result.
         if path is not None and hasattr(error, "format_message") and _may_be_replaced(path):
             words = [part for word in arguments for part in word.split("=", 1)]
@@ -137,7 +139,7 @@ def _is_read(path: str, given: Iterable[Any]) -> bool:
     named = [os.path.realpath(value) for value in values if isinstance(value, (str, Path))]
     # The journal of an interrupted run, OUTPUT.journal, may contain samples.
     journals = [f"{name}.journal" for name in named]
-    # One occurrence is the value of --json.
+    # One of the occurrences is the value of --json itself.
     return [*named, *journals].count(os.path.realpath(path)) > 1
 
 

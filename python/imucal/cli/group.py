@@ -60,7 +60,7 @@ class _Help(click.Command):
             if record is not None and not isinstance(item, Argument):
                 panel = item.panel if isinstance(item, Option) else None
                 panels.setdefault(panel or OPTIONS, []).append(record)
-        # `sorted` is stable, so headings with equal keys keep their order.
+        # `sorted` is stable, so headings with equal sort keys stay in their order.
         for panel in sorted(
             panels, key=lambda name: LAST_PANELS.index(name) + 1 if name in LAST_PANELS else 0
         ):
@@ -175,7 +175,8 @@ class Commands(_Help, click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the group's own function and the command."""
-        # A group also needs this error handling, because `imucal demo` runs without a subcommand.
+        # Errors are written to the file of --json for groups, too, because `imucal demo` runs without a
+        # subcommand.
         with no_result_told(ctx.params):
             return super().invoke(ctx)
 

@@ -13,8 +13,8 @@ __all__ = ["RELOAD_S", "LivePage"]
 
 # Interval, s, at which the browser reloads the page, and minimum interval between two writes of the page.
 RELOAD_S: Final = 10.0
-# Maximum share of the time in which the page is written, because writing occupies a processor that the run
-# could use. Writing a page of 100,000 units takes a minute.
+# Largest share of the time of a run that is spent on writing the page. The share is limited because writing
+# occupies a processor that the run could use. Writing a page of 100,000 units takes a minute.
 SHARE: Final = 0.2
 
 

@@ -55,9 +55,11 @@ OUTPUT: Final = "Output"
 REFERENCES: Final = "Gravity and clock"
 # Heading of the options for the parameters to estimate.
 MODEL: Final = "Model and start values"
-# Default of --min-rest-s, s. It is the MIN_REST_S of the compiled library, which --help does not load.
+# Default of --min-rest-s, s. It equals MIN_REST_S of the compiled library. It is repeated here because --help
+# does not load the library.
 MIN_REST_S: Final = 1.0
-# Default of --max-iterations. It is the MAX_ITERATIONS of the compiled library, which --help does not load.
+# Default of --max-iterations. It equals MAX_ITERATIONS of the compiled library. It is repeated here because
+# --help does not load the library.
 MAX_ITERATIONS: Final = 1000
 
 JsonPath = Annotated[

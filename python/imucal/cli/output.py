@@ -41,8 +41,8 @@ __all__ = [
     "require_apart",
 ]
 
-# Exit code without a result, for example after bad input; and exit code if the verdict is poor or worse than
-# required.
+# Exit code if there is no result, for example after bad input, and exit code if the verdict is poor or worse
+# than required.
 NO_RESULT = 1
 POOR_VERDICT = 2
 # Maximum length of a file name, bytes, on Linux, macOS and Windows.
@@ -116,7 +116,8 @@ class Output:
     units       units of parameters and figures
     """
 
-    # Number of documents written in this process. If it is 0, the file of --json may be from an earlier run.
+    # Number of documents written in this process. If the number is 0, the file of --json may be from an
+    # earlier run.
     documents: ClassVar[int] = 0
 
     def __init__(self, json_path: str | None, units: UnitSystem = UnitSystem.datasheet) -> None:
@@ -157,7 +158,8 @@ class Output:
             printed = printed.replace(
                 highlighted, self._styled(highlighted, STYLES.get(highlighted, BOLD)), 1
             )
-        # Output is flushed, so that it stays in order with messages on standard error.
+        # Standard output is flushed, so that lines and messages on standard error appear in the order of
+        # printing.
         print(printed, file=self._stream, flush=True)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -100,8 +100,8 @@ class Argument(click.Argument):
 
     def __init__(self, *declarations: Any, help: str, **settings: Any) -> None:
         super().__init__(*declarations, **settings)
-        # The help text is stored separately, because click 8.2 does not support a help text of arguments, and
-        # newer versions print it in a section with another name.
+        # The help text is stored in an attribute of another name. click 8.2 does not support a help text of
+        # arguments, and newer versions print it in a section with another heading.
         self.described = help
 
 

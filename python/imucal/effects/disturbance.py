@@ -59,7 +59,7 @@ def disturbances() -> tuple[Disturbance, ...]:
             "gyro_bias_random_walk",
             "gyroscope",
             "noise",
-            # The value is 0.001 deg/s/sqrt(s), which is detectable in a run of five minutes.
+            # The typical size is 0.001 deg/s/sqrt(s), which is detectable in a run of five minutes.
             _axes("rad/s/s/sqrt(Hz)", 1e-3 * DEGREE),
             "a bias that changes randomly from rest to rest, more over longer intervals",
         ),

@@ -55,7 +55,7 @@ INPUTS: Final[Mapping[str, str]] = {
     "rest_s": "time since the rate last exceeded 0.1 rad/s, s; without such a rate since the first sample",
     **{f"stand_{k}_rad": f"measured angle of motor {k} of the stand, rad" for k in (1, 2, 3)},
 }
-# Inputs that exported code takes as arguments, because they cannot be computed from a single sample.
+# Inputs that cannot be computed from a single sample. Exported code takes them as arguments.
 ARGUMENTS: Final = ("rest_s", "stand_1_rad", "stand_2_rad", "stand_3_rad")
 CONSTANTS: Final[Mapping[str, float]] = {"pi": 3.141592653589793, "g": STANDARD_GRAVITY_MPS2}
 # Permitted functions, each with its number of arguments.

@@ -21,10 +21,11 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 __all__ = ["FormulaEffect", "formula_effects", "sizes_of"]
 
 UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
-# Typical rms of the error that an effect adds: 0.05 deg/s and 1 mg, as for the biases of the catalogue.
+# Typical rms error of an effect, rad/s and m/s^2: 0.05 deg/s and 1 mg, as for the bias effects of the
+# catalogue.
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
-# Assumed typical angular rate of a rotation, rad/s. Typical sizes of effects are computed from it if a
-# gyroscope is in counts, because its scale is not known.
+# Assumed angular rate of a typical rotation, rad/s. If a gyroscope is in counts, its scale is not known, and
+# the typical sizes of effects are computed with this rate.
 TURN_RADPS: Final = 1.0
 OPERATIONS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: np.add,

@@ -73,7 +73,7 @@ MEANINGS: Final[dict[str, Meaning]] = {
     ),
     "gyro_scale_g_sensitivity": Meaning(
         "The gyroscope's scale depends on the specific force along its axis.",
-        "Force changes the gap between the electrodes of the drive or of the readout.",
+        "Force changes the gap between the drive electrodes or between the readout electrodes.",
         "Keep it in the calibration if the unit rotates under load; it is small in most uses.",
     ),
     "gyro_scale_quadratic": Meaning(

@@ -58,8 +58,8 @@ def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
 
 
 def _parse(text: str) -> tuple[str, EffectInput]:
-    # A formula may contain equals signs (after its name and in comparisons), so its values follow the last
-    # equals sign.
+    # A formula may contain equals signs, after its name and in comparisons. The values therefore follow the
+    # last equals sign.
     name, equals, numbers = text.rpartition("=") if is_formula(text) else text.partition("=")
     way_out = "give NAME=VALUE, NAME=V,V,V, NAME=V,V,V@SHAPE or NAME=typical"
     if not equals or not name.strip() or not numbers.strip():

@@ -213,8 +213,8 @@ def export(
     try:
         written = form.write(along_columns(calibration), noise)
     except InputError:
-        # In a format without a rotation, the body frame must be along the columns of the recordings. This is
-        # possible only if both sensors have the same axis remapping.
+        # If a format contains no rotation, the body frame must be along the columns of the recordings. This
+        # is possible only if both sensors have the same axis remapping.
         axes = Axes.parse(calibration.axes)
         if calibration.axes == UNCHANGED or not axes.are_alike:
             raise

@@ -39,7 +39,7 @@ NAMES: Final = {"accel": "ACC", "gyro": "GYR"}
 POLYNOMIAL_REFERENCE_DEGC: Final = 35.0
 # Extension of dataflash logs, such as 00000012.BIN, in lower case.
 LOG_SUFFIX: Final = ".bin"
-# INS_TCAL1 coefficients are stored as 1e6 times the SI value.
+# ArduPilot stores the INS_TCAL1 coefficients as 1e6 times the SI value.
 PER_UNIT: Final = 1e6
 # Values of TMIN and TMAX, degC, if the calibration has no temperature range. They are ArduPilot's defaults.
 RANGE_DEGC: Final = (0.0, 70.0)
@@ -125,8 +125,8 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
             linear = square = 0.0
             if thermal is not None:
                 square = thermal.square[i]
-                # Coefficients of the polynomial k d + q d^2, expanded around 35 degC. The constant term
-                # cancels in p(CALTEMP) - p(T).
+                # The polynomial k d + q d^2 of the effect is expanded around 35 degC. Its constant term is
+                # not needed, because it cancels in p(CALTEMP) - p(T).
                 linear = thermal.linear[i] + 2 * square * (POLYNOMIAL_REFERENCE_DEGC - reference)
             for power, value in ((1, linear), (2, square), (3, 0.0)):
                 yield f"INS_TCAL1_{name}{power}_{axis}", PER_UNIT * value

@@ -122,6 +122,6 @@ def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
 
 
 def _effect(sensor: str, thermal: Thermal, diagonal: FloatArray) -> EffectValues:
-    # Inverse of _thermal for the diagonal sensitivity: converts raw units to an effect on the true value.
+    # The effect for the diagonal sensitivity: the thermal terms in raw units, divided by the sensitivity.
     numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square)))
     return EffectValues(THERMAL[sensor], np.asarray(numbers.T.ravel(), dtype=np.float64))

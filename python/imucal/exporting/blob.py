@@ -145,7 +145,7 @@ def _kept(calibration: Calibration) -> list[EffectValues]:
 
 
 def _numbers() -> dict[str, int]:
-    """Number of each effect of the catalogue in the binary form; 0 if it is not an error of a sensor."""
+    """Identification number of each effect in the binary form; 0 for an effect that is not a sensor error."""
     return {effect.name: effect.number for effect in _core.effects()}
 
 

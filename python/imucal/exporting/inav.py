@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 __all__ = ["ACCEL_LSB_PER_G", "GYRO_LSB_PER_DPS", "INAV"]
 
-# Default of acc_1G, counts per g: the value in INAV's drivers with a range of 16 g, such as those of
-# ICM-42605, MPU-6000, BMI160 and BMI270.
+# Default of acc_1G, counts per g. INAV's drivers with a range of 16 g have this value, for example the
+# drivers of ICM-42605, MPU-6000, BMI160 and BMI270.
 ACCEL_LSB_PER_G: Final = 2048.0
-# Default of the gyroscope resolution, counts per deg/s: that of INAV's drivers, all of which use the range
-# 2000 deg/s.
+# Default of the gyroscope resolution, counts per deg/s. All of INAV's drivers use the range 2000 deg/s, which
+# has this resolution.
 GYRO_LSB_PER_DPS: Final = 16.4
 # Value of accgain for a gain of 1.
 UNIT_GAIN: Final = 4096
@@ -52,7 +52,7 @@ def write(
     moved, _ = rotated(calibration, "symmetric")
     accel, gyro = moved.accelerometer, moved.gyroscope
     in_counts = calibration.accel_unit == "lsb", calibration.gyro_unit == "lsb"
-    # Factor from raw units of the calibration to counts of INAV's driver.
+    # Factors that convert raw units of the calibration to counts of INAV's driver.
     accel_counts = 1.0 if in_counts[0] else accel_lsb_per_g / STANDARD_GRAVITY_MPS2
     gyro_counts = 1.0 if in_counts[1] else gyro_lsb_per_dps * 180 / np.pi
     # Counts of INAV's driver per m/s^2 and per rad/s, for a sensor without errors.
@@ -129,7 +129,7 @@ def _rounded(whole: Calibration, kept: Calibration) -> tuple[str, ...]:
     if whole.gyroscope is not None and kept.gyroscope is not None:
         errors.insert(1, (np.abs(whole.gyroscope.bias - kept.gyroscope.bias).max(), whole.gyro_unit))
     sizes = ", ".join(f"{size:.2g} {unit}" for size, unit in errors)
-    # Errors up to 1e-12 are rounding of float64 and are not reported.
+    # Differences up to 1e-12 are rounding errors of float64 and are not reported.
     return (
         (f"fractions, as INAV stores integers: up to {sizes}",) if max(e for e, _ in errors) > 1e-12 else ()
     )

@@ -43,7 +43,7 @@ FRAMES: Final[dict[Frame, str]] = {
 def inverse(triad: Triad) -> FloatArray:
     """The inverse of the sensitivity, (3, 3), bit for bit the matrix that imucal-core applies on a device."""
     unit = Triad(triad.sensitivity, np.zeros(3))
-    # The corrected unit vectors are the columns of the inverse.
+    # The correction of the three unit vectors gives the columns of the inverse.
     columns, _ = _core.correct(Calibration(unit, unit), np.eye(3), np.zeros((3, 3)))
     found: FloatArray = columns.T.copy()
     return found
@@ -102,7 +102,8 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
     if _is_in(frame, old):
         return replace(linear(calibration), frame=frame), np.eye(3)
     gyroscope = calibration.gyroscope
-    # The accelerometer alone defines the frame, so a missing gyroscope can be replaced by the identity.
+    # The accelerometer alone defines the frame, so the identity can replace the sensitivity of a missing
+    # gyroscope.
     accel, gyro = _core.convert_frame(old, np.eye(3) if gyroscope is None else gyroscope.sensitivity, frame)
     moved = replace(
         linear(calibration),
@@ -117,7 +118,8 @@ def _is_in(frame: Frame, sensitivity: FloatArray) -> bool:
     """Whether the accelerometer's sensitivity has the form that defines this frame."""
     if frame == "triangular":
         return np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all())
-    # The eigenvalues must also be positive, because a rotation by 180 deg is symmetric as well.
+    # A matrix of this frame also has positive eigenvalues. Symmetry alone is not sufficient, because a
+    # rotation by 180 deg is also symmetric.
     return np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all())
 
 

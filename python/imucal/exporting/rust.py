@@ -68,8 +68,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
             f"pub const TEMPERATURE_{end}_DEGC: f64 = {number(degc)};",
         ]
     lines.append(FUNCTION.rstrip("\n"))
-    # The matrices are written as constant expressions, so that no conversion, indexing or panic remains in
-    # the code for the device.
+    # The matrices are written as constant expressions, so that the code for the device contains no
+    # conversion, no indexing and no panic.
     for name in ("ACCELEROMETER", "GYROSCOPE"):
         lines += [
             f"    let {name.lower()} = Triad::try_new(",

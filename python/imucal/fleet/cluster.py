@@ -13,7 +13,8 @@ from imucal.fleet.worker import Work, do
 __all__ = ["DaskPool"]
 
 EXTRA: Final = "needs Dask: pip install 'imucal-rs[fleet]'"
-# Number of submitted tasks per worker thread. With several tasks, no thread waits for the scheduler.
+# Number of submitted tasks per worker thread. Several tasks are submitted, so that no thread has to wait for
+# its next task.
 PER_THREAD: Final = 3
 # Timeout of the connection to a scheduler, s. It is sufficient even for a busy network.
 CONNECT_S: Final = 30
@@ -70,7 +71,8 @@ class DaskPool:
         while True:
             self._require_scheduler()
             try:
-                # This client must not become Dask's default client, because the user may have set one.
+                # This client must not become Dask's default client, because the user may have set another
+                # default client.
                 with self._client.as_current():
                     done = wait(list(self._futures), timeout=POLL_S, return_when="FIRST_COMPLETED").done
             except (TimeoutError, asyncio.TimeoutError):

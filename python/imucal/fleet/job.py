@@ -101,8 +101,8 @@ class Options:
         wrong = [name for name in OF_A_JOB if name in self.calibrate]
         if wrong:
             raise InputError(f"{wrong[0]} is no option of a run of many units: leave it out")
-        # Arguments equal to their defaults are removed, because they give the same result and must give the
-        # same key.
+        # Arguments that equal their defaults are removed. They do not change the result, so they must not
+        # change the key.
         defaults = {name: of.default for name, of in signature(calibrate).parameters.items()}
         given = {
             name: value

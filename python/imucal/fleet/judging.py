@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_UNITS", "Judging"]
 
-# Default of the number of units whose recordings are searched for an effect. Each unit takes about 2 s for
-# all effects of the catalogue.
+# By default, the recordings of at most this number of units are searched for an effect. The search takes
+# about 2 s per unit for all effects of the catalogue.
 MOST_UNITS: Final = 50
 
 
@@ -135,8 +135,8 @@ class Judging(ABC):
         for serial, files, text in rows:
             if serial in wanted and serial not in found:
                 options = json.loads(text)
-                # The unit's profile is not used. It would increase the standard deviations by bias
-                # instabilities, which average out in means over units.
+                # The unit's profile is not used, because it would add bias instabilities to the standard
+                # deviations. Bias instabilities average out in means over units.
                 arguments = {k: v for k, v in options["calibrate"].items() if k not in ("unit", "folds")}
                 found[serial] = UnitFiles(serial, tuple(json.loads(files)), options["read"], arguments)
         return list(found.values())

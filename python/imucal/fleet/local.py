@@ -30,8 +30,8 @@ class Ended:
 
 # Work and its answer, or `Ended`.
 Done = tuple[Any, Any]
-# Number of tasks in the pool per process: a running and a waiting task, so that no process waits for the
-# parent.
+# Number of tasks in the pool per process. One task runs and the other waits, so that no process has to wait
+# for the parent.
 PER_PROCESS: Final = 2
 # Time, s, to wait for the exit code of a process whose pipes are closed.
 ENDS_S: Final = 0.2
@@ -104,7 +104,8 @@ class LocalPool:
 
     def next(self) -> Done:
         """Wait until any work ends. Raises ImucalError if no process can be started."""
-        # The wait has a timeout, because on Windows a wait without a timeout delays signals such as Ctrl-C.
+        # `get` is called with a timeout, because on Windows a wait without a timeout delays signals such as
+        # Ctrl-C.
         while True:
             try:
                 done = self._done.get(timeout=1.0)
@@ -157,8 +158,8 @@ class LocalPool:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env=os.environ | ONE_THREAD,
-                # With a separate session, Ctrl-C in a terminal reaches only the parent, which ends the
-                # processes.
+                # The process has a separate session, so that Ctrl-C in a terminal reaches only the parent.
+                # The parent then ends the process.
                 start_new_session=True,
             )
             if number is not None and hasattr(os, "sched_setaffinity"):

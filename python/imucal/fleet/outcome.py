@@ -24,10 +24,11 @@ __all__ = [
     "measured_of",
 ]
 
-# Codes of failures that may not occur again in a later run: a file was missing, or changed during the run.
+# Codes of failures that need not occur again in a later run, because a file was missing or changed during the
+# run.
 TRANSIENT: Final = ("file_missing", "file_changed")
-# Compression level of documents. Level 1 takes a fifth of the time of level 6, and its output is a tenth
-# larger.
+# Compression level of documents. Compared with level 6, level 1 takes a fifth of the time, and its output is
+# a tenth larger.
 LEVEL: Final = 1
 
 

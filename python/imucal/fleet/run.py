@@ -25,8 +25,8 @@ from imucal.fleet.task import FILE_MISSING, Task, failure_of
 __all__ = ["Tally", "run_jobs"]
 
 # Number of jobs per task, without and with the search for a missing effect. A calibration takes about 20 ms,
-# so with 50 jobs the overhead of a task, a few ms, is small. A search takes seconds, and a task must not take
-# minutes, because a run that was killed repeats its unfinished tasks.
+# so with 50 jobs the overhead of a task, a few ms, is small. A search takes seconds, so a task with a search
+# has fewer jobs. A task must not take minutes, because a run that was killed repeats its unfinished tasks.
 PER_TASK: Final = 50
 PER_TASK_WITH_GAP: Final = 5
 # In a small fleet, the jobs are divided into at least this number of tasks per process. With fewer tasks,
@@ -212,9 +212,9 @@ class _Run:
         waiting: list[Job | KeyedJob] = []
         jobs = iter(jobs)
         while block := list(islice(jobs, PER_TASK)):
-            # For a new store all jobs are new, so the parent process need not read their files to compute
-            # keys. With a time limit, it computes the keys, because a process that does not answer returns
-            # none.
+            # If the store is new, all jobs are new. The parent process then need not read the files to
+            # compute keys. With a time limit the parent computes the keys, because a process that exceeds the
+            # limit returns none.
             is_new = self._options.time_limit_s is None and self._store.is_new
             waiting += block if is_new else self._new_ones(block)
             size = self._task_size()

@@ -70,7 +70,7 @@ def _insert(table: str, columns: Sequence[str]) -> str:
 
 INSERT_JOB: Final = _insert("jobs", JOB_COLUMNS) + " ON CONFLICT (key) DO NOTHING"
 INSERT_RESULT: Final = _insert("results", RESULT_COLUMNS)
-# If a recording has several jobs, with different options or versions, the last one is current.
+# If a recording has several jobs, with different options or versions, the last job is the current job.
 SET_CURRENT: Final = """UPDATE jobs SET current = id = (
     SELECT id FROM jobs WHERE recording = :r ORDER BY stored_at DESC, id DESC LIMIT 1) WHERE recording = :r"""
 

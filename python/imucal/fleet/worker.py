@@ -18,8 +18,8 @@ from typing import IO, Any, Final, Protocol
 
 __all__ = ["START", "Work", "do", "receive", "send", "serve"]
 
-# Program of a process. Its argument is the module search path of the parent, so that it finds the same
-# packages.
+# Python program of a process of the pool. Its argument is the module search path of the parent, so that both
+# import the same packages.
 START: Final = (
     "import sys, ast; sys.path[:] = ast.literal_eval(sys.argv[1]); "
     "from imucal.fleet.worker import serve; serve()"

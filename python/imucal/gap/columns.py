@@ -1,7 +1,8 @@
 """Candidate effects of further columns of the recordings, such as a supply voltage.
 
-A bias that follows a recorded column looks like a random walk to a search that does not know the column. The
-biases of both sensors are therefore always tested against each column, as `gyro: k * (supply_v - 3.3)`.
+If a bias follows a recorded column, and the search does not use this column, the bias looks like a random
+walk. The biases of both sensors are therefore always tested against each column, as `gyro: k * (supply_v -
+3.3)`.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ __all__ = ["column_effects", "usable_columns"]
 # variance. This excludes counters and clocks, copies of the sensor's columns, and further temperatures, which
 # effects of the catalogue describe. A supply voltage stays below this share because of its own noise.
 EXPLAINED: Final = 0.95
-# Maximum number of columns that become candidates. Each additional candidate makes a false alarm more likely,
-# so the evidence required of an effect grows with the number of candidates. The columns with the smallest
-# explained share are selected.
+# Maximum number of columns that become candidates. The number is limited because the evidence that is
+# required of an effect grows with the number of candidates. The columns with the smallest explained share are
+# selected.
 MOST_COLUMNS: Final = 6
 # Number of samples from which the explained share is computed.
 SAMPLES: Final = 4000

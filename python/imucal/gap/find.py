@@ -106,7 +106,8 @@ def find_gap(
     if calibration is not None and gravity_mps2 is None:
         references = calibration.references
         if references.gravity_from == "unknown":
-            # The file of another program does not state local gravity, so standard gravity is assumed.
+            # If the calibration was imported and its file does not state local gravity, standard gravity is
+            # assumed.
             references = References("standard")
     options = Options(
         gravity_mps2=gravity,

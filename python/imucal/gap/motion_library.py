@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Suggestion", "suggestions"]
 
-# Seed of the random rotations. The present recordings were probably made with the default seed 1, and the new
-# motion must differ from theirs.
+# Seed of the random rotations. It differs from the default seed 1, with which the present recordings were
+# probably made, because the new motion must differ from the present motion.
 SEED: Final = 2
 # Number of moves of the random program.
 MOVES: Final = 45
@@ -73,8 +73,8 @@ def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Itera
             "turns at rates of up to 240 deg/s, if the gyroscope's range allows", _at_rates(FASTER_DPS)
         ),
     ]
-    # Effects that depend on heading need a single recording, because the heading change between recordings is
-    # unknown.
+    # Effects that depend on the heading are searched in a single recording, because the change of the heading
+    # between recordings is unknown.
     alone = "attitude" in needs
     if alone:
         turned = Program((*_headings(), *again.steps))

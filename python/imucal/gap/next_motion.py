@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 __all__ = ["next_motion"]
 
-# Minimum expected chi2 for a motion to distinguish between two effects. The log likelihood ratio of the true
-# effect to its rival has the mean chi2 / 2 and the standard deviation sqrt(chi2), so 15 +- 5.5 nats for chi2
-# = 30.
+# A motion distinguishes between two effects if the expected chi2 between them is at least this number. The
+# log likelihood ratio of the true effect to its rival has the mean chi2 / 2 and the standard deviation
+# sqrt(chi2). For chi2 = 30 it is 15 +- 5.5 nats.
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated recordings.
 SEED: Final = 3
@@ -81,7 +81,7 @@ def next_motion(question: Question, analysis: _core.GapAnalysis, after: Calibrat
     hints = _distinctions(known, rivals)
     now = _separation(question, None, pairs, after)
     best: tuple[float, Suggestion] | None = None
-    # Motions that the catalogue recommends for distinguishing these pairs are tried first.
+    # The catalogue recommends motions for distinguishing pairs of effects. These motions are tried first.
     library = sorted(
         suggestions(question.recordings, needs), key=lambda s: not any(s.answers in words for words in hints)
     )
@@ -133,7 +133,8 @@ def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: Calibratio
         beside = tuple(other for other in path if other != name)
         own = next(values for values in after.calibration.effects if values.name == name)
         yield _Pair(name, rival, own.values, own.shape, beside)
-        # A rival that cannot be fitted has no estimate. Then only the pair (accepted effect, rival) is used.
+        # If a rival cannot be fitted, it has no estimate. Then only the pair (accepted effect, rival) is
+        # used.
         if estimate is not None:
             yield _Pair(rival, name, estimate.values, estimate.shape, beside)
 
@@ -160,8 +161,8 @@ def _separation(
 def _design(question: Question, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
     found = _core.gap_design(recordings, question.options, [(name, False) for name in names])
     base, candidates = found.base, found.effects
-    # Only inner products of the columns are needed, so they are replaced by the factor R of their QR
-    # decomposition.
+    # The columns are replaced by the factor R of their QR decomposition, which is smaller and has the same
+    # inner products.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}
     at = base.shape[1]
@@ -185,8 +186,8 @@ def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
     beside = [columns[name][0] for name in pair.beside if name in columns]
     rivals = columns[pair.rival]
     if len(rivals) > 1:
-        # In a fit, the time constant of the rival would be estimated. Columns at two adjacent trial values
-        # together approximate the columns for any time constant between these values.
+        # In a fit, the time constant of the rival would be estimated, too. The columns at two adjacent trial
+        # values of the time constant together approximate the columns at any value between them.
         rivals = [np.hstack(both) for both in itertools.pairwise(rivals)]
     return min(_residual_norm2(trace, np.hstack([base, *beside, rival])) for rival in rivals)
 

@@ -25,20 +25,20 @@ __all__ = [
     "session_of",
 ]
 
-# A given calibration is reported as outdated if its chi2 per degree of freedom exceeds that of a new fit
-# without effects by more than this factor, because then the parameters of the unit have changed.
+# If chi2 per degree of freedom of a given calibration exceeds that of a new fit without effects by more than
+# this factor, the parameters of the unit have changed. The calibration is then reported as outdated.
 FAR_WORSE: Final = 2.0
 
-# Minimum change of the mean temperature between sessions, K, for temperature to be considered as the cause of
-# a bias change.
+# Temperature is considered as the cause of a bias change only if the mean temperature changes by at least
+# this number between sessions, K.
 LEAST_CHANGE_K: Final = 1.0
 # chi2 per degree of freedom above which noise does not explain residuals. It corresponds to residuals of
 # twice the noise.
 ABOVE_NOISE: Final = 4.0
-# Ratio to its typical size above which a temperature coefficient is implausible.
+# A temperature coefficient is implausible if it exceeds this multiple of its typical size.
 MOST_TIMES_TYPICAL: Final = 5.0
 
-# Blocks of generic hypotheses that are biases, with their SI unit.
+# Parts of the model (blocks) of generic hypotheses that are biases, each with its SI unit.
 BIASES: Final = {"gyro_bias": "rad/s", "accel_bias": "m/s^2"}
 # Phrases that describe how a bias or a scale varies, by the kernel of the generic hypothesis.
 PATTERNS: Final = {
@@ -148,8 +148,8 @@ def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
     """The generic hypothesis with a description for users; None if the search has found none."""
     if found is None:
         return None
-    # For gyroscope scales and rate-dependent accelerometer biases, the listed rests are the starts of the
-    # moves in which the variation acts.
+    # A variation of a gyroscope scale, or of an accelerometer bias with the rate, acts within moves. The
+    # listed rests are then the rests before these moves.
     inside = found.block == "gyro_scale" or (found.block, found.kernel) == ("accel_bias", "rate")
     rms, unit = found.rms, ""
     if found.block in BIASES:

@@ -31,14 +31,14 @@ __all__ = ["MoveResiduals", "MoveSignals", "OwnMotion", "RestResiduals", "own_mo
 
 # Duration of the parts of the rests before and after a move that `MoveSignals` includes, s.
 MARGIN_S: Final = 1.0
-# The rate of a move is the median over samples whose rate exceeds this share of the maximum rate. This
-# excludes acceleration and deceleration at the ends of a move.
+# The rate of a move is the median over the samples whose rate exceeds this share of the maximum rate. The
+# samples of acceleration and deceleration are therefore excluded.
 PLATEAU: Final = 0.7
 # Minimum cosine of the angle between the rotation axis and a body axis for a move to count as a rotation
 # about this body axis: 0.85 is 32 deg.
 ALONG: Final = 0.85
-# Minimum ratio of the rotation angle of the whole move to the sum of the angles between samples. At a smaller
-# ratio the rotation axis changes during the move.
+# A move counts as a rotation about one axis if its rotation angle is at least this share of the sum of the
+# angles between samples. Otherwise the rotation axis changes during the move.
 FIXED: Final = 0.98
 # Maximum cosine of the angle between the rotation axis and the vertical: 0.5 is 60 deg.
 VERTICAL: Final = 0.5
@@ -342,7 +342,7 @@ def _move_row(
         own_rates = np.asarray(own.angular_rate, dtype=float)[move.first : move.last + 1]
         rotation = _core.integrate(time, np.ascontiguousarray(own_rates))
         predicted = _into_end(rotation, start / np.linalg.norm(start))
-        # A rate error e during the time dt changes the predicted gravity p by p x e dt.
+        # A rate error e that acts for the time dt changes the predicted gravity p by p x e dt.
         errors.append(float(np.cross(predicted, end / np.linalg.norm(end)) @ about) / seconds)
     return of.is_control, axis, rate, errors[0], errors[1]
 

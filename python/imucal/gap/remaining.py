@@ -12,8 +12,8 @@ from imucal.gap.remainder import Remainder
 
 __all__ = ["described"]
 
-# A calibration with a larger chi2 per degree of freedom is a poor fit. The compiled library uses the same
-# threshold.
+# If chi2 per degree of freedom of a calibration is larger than this number, the fit is poor. The compiled
+# library uses the same threshold.
 POOR_CHI2_PER_DOF: Final = 100.0
 
 Described = tuple[Remainder, Mapping[str, Any] | None, list[str]]

@@ -45,14 +45,15 @@ BLOCK: Final = 3
 STANDARD_ERRORS: Final = 2.5
 # Maximum scatter of the gravity direction within a soak, rad. A larger scatter means that the unit was moved.
 MOST_TURN_RAD: Final = 0.35
-# Search for the time constant of a lag: number of trial values per round, and number of rounds. Each round
-# searches between the neighbours of the best value of the previous round. The last steps are 1 %.
+# The time constant of a lag is searched in several rounds. The two constants are the number of trial values
+# per round and the number of rounds. Each round searches between the neighbours of the best value of the
+# previous round. In the last round, consecutive trial values differ by 1 %.
 TAUS: Final = 11
 ROUNDS: Final = 3
 AXES: Final = "xyz"
 REFERENCE_DEGC: Final = _core.REFERENCE_TEMPERATURE_DEGC
-# For each kind of term, the formulas of its degrees, and the suffixes that are appended to the unit of the
-# reading to give the units of the parameters.
+# For each kind of term: its formulas by degree, and suffixes. The unit of a parameter is the unit of the
+# reading with a suffix appended.
 FORMULAS: Final = {
     "polynomial": (
         "k (T - T0)",

@@ -35,9 +35,9 @@ EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
-# The summary prints either the control figure or the kind of residual that improves most. It prints the
-# control figure if this figure improves by at least this share of the improvement of the residual, where both
-# improvements are in multiples of the noise.
+# The summary prints either the control figure or the kind of residual that improves most. Both improvements
+# are measured in multiples of the noise. The summary prints the control figure if its improvement is at least
+# this share of the improvement of the residual.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
@@ -83,8 +83,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
         yield (
             f"{where}: {figure['metric']} {figure['before']:.4g} before{refitted}, "
             f"{figure['after']:.4g} after, floor {figure['floor']:.3g}: "
-            # A negative share means that the difference is within the scatter of the figures before and
-            # after.
+            # If the closed share is negative, the difference is within the scatter of the two figures.
             + (
                 "the difference is not significant"
                 if figure["closed"] < 0
@@ -171,8 +170,8 @@ def _finding(gap: GapFields) -> str:
     )
     figure = _by_the_effects(gap.gap)
     row = max(gap.where["channels"], key=_drop) if gap.where else None
-    # If the figures hardly improve, the effect acts during moves or on the stand, so residuals are printed
-    # instead.
+    # If the figures hardly improve, the effect acts during moves or on the stand. Residuals are then printed
+    # instead of figures.
     if (
         figure is not None
         and verified is not None

@@ -23,9 +23,9 @@ from imucal.gap.result import Gap
 
 __all__ = ["gap_of"]
 
-# Probability that an effect with the size of its detection limit is named first: 194 of 280 cases of the
-# benchmark (docs/results/gap.md). It is below the 90 % of the chi2 test, because the effect must also have
-# more evidence than its rivals.
+# Probability that an effect with the size of its detection limit is named first. It was 194 of 280 cases of
+# the benchmark (docs/results/gap.md). The detection limit is for 90 % power of the chi2 test. The probability
+# is lower, because the effect must also have more evidence than its rivals.
 NAMED_AT_LIMIT: Final = 0.7
 # Kinds of residuals on control or held-out data, in the order of the library.
 UNSEEN_KINDS: Final = ("rest_norm", "move_direction", "rest_rate")

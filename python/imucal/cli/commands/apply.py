@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["apply"]
 
-# Temperatures may exceed the calibrated temperature range by this share of its width without a warning,
-# because such a small extrapolation is safe.
+# Temperatures may exceed the temperature range of the calibration by this share of its width without a
+# warning, because such a small extrapolation is safe.
 BEYOND: Final = 0.05
 
 
@@ -158,7 +158,7 @@ class _Corrected:
         for raw in pieces:
             if start_s is None and len(raw):
                 start_s = float(raw.time_s[0])
-            # If an effect needs the whole recording, there is a single piece, and the start time must not be
+            # If an effect needs the whole recording, there is only one piece. The start time must then not be
             # given.
             corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
             missing, lost = empty_samples(raw, corrected)

@@ -29,7 +29,7 @@ __all__ = ["capture"]
 UNIT = "The unit's data"
 POSES = "The poses"
 CALIBRATION = "The calibration"
-# Findings for which the calibration refuses a recording unless the affected samples are excluded.
+# The calibration refuses a recording with these findings unless the affected rests and moves are excluded.
 SATURATED = ("accel_saturation", "gyro_saturation")
 # Schema of the document of --json.
 SCHEMA = "imucal.capture-result/1"

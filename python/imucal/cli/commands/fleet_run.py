@@ -271,8 +271,8 @@ def _watched(
             before = found
             if ready:
                 folders = {str(Path(name).parent) for name in ready}
-                # All files of these folders are included, because a new control recording may belong to a
-                # calibration recording that appeared earlier.
+                # All files of the folders with new files are processed, because a new control recording may
+                # belong to a calibration recording that appeared earlier.
                 together = [name for name in found if str(Path(name).parent) in folders]
                 new = {path_text(name) for name in ready}
                 jobs = [

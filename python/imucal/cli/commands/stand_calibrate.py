@@ -102,7 +102,7 @@ def calibrate(
     from imucal.stand.line import Order, calibrate_unit
     from imucal.stand.programs import PROGRAMS, program_named
 
-    # The output folder is listed as an input, so that --json cannot take its place.
+    # The output folder is listed among the inputs, so that --json cannot have the same path.
     require_apart([program, control_program, limits, folder, *equipment.files], {"--json": json})
     drawn_seed = secrets.randbelow(SEEDS) if control_seed is None else control_seed
     control: dict[str, Any] = {}
@@ -169,7 +169,7 @@ def view_for(
 
 def end_unit(out: Output, outcome: Outcome) -> None:
     """Print the verdict on a unit, and end the command with the exit code of this verdict."""
-    # The verdict comes first, because writing the document can fail on a full disk.
+    # The verdict is printed before the document is written, because writing can fail on a full disk.
     _show(out, outcome)
     out.document(outcome.to_dict())
     code = EXIT[outcome.verdict]

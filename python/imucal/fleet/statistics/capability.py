@@ -21,8 +21,8 @@ from imucal.limits.limits import Limits
 __all__ = ["Capability", "CapabilityResult", "capability", "proposed_limits"]
 
 SCHEMA: Final = "imucal.fleet-capability/1"
-# Half width of proposed limits in standard deviations of a measured value, as in `imucal limits template`.
-# With this width, a good unit violates at least one of 21 limits with a probability of 0.13 %.
+# Proposed limits are the mean plus and minus this number of standard deviations of a measured value, as in
+# `imucal limits template`. A good unit violates at least one of 21 such limits with a probability of 0.13 %.
 DEVIATIONS: Final = 4.0
 # A proposed `max_std` is this quantile of the standard deviations of a parameter, multiplied by this factor.
 STD_QUANTILE: Final = 0.99

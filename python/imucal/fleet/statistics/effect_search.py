@@ -36,8 +36,8 @@ RIVAL_WITHIN: Final = 10.0
 MOST_ROUNDS: Final = 3
 # Minimum number of units that must determine an effect.
 FEWEST_UNITS: Final = 5
-# Type of a function that fits effects to all units and returns {serial: {effect: fit}}. The first argument
-# lists the effects; the effects of the second argument are estimated together with each of them.
+# Type of a function that fits effects to all units and returns {serial: {effect: fit}}. Its first argument
+# lists the effects. The effects of its second argument are estimated together with each effect of the first.
 FitAll = Callable[[Sequence[str], Sequence[str]], Mapping[str, Mapping[str, Fitted]]]
 
 
@@ -226,8 +226,8 @@ def _evidence(
         - _squares(values - mean, total).sum()
         - np.linalg.slogdet(total)[1].sum()
     )
-    # The degrees of freedom count each spread as unrestricted, although it cannot be negative. Therefore the
-    # test is slightly conservative.
+    # The degrees of freedom are those for a spread that may have any sign. Because a spread cannot be
+    # negative, the test is slightly conservative.
     p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
     single = stats.chi2.sf(squares / inflation, dof) * units * tests
     return EffectEvidence(

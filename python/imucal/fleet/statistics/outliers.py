@@ -112,7 +112,7 @@ def outliers(measurements: Measurements) -> OutlierResult:
 
     Raises InputError for fewer than twice as many units as parameters.
     """
-    # The large covariances are left out of the selection. Later they are taken from `measurements` for a part
+    # The covariances are large and are not copied here. They are taken from `measurements` later, for a part
     # of the units at a time.
     kept, poor = usable(replace(measurements, covariances=None))
     all_columns = columns_of(kept)

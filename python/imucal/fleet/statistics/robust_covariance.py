@@ -54,8 +54,8 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
         else:
             scale = np.median(distances) / stats.chi2.ppf(0.5, columns)
             kept = distances <= max(scale, 1.0) * stats.chi2.ppf(KEPT, columns)
-        # Correction factor: for normal values, the covariance of the share of values inside an ellipsoid,
-        # divided by the covariance of all values.
+        # The covariance of normal values inside an ellipsoid is smaller than the covariance of all values by
+        # this factor.
         inside = share / stats.chi2.cdf(stats.chi2.ppf(share, columns), columns + 2)
         centre = values[kept].mean(axis=0)
         measured = inside * np.cov(values[kept], rowvar=False).reshape(columns, columns)

@@ -30,7 +30,8 @@ FALSE_ALARM: Final = 0.001
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
-# Change of a location, in standard deviations of the location, below which the iteration ends.
+# The iteration for a location ends when the location changes by less than this number of its standard
+# deviations.
 BIWEIGHT_SETTLED: Final = 1e-6
 TINY: Final = np.finfo(float).tiny
 # At least this share of the units of a group must have a nonzero biweight, because a shift must be common to
@@ -134,8 +135,8 @@ class _Partition:
         known = np.isfinite(residual) & (labels >= 0)
         own, y, precision = labels[known], residual[known], 1.0 / std[known] ** 2
         count = np.bincount(own, minlength=size)
-        # A unit that was measured often is predicted so precisely that it could dominate its group. Therefore
-        # the weight of each unit is limited to the fifth largest weight in the group.
+        # The prediction for a unit that was measured often is so precise that the unit could dominate its
+        # group. Therefore the weight of each unit is limited to the fifth largest weight in the group.
         order = np.lexsort((-precision, own))
         start = np.cumsum(count) - count
         fifth = np.minimum(start + np.clip(count - 1, 0, FEWEST_OF_DAY - 1), max(len(y) - 1, 0))

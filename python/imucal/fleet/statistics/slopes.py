@@ -72,16 +72,16 @@ def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slop
         counts[unit] = len(own) - 1
     z2 = (slopes / stds) ** 2
     known = np.isfinite(z2)
-    # With two dates, a slope and a step are the same. With more dates, the most significant of one slope and
-    # several steps is taken, so the p-value is corrected for the number of these tests.
+    # With two dates, a slope and a step are equivalent. With more dates, one slope and several steps are
+    # tested, and the most significant one is taken. The p-value is corrected for the number of these tests.
     tests = np.where(counts > 1, counts + 1, 1.0) * known.sum(1)[:, None]
     largest = np.where(counts > 1, np.fmax(z2, steps), z2)
     parameter_p = np.where(known, np.minimum(stats.chi2.sf(largest, 1) * tests, 1.0), np.nan)
     dof = known.sum(1)
     single_p = np.fmin.reduce(parameter_p, axis=1) if len(rows) else np.zeros(0)
     if dated.covariances is None or not rows:
-        # Without covariances there is no joint test of all parameters, because the estimates of one
-        # calibration are correlated, so the distribution of the sum of squares is not known.
+        # Without covariances there is no joint test of all parameters. The estimates of one calibration are
+        # correlated, so the distribution of their sum of squares is not known.
         return Slopes(tuple(rows), first, slopes, stds, None, dof, parameter_p, single_p)
     chi2 = _joint(dated, columns, values, rows, months)
     joint_p = np.where(np.isfinite(chi2), stats.chi2.sf(chi2, dof), 1.0)
@@ -139,7 +139,7 @@ def _joint(
                 "ni,ni->n", right, np.linalg.solve(information + ridge, right[:, :, None])[:, :, 0]
             )
         except np.linalg.LinAlgError:
-            # These units only have the tests of single parameters.
+            # The covariances of these units cannot be inverted, so only their single parameters are tested.
             pass
         start = end
     return np.where(chi2 >= 0, chi2, np.nan)

@@ -20,8 +20,8 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["Form", "further_forms", "library", "refined"]
 
-# Quantiles of the driver (the input variable of a law) that serve as trial constants. For a rate, they are
-# quantiles over the samples in motion; for another driver, over all samples.
+# Quantiles of the driver (the input variable of a law) that are tried as constants of a form. For a rate, the
+# quantiles are taken over the samples in motion. For all other drivers they are taken over all samples.
 SHARES: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
 # Positions at which a step in the dependence on a column is tried, as shares of the range of the column.
 STEPS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
@@ -33,13 +33,13 @@ SETTLING_S: Final = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0)
 WARM_UPS: Final = (0.03, 0.06, 0.12, 0.25, 0.5)
 # Angular rate above which samples count as motion, rad/s.
 MOVING_RADPS: Final = 0.1
-# Minimum range of the temperature, K, for laws of temperature to be tried.
+# Laws of the temperature are tried if the range of the temperature is at least this number, K.
 LEAST_CHANGE_K: Final = 2.0
-# Minimum range of an angle, rad, for harmonics to be tried. With a smaller range they cannot be distinguished
-# from powers.
+# Harmonics of an angle are tried if the range of the angle is at least this number, rad. With a smaller
+# range, harmonics cannot be distinguished from powers.
 LEAST_ANGLE_RAD: Final = np.pi
-# Factors by which a constant is varied in the refinement. They cover the interval between adjacent trial
-# values.
+# In the refinement, the constant of a form is multiplied by each of these factors. They cover the interval
+# between adjacent trial values.
 REFINEMENT: Final = (0.7, 0.76, 0.82, 0.88, 0.94, 1.0, 1.06, 1.13, 1.21, 1.3, 1.4)
 _Make = Callable[..., "Form"]
 # Number of samples from which quantiles are computed.

@@ -30,18 +30,18 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["columns_of", "with_laws"]
 
-# Threshold of the p-value of the residuals on unseen data, below which the named effects do not explain the
+# If the p-value of the residuals on unseen data is below this threshold, the named effects do not explain the
 # gap.
 CONTRADICTED: Final = 1e-3
-# A law replaces the named effects only if its residuals on unseen data exceed the noise by at most this share
-# of the excess that the named effects leave. So the named effects remain unless the law is far better.
+# The excess of a model is the amount by which its residuals on unseen data exceed the noise. A law replaces
+# the named effects only if its excess is at most this share of the excess with the named effects.
 LEAST_BETTER: Final = 0.5
 # Minimum share of the gap that a law must close in one kind of control or held-out residuals.
 LEAST_CLOSED: Final = 0.3
-# Patterns of the remainder for which no law is searched. Changes between sessions, a stand that contradicts
-# the sensors, and recordings that do not fit the model at all are not caused by a single missing law.
+# Patterns of the remainder for which no law is searched: changes between sessions, and contradictions (of the
+# stand and the sensors, or of the recordings and the model). A missing law does not cause these patterns.
 NO_LAW: Final = ("between_sessions", "contradiction")
-# Maximum number of field values in one linearisation. It limits memory to 400 MB.
+# Maximum number of field values in one linearisation. With this number, the values take 400 MB of memory.
 MOST_VALUES: Final = 5e7
 # Number of points at which the curve of a law is computed, so that corners of a law are visible.
 POINTS: Final = 201
@@ -60,7 +60,8 @@ def with_laws(question: Question, first: Gap) -> Gap:
         return first
     names = [str(effect["name"]) for effect in first.effects if effect["parameters"]]
     is_contradicted = remainder.p_value < CONTRADICTED
-    # Named effects may only approximate a law. The law is therefore also tried without these effects.
+    # The named effects may be an approximation of the law. Laws are therefore also searched without the named
+    # effects.
     trials = [names, []] if names and is_contradicted else [names]
     if remainder.kind == "nothing" and not (names and is_contradicted):
         return first
@@ -81,8 +82,8 @@ def _found(question: Question, first: Gap, names: Sequence[str]) -> Gap | None:
     """The result with laws in addition to the named effects; None if no law is confirmed."""
     calibration = first.fits["after"].calibration if names else first.fits["before"].calibration
     recordings = [calibration.apply_recording(recording) for recording in question.recordings]
-    # Smooth functions of any slow variable resemble a random walk. Therefore only further columns and stand
-    # angles are tried as drivers if the remainder is a random walk.
+    # A smooth function of any slow variable resembles a random walk. If the remainder is a random walk, only
+    # further columns and stand angles are therefore tried as drivers.
     is_random = first.remainder is not None and first.remainder.kind == "stochastic"
     forms = further_forms(recordings) if is_random else library(recordings)
     selected = _selected(question, recordings, names, forms, first)

@@ -1,9 +1,9 @@
 """Selection of laws on whitened residuals.
 
 The columns of the base parameters and of the named effects are projected out of the residuals and of all
-candidates. The candidate with the largest log evidence is selected under three conditions: its evidence,
-reduced by the logarithm of the number of candidates, is decisive; no other driver explains the residuals
-equally well; and random halves of the rests and moves select the same driver (stability selection,
+candidates. The candidate with the largest log evidence is selected under three conditions. Its log evidence,
+minus the logarithm of the number of candidates, is at least `LEAST_NATS`. No other driver explains the
+residuals equally well. Random halves of the rests and moves select the same driver (stability selection,
 Meinshausen and Buhlmann 2010).
 """
 
@@ -23,8 +23,9 @@ __all__ = ["Columns", "Selected", "select", "settled"]
 # Minimum log evidence of a law, nats, after the logarithm of the number of candidates is subtracted. 8 nats
 # are odds of 3000 to 1, as for effects of the catalogue.
 LEAST_NATS: Final = 8.0
-# If the log evidence of two forms differs by at most this number, nats, forms of different drivers are
-# rivals, and of two forms of the same driver the simpler form is preferred. 3 nats are odds of 20 to 1.
+# Two forms count as equally good if their log evidence differs by at most this number, nats. If their drivers
+# differ, they are rivals. If their driver is the same, the simpler form is preferred. 3 nats are odds of 20
+# to 1.
 RIVAL_NATS: Final = 3.0
 # Number of random halves of the rests and moves, and minimum share of the halves that select the same driver.
 HALVES: Final = 50
@@ -33,8 +34,8 @@ LEAST_STABLE: Final = 0.8
 FINALISTS: Final = 16
 # Maximum number of laws that are selected.
 MOST_LAWS: Final = 3
-# A column is a linear combination of the model's columns if its norm after projection is below this share of
-# its norm before. Such a remainder consists of rounding errors.
+# A column counts as a linear combination of the model's columns if the projection reduces its norm to less
+# than this share. The projected column then consists of rounding errors.
 LEAST_LEFT: Final = 1e-3
 SEED: Final = 20240
 
