@@ -31,8 +31,8 @@ class _Canvas:
         self.bits = np.zeros((lines, columns), dtype=int)
         self.style = np.full((lines, columns), "", dtype=object)
         self.letters: dict[tuple[int, int], tuple[str, str]] = {}
-        # Both directions have the same scale, because a dot is about as wide as high (a cell is twice as high
-        # as wide).
+        # The horizontal and the vertical scale are equal, in dots per unit of length. A dot is about as wide
+        # as high, because a cell of two by four dots is twice as high as wide.
         self.scale = min(2 * columns, 4 * lines) / (2.0 * REACH)
 
     def place(self, point: FloatArray) -> tuple[float, float]:

@@ -19,19 +19,19 @@ from imucal.stand.stream import StreamSource
 __all__ = ["Capture", "Command", "Ending"]
 
 Command: TypeAlias = Literal["undo", "finish", "stop"]
-# How a capture ended: all poses are recorded, the person ended or interrupted the recording, or the unit's
-# data stream ended.
+# Ways in which a capture ends: all poses are recorded, the person ends or interrupts the recording, or the
+# unit's data stream ends.
 Ending: TypeAlias = Literal["finished", "ended_by_person", "stopped", "stream_ended"]
 
 # Longest wait for samples in one iteration, s.
 WAIT_S: Final = 0.05
-# Number of rows that the session processes at once, before newly arrived rows are written to the file. It is
-# a third of a second at 100 Hz.
+# Number of rows that the session processes at once. After these rows, newly arrived rows are written to the
+# file. At 100 Hz this is a third of a second.
 ROWS_AT_ONCE: Final = 32
 # Interval between two flushes to the disk, s.
 SYNC_S: Final = 0.5
-# Time without a sample after which a message reports that the unit sends nothing, and interval between
-# repetitions of this message, both in s of the computer's clock.
+# A message reports that the unit sends nothing after this time without a sample. The message is repeated at
+# an interval. Both are in s of the computer's clock.
 SILENT_S: Final = 1.0
 SILENT_AGAIN_S: Final = 10.0
 # Shortest time between two messages about damaged data, s of the computer's clock.

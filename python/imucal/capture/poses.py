@@ -19,13 +19,14 @@ __all__ = ["angle_deg", "attitude_with", "next_pose", "pose_words", "standard_po
 # Two rests are the same pose if their up directions differ by less than this angle, deg. Adjacent faces and
 # edges of a box differ by 45 deg.
 SAME_DEG: Final = 20.0
-# Largest angle between a requested and a held up direction for the requested pose to count as held, deg.
+# A requested pose counts as held if the up direction of the unit is within this angle of the requested up
+# direction, deg.
 NEAR_DEG: Final = 30.0
-# A pose within this angle of the current pose, deg, is requested only if no other pose is left, because small
+# A pose within this angle of the current pose, deg, is requested only after all other poses, because small
 # rotations determine the gyroscope's sensitivity less accurately.
 SHORT_TURN_DEG: Final = 60.0
-# The six faces of a box, as up directions. Each rotation between consecutive faces is by 90 deg, about
-# another axis than the previous rotation.
+# The six faces of a box, as up directions. Consecutive faces differ by a rotation of 90 deg, and the axis
+# changes from each rotation to the next.
 FACES: Final = ((0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, -1), (-1, 0, 0), (0, -1, 0))
 # The description of a pose names an axis if the component of the up direction along it is at least this
 # share.

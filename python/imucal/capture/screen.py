@@ -24,7 +24,8 @@ __all__ = ["CaptureScreen"]
 
 # Interval between two updates of the screen, s.
 EVERY_S: Final = 0.1
-# Timeout for the end of the recording, s. A calibration of the recorded samples may have to finish first.
+# Timeout for the end of the thread that records, s. A computation with the recorded samples may have to
+# finish first.
 ENDS_WITHIN_S: Final = 30.0
 # Colours of the large text, by the state of the recording.
 COLOURS: Final = {"waiting": "white on dark_blue", "holding": "black on yellow", "taken": "black on green"}
@@ -74,7 +75,8 @@ class CaptureScreen(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         ("u", "undo", "drop the last pose"),
         ("q", "finish", "end and calibrate"),
-        # Textual itself binds this key, hidden from the footer. A binding with priority replaces it.
+        # Textual binds Ctrl+C itself, without showing it in the footer. A binding with priority replaces that
+        # binding.
         Binding("ctrl+c", "stop", "interrupt, to continue later", priority=True),
     ]
     ENABLE_COMMAND_PALETTE = False
@@ -98,7 +100,7 @@ class CaptureScreen(App[None]):
             with Vertical(id="right"):
                 yield Static(id="numbers")
                 yield ProgressBar(total=100, show_eta=False, id="steadiness")
-                # There is no minimum width, so that long lines are broken at the width of the panel.
+                # The minimum width is set to 0, so that long lines are broken at the width of the panel.
                 yield RichLog(id="messages", wrap=True, min_width=0)
         yield Footer()
 
@@ -127,7 +129,7 @@ class CaptureScreen(App[None]):
         except BaseException as error:
             self.error = error
         self._has_ended.set()
-        # A signal may already have ended the screen.
+        # A RuntimeError means that a signal has already ended the screen.
         with suppress(RuntimeError):
             self.call_from_thread(self.exit)
 

@@ -45,8 +45,8 @@ __all__ = ["Order", "Session"]
 
 # Interval between two evaluations of the recording, s of the recording's time.
 EVERY_S: Final = 0.25
-# Up to this number of samples, the recording is evaluated every `EVERY_S`, which takes a small share of a
-# processor. With more samples, the interval grows in proportion.
+# A recording of up to this number of samples is evaluated every `EVERY_S`. The evaluation takes a small share
+# of a processor. For longer recordings, the interval grows in proportion to the number of samples.
 SAMPLES_OF_EVERY: Final = 200_000
 # Default number of poses without targets, and minimum number of poses with targets. Nine is the number of
 # parameters of an accelerometer.
@@ -63,8 +63,7 @@ STAYS_AGAIN_S: Final = 8.0
 # Samples are missing if a time step exceeds both `GAP_S`, s, and `GAP_STEPS` median time steps.
 GAP_S: Final = 0.05
 GAP_STEPS: Final = 5.0
-# Two detections of the same rest, made while the recording grows, differ in their ends by at most this time,
-# s.
+# While a recording grows, the ends of a rest change by at most this time from one evaluation to the next, s.
 ENDS_MOVE_S: Final = 0.5
 
 
@@ -123,8 +122,7 @@ class Session:
         self._directions = list(order.directions or standard_poses())
         self._outlook = Outlook()
         self._next_look_s = 0.0
-        # The rest that was in progress at the last evaluation, and the messages that were sent about this
-        # rest.
+        # The rest that was in progress at the last evaluation, and the kinds of the messages about this rest.
         self._before: Held | None = None
         self._said: set[str] = set()
         self._reminded_s = -np.inf
@@ -321,8 +319,8 @@ class Session:
         """Request the next pose."""
         is_held = [any(angle_deg(pose.up, up) < NEAR_DEG for pose in self._round) for up in self._directions]
         asked = next_pose(self._directions, is_held, current)
-        # `asked` is None if poses between the listed directions have covered all directions before the round
-        # is complete.
+        # `asked` is None if all listed directions were held before the round is complete, because a pose
+        # between two directions counts for both.
         self._asked = 0 if asked is None else asked
         up = self._directions[self._asked]
         self._attitude = attitude_with(up, self._attitude)

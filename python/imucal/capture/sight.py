@@ -24,8 +24,8 @@ LIVE_REST_S: Final = 0.3
 # The unit counts as at rest now if a rest ends at most this time before the last sample, s. The time allows
 # for the resolution of the ends of rests, 0.05 s, and for one trimmed block.
 NOW_S: Final = 0.2
-# Duration of the last part of the recording from which the displayed steadiness is computed, s. The windows
-# of rest detection have the same duration.
+# The displayed steadiness is computed from the last part of the recording with this duration, s. It is also
+# the duration of the windows of rest detection.
 WINDOW_S: Final = 0.5
 
 

@@ -19,8 +19,8 @@ __all__ = ["Watch"]
 # reported by the calibration, which uses the whole recording. Errors are always reported, with the exceptions
 # below.
 SAID_WARNINGS: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
-# Findings that are reported again when their count has grown. Other errors are repeated after `REMINDED_S`,
-# s.
+# Findings that are reported again when the number of affected samples has grown. Other errors are repeated
+# after `REMINDED_S`, s.
 GROWING: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 REMINDED_S: Final = 20.0
 # Minimum number of rests before an axis can be reported as stuck. With fewer rests, the unit may not have
@@ -30,19 +30,22 @@ RESTS_OF_STUCK: Final = 3
 AGAIN_S: Final = 2.0
 # Time without a rest and without a rotation after which the unit counts as shaking, s.
 SHAKES_S: Final = 1.5
-# Minimum share of the expected samples in `SHAKES_S` that must have arrived for the unit to count as shaking.
+# The unit counts as shaking only if at least this share of the expected samples of the last `SHAKES_S` has
+# arrived.
 ENOUGH_SHARE: Final = 0.8
-# Change of the vertical during `SHAKES_S`, deg, above which the motion counts as a rotation and not as
-# shaking.
+# If the vertical changes by more than this angle during `SHAKES_S`, deg, the motion counts as a rotation and
+# not as shaking.
 SHAKEN_DEG: Final = 10.0
-# Ratio of the mean angular rate to its rms above which the motion counts as a rotation and not as shaking.
+# If the ratio of the mean angular rate to its rms exceeds this number, the motion counts as a rotation and
+# not as shaking.
 SHAKEN_SHARE: Final = 0.35
 # An axis is clipped at rest if this share of the samples in `SHAKES_S` has the extreme value of the axis,
 # while at most `EQUAL_SHARE` of its other samples equal the sample before. The second condition excludes
 # converters whose step exceeds the noise.
 CLIPPED_SHARE: Final = 0.3
 EQUAL_SHARE: Final = 0.1
-# Angular rate above which a rotation is too fast, deg/s: the smallest range of common gyroscopes.
+# A rotation is too fast above this angular rate, deg/s. It is the smallest measurement range of common
+# gyroscopes.
 FAST_DPS: Final = 250.0
 # Angular rate, deg/s, above which the unit of the data must be wrong. The largest range of common gyroscopes
 # is 2000 deg/s, and a hand does not rotate a unit faster.
@@ -54,9 +57,9 @@ BLOCK_S: Final = 0.1
 # Time from the first sample, s, in which a wrong unit of the data cannot be distinguished from a fast
 # rotation.
 FIRST_S: Final = 1.5
-# In a rotation, the largest gyroscope reading must be at least this share of the mean rate of the vertical;
-# otherwise the unit of the data is wrong, because sensor errors are only a few per cent. Rotations with a
-# smaller mean rate than the second number, deg/s, are not tested.
+# If the largest gyroscope reading in a rotation is below this share of the mean rate of the vertical, the
+# unit of the data is wrong, because sensor errors are only a few per cent. Rotations with a smaller mean rate
+# than the second number, deg/s, are not tested.
 LEAST_SHARE: Final = 0.5
 LEAST_MEAN_DPS: Final = 15.0
 # Mean rate of the vertical between two rests above which a rotation is too fast, deg/s. It is used for
@@ -73,8 +76,8 @@ class Watch:
         self._said_s: dict[str, float] = {}
         self._rests_seen = 0
         self._forgets_gap = False
-        # The message about an axis that was clipped at rest. Without its noise, the axis makes rests in other
-        # poses look like shaking.
+        # The message about an axis that was clipped at rest. A clipped axis has no noise, so the estimated
+        # noise floor is too small, and rests in other poses look like shaking.
         self._clipped: str | None = None
 
     def forget_gaps(self) -> None:

@@ -28,8 +28,8 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """
     try:
         given = Path(path)
-        # Pipes and devices are opened by the given path and not by their link target, because the target of
-        # /dev/stdout is not a usable path if standard output is a pipe.
+        # Pipes and devices are opened by the given path and not by the target of a link. If standard output
+        # is a pipe, the link target of /dev/stdout is not a usable path.
         if given.exists() and not given.is_file() and not given.is_dir():
             with given.open("wb") as device:
                 yield device

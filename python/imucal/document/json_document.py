@@ -40,7 +40,8 @@ def to_json(document: Any) -> str:
         if not math.isfinite(number):
             raise InputError(f"{path} is {number}: it is not written, JSON holds finite numbers only")
     text = _escaped(json.dumps(document, indent=2, ensure_ascii=False))
-    # The pattern matches only arrays of numbers, because a JSON string contains no raw line break.
+    # The pattern contains line breaks. It cannot match text in a string, because a JSON string contains no
+    # raw line break.
     return re.sub(
         r"\[\n\s*([-+\d.eE]+(?:,\n\s*[-+\d.eE]+)*)\n\s*\]",
         lambda match: "[" + re.sub(r",\n\s*", ", ", match[1]) + "]",
@@ -55,7 +56,8 @@ def write_json(document: Any, path: str | os.PathLike[str]) -> None:
 
 def read_json(path: str | os.PathLike[str]) -> Node:
     """Read a JSON document; FormatError if the file is not JSON."""
-    # Imported here, because this import loads the readers of all formats, which users of arrays do not need.
+    # This import is in the function, because it loads the readers of all formats, which users of arrays do
+    # not need.
     from imucal.document.source import open_file
 
     file = open_file(path)
@@ -67,7 +69,7 @@ def read_json(path: str | os.PathLike[str]) -> Node:
         raise FormatError(f"{given}: {constant} is no JSON number: finite numbers are needed")
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        # The json module would silently keep the last of two fields with the same name.
+        # Fields with the same name are refused. The json module would silently keep the last of them.
         found = dict(pairs)
         if len(found) < len(pairs):
             names = [name for name, _ in pairs]

@@ -22,8 +22,8 @@ except ImportError:  # Windows has no fcntl; users remove left files by hand.
 
 __all__ = ["TemporaryFile"]
 
-# The name is short and does not contain the name of the target, which may already have the 255 bytes that
-# file systems allow.
+# Start of the name of a temporary file. The name does not contain the name of the target, which may already
+# have the 255 bytes that file systems allow.
 PREFIX: Final = ".imucal-"
 SUFFIX: Final = ".tmp"
 # Age, s, above which a temporary file without a lock counts as left by a killed process. A younger file may
@@ -67,8 +67,9 @@ class TemporaryFile:
             self._link(target)
             return
         # A link cannot replace an existing file, but a rename can. Therefore the file is first linked to an
-        # intermediate name, which depends only on the target. If the process is killed between link and
-        # rename, the next process that writes this target replaces the intermediate file.
+        # intermediate name and then renamed. The intermediate name depends only on the target. If the process
+        # is killed between link and rename, the next process that writes this target replaces the
+        # intermediate file.
         linked = self._folder / f"{PREFIX}{_digest(target.name)}{SUFFIX}"
         for attempt in range(ATTEMPTS):
             try:
@@ -78,7 +79,8 @@ class TemporaryFile:
                 linked.replace(target)
                 return
             except (FileExistsError, FileNotFoundError):
-                # Another process writes the same file at the same time.
+                # The intermediate name exists, because another process writes the same target at the same
+                # time.
                 if attempt == ATTEMPTS - 1:
                     raise
                 time.sleep(0.01 * attempt)
@@ -87,7 +89,7 @@ class TemporaryFile:
         """Link the unnamed file to a name in its folder."""
         folder = os.open(self._folder, os.O_RDONLY)
         try:
-            # The folder is given by its descriptor, because otherwise Python does not follow the link in
+            # The folder is given by its descriptor. Without a descriptor, Python does not follow the link in
             # /proc.
             os.link(f"/proc/self/fd/{self.descriptor}", path.name, dst_dir_fd=folder, follow_symlinks=True)
         finally:

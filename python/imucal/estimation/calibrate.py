@@ -40,10 +40,11 @@ from imucal.rig.unit import Unit
 
 __all__ = ["calibrate", "result_of"]
 
-# Largest accepted number of folds. More folds would not be useful, because recordings have fewer moves.
+# Largest accepted number of folds. More folds are useless, because recordings have fewer moves than this
+# number.
 MOST_FOLDS: Final = 1000
-# Largest accepted value of `max_iterations`. A minimisation that has not converged after this number of
-# iterations does not converge.
+# Largest accepted value of `max_iterations`. If a fit has not converged after this number of iterations, more
+# iterations do not help.
 MOST_ITERATIONS: Final = 100_000
 
 

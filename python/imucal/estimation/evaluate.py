@@ -31,7 +31,7 @@ from imucal.recording.recording import Recording, as_recordings, require_sensors
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
 
-# Parts of the model that a calibration of another program may lack. Without these parts, the corrected
+# Parts of the model that a calibration of another program may lack. If such a part is missing, the corrected
 # samples have errors.
 ERRORS: Final = frozenset(
     {"gyroscope", *(f"{s}_{part}" for s in ("accel", "gyro") for part in ("bias", "scale", "misalignment"))}
@@ -164,7 +164,7 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
     require_judges(calibration, judges)
     if calibration.frame == "given" and calibration.covariance is not None and not calibration.effects:
         # The calibration is converted to the symmetric frame, because the library supports a covariance only
-        # in this frame. The figures are the same in every body frame.
+        # in the symmetric frame. The figures are the same in every body frame.
         calibration = in_frame(calibration, "symmetric")
     if calibration.gyroscope is None:
         nine = _covariance(calibration)

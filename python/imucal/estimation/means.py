@@ -50,7 +50,7 @@ class FromMeans:
 
 
 def rows_of_means(means: Means) -> Recording:
-    """The accelerometer means as a recording with one sample per row. The row number is used as the time."""
+    """The means of the accelerometer as a recording with one sample per row. The time is the row number."""
     return Recording(
         np.arange(len(means), dtype=np.float64),
         means.specific_force,

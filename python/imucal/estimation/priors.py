@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["HeldParameter", "Hold", "HoldTuple", "PriorShare", "Priors", "holds_of", "profile_of"]
 
-# Type of the parameters to hold: a text or texts such as NAME, NAME=VALUE, NAME+-SIGMA or NAME=VALUE+-SIGMA;
-# or a mapping from each name to None, to a value, or to a pair of value and standard deviation. Each number
-# of the pair may be None.
+# Type of the argument `hold`. It is one text or several texts of the form NAME, NAME=VALUE, NAME+-SIGMA or
+# NAME=VALUE+-SIGMA. It may also be a mapping from each name to None, to a value, or to a pair of value and
+# standard deviation. Each number of the pair may be None.
 Hold: TypeAlias = "str | Sequence[str] | Mapping[str, float | tuple[float | None, float | None] | None]"
 # Name, mean and standard deviation of a prior, as the compiled library expects them.
 HoldTuple: TypeAlias = "tuple[str, float | None, float | None]"
@@ -31,8 +31,8 @@ HoldTuple: TypeAlias = "tuple[str, float | None, float | None]"
 NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 TEXT: Final = re.compile(rf"\s*(\w+)\s*(?:=\s*({NUMBER}))?\s*(?:(?:\+-|±|\+/-)\s*({NUMBER}))?\s*")
 FORM: Final = "give NAME, NAME=VALUE, or NAME=VALUE+-SIGMA, such as accel_misalignment=0+-0.005"
-# A note reports each parameter that is not held if the priors of held parameters cause more than this share
-# of its variance.
+# If the priors of held parameters cause more than this share of the variance of a parameter that is not held,
+# a note reports this parameter.
 NOTED_SHARE: Final = 0.1
 SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": "default for MEMS sensors"}
 

@@ -21,8 +21,8 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["UserEffectSource"]
 
 
-# When two calibrations are compared, samples are averaged over this time, s, before they are corrected.
-# Averages are sufficient, because the errors of a calibration vary as slowly as the motion.
+# When two calibrations are compared, samples are averaged over this time, s, before they are corrected. The
+# errors of a calibration vary as slowly as the motion, so these averages are sufficient.
 BRIEF_S: Final = 0.1
 
 RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]

@@ -26,7 +26,8 @@ __all__ = ["ARDUPILOT"]
 
 # Number of each sensor in the names of its parameters; the first sensor has no number.
 NUMBERS: Final = ("", "2", "3")
-# Value of INS_TCAL_ENABLE with which ArduPilot applies the thermal terms. With the value 2 it estimates them.
+# Value of INS_TCAL_ENABLE with which ArduPilot applies the thermal terms. With the value 2 ArduPilot
+# estimates the terms.
 APPLIED: Final = 1.0
 # Default value of INS_ACC_CALTEMP and INS_GYR_CALTEMP, degC. It means "not set", and ArduPilot replaces it by
 # TMIN.
@@ -46,7 +47,8 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
             f"instance is {wanted.instance}: parameter files of ArduPilot have the sensors 0 to 2"
         )
     number = NUMBERS[wanted.instance]
-    # Offsets of the gyroscopes: INS_GYROFFS for the first, INS_GYR2OFFS and INS_GYR3OFFS for the others.
+    # ArduPilot's names of the gyroscope offsets are INS_GYROFFS for the first sensor, and INS_GYR2OFFS and
+    # INS_GYR3OFFS for the second and third.
     offsets = {
         "accel": parameters.vector(f"INS_ACC{number}OFFS_{{}}"),
         "gyro": parameters.vector(f"INS_GYR{number}OFFS_{{}}" if number else "INS_GYROFFS_{}"),

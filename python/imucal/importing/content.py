@@ -46,8 +46,8 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     document = None
     if text.lstrip().startswith("{"):
         document = read_json(path)
-    # Files with parameters or settings are not parsed as YAML, although consoles of autopilots write lines
-    # above them that look like YAML.
+    # Files with parameters or settings are not parsed as YAML. Consoles of autopilots write lines above the
+    # parameters that look like YAML.
     elif YAML_FIELD.search(text) and not has_parameters(text) and not has_settings(text):
         document = Node(_yaml(text, name), "$", name)
     return Content(name, text, document, file.source, file.content)
@@ -67,11 +67,12 @@ def _yaml(text: str, name: str) -> Any:
                     raise FormatError(f"{name}: the field {key!r} occurs twice: keep one")
             return super().construct_mapping(node, deep)
 
-    # OpenCV writes a directive that PyYAML does not accept.
+    # The directive %YAML:1.0 is removed. OpenCV writes it, and PyYAML does not accept it.
     text = re.sub(r"\A\s*%YAML:1\.0[^\n]*\n(---)?", "", text)
     with parsing(name, "YAML", "export or copy it again"):
         found = [document for document in yaml.load_all(text, Once) if document is not None]
-        # The conversion to JSON and back replaces dates by texts and YAML aliases by copies.
+        # The document is converted to JSON and back, which replaces dates by texts and YAML aliases by
+        # copies.
         plain = json.loads(json.dumps(found, default=str))
     return _with_numbers(plain[0] if len(plain) == 1 else plain)
 

@@ -26,9 +26,10 @@ __all__ = ["INAV", "has_settings"]
 
 # Matches one setting: set NAME = VALUE, as the CLI prints and reads it.
 LINE: Final = re.compile(r"^\s*set\s+(\w+)\s*=\s*(\S+)", re.MULTILINE)
-# Settings of a calibration and INAV's defaults, which `diff` does not list.
+# Settings of a calibration, each with INAV's default. The CLI command `diff` does not list settings that have
+# their default.
 DEFAULTS: Final = {"acczero": 0.0, "accgain": float(UNIT_GAIN), "gyro_zero": 0.0}
-# Setting that makes INAV measure gyro_zero at each start unless it is OFF.
+# Unless this setting is OFF, INAV measures gyro_zero at each start.
 AT_START: Final = "init_gyro_cal"
 
 

@@ -33,8 +33,9 @@ __all__ = ["REALSENSE_TABLE"]
 # Position of the flags of the IMU's table: after the headers of the image, of the module and of the table.
 FLAGS: Final = 3 * HEADER_SIZE
 NUMBERS: Final = FLAGS + 4 + EXTRINSIC_SIZE
-# Largest bias, in the number of the table, that a note describes as possibly in rad/s. Gyroscopes of these
-# cameras have biases up to 1 deg/s, so that their biases in rad/s are below this number.
+# If the number of the bias in the table is at most this number, a note says that the bias may be in rad/s.
+# Gyroscopes of these cameras have biases up to 1 deg/s, and the number of such a bias in rad/s is below this
+# limit.
 IN_RADIANS: Final = 0.02
 
 

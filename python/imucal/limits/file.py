@@ -27,8 +27,8 @@ FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects", "ve
 # Verdicts that limits can require.
 REQUIRED: Final[tuple[Verdict, ...]] = ("good", "incomplete")
 NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one limit"
-# Largest accepted limit of each figure: chi2 of residuals of 1000 times the noise, gravity, half a
-# revolution, and the number of rests of one second in a day.
+# Largest accepted limit of each figure. The values are chi2 of residuals of 1000 times the noise, gravity,
+# half a revolution, and the number of rests of one second in a day.
 LARGEST_LIMITS: Final = {
     "chi2_per_dof": 1e6,
     "gravity_norm_rms_mps2": 9.9,
@@ -75,8 +75,8 @@ def fields_of(node: Node, user_effects: Sequence[UserEffect]) -> dict[str, Any]:
     node.require_schema(SCHEMA)
     _require_known(node, FIELDS)
     given = node.mapping()
-    # If numbers in a file contradict each other, the error is a FormatError of the file and not an
-    # InputError.
+    # An InputError about numbers that contradict each other is converted to a FormatError, because the
+    # numbers come from a file.
     try:
         fields: dict[str, Any] = {
             "parameters": _parameters(node.get("parameters"), user_effects) if "parameters" in given else (),

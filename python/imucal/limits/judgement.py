@@ -1,6 +1,6 @@
 """Judgement of one unit: the value, the limit and the outcome of each check.
 
-    kept: low <= value <= high          gh the standard deviation has no effect
+    A check passes if low <= value <= high. The standard deviation of the value has no effect.
 
 A parameter within 2 sigma of its limit also gets a warning, because a repeated measurement may be on the
 other side.

@@ -67,7 +67,7 @@ class ParameterLimit:
 
     def covers(self, name: str) -> bool:
         """Whether this limit applies to the parameter with this name."""
-        # gyro_bias_* matches the bias but not gyro_bias_temperature_x.
+        # For example, gyro_bias_* matches gyro_bias_x but not gyro_bias_temperature_x.
         return re.fullmatch(re.escape(self.name).replace(r"\*", "[^_]+"), name) is not None
 
     def checks(self, calibration: Calibration) -> list[Check]:

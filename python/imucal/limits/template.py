@@ -20,8 +20,8 @@ from imucal.limits.limits import Limits
 
 __all__ = ["DEVIATIONS", "limits_from"]
 
-# Default half width of the ranges in standard deviations. With 3 standard deviations, one of 18 good units
-# would fail, because each of 21 parameters is outside its range with a probability of 0.27 %. With 4 standard
+# Default half width of the ranges in standard deviations. With 3 standard deviations, each of 21 parameters
+# is outside its range with a probability of 0.27 %, so one of 18 good units would fail. With 4 standard
 # deviations, one of 750 good units fails.
 DEVIATIONS: Final = 4.0
 # The limit for the standard deviation of a parameter is the largest standard deviation of this parameter

@@ -48,8 +48,8 @@ def allan_deviation(
         wanted = np.asarray(taus_s, dtype=np.float64)
         if wanted.ndim != 1 or not np.all(np.isfinite(wanted)) or np.any(wanted < 0):
             raise InputError("taus_s needs finite averaging times in s, or octave or decade")
-        # The numbers of samples per average are clipped before the conversion, because a very long averaging
-        # time would overflow int64. Averaging times that are too long are refused below.
+        # The numbers of samples per average are clipped before the conversion to int64, because a very long
+        # averaging time would overflow. Averaging times that are too long are refused below.
         most = float(len(array) + 1)
         factors = np.unique(np.minimum(np.round(wanted * rate_hz), most)).astype(np.int64).tolist()
     columns = _core.allan_deviations(array, factors, threads)

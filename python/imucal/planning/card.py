@@ -15,13 +15,14 @@ from imucal.rig.motion import Program
 
 __all__ = ["write_card"]
 
-# Size of the drawing, relative to the half edge of the box along x: half edges along x, y and z, and length
-# of the axis arrows.
+# Sizes in the drawing, relative to the half edge of the box along x. They are the half edges along x, y and
+# z, and the length of the axis arrows.
 BOX: Final = np.array([1.0, 0.7, 0.35])
 ARROW: Final = 1.75
 COLOURS: Final = ("#d55e00", "#008560", "#0072b2")
 SIZE_PX: Final = 170
-# Projection for a view from the front right and above: image axes right and up, and direction to the eye.
+# Unit vectors of a view from the front right and above: the right and the up direction of the picture, and
+# the direction to the eye.
 RIGHT: Final = np.array([0.88, 0.48, 0.0])
 UP: Final = np.array([-0.19, 0.35, 0.92])
 EYE: Final = np.cross(RIGHT, UP)
@@ -109,7 +110,8 @@ def _picture(attitude: FloatArray) -> str:
                 shapes.append((0.0, f'<polygon points="{points}" {look}/>'))
     for axis in range(3):
         tip, foot = attitude[:, axis] * ARROW, attitude[:, axis] * BOX[axis]
-        # An axis that points away from the viewer is drawn before the box, so that the box hides part of it.
+        # An axis that points away from the viewer is drawn before the box, so that the box covers part of the
+        # axis.
         shapes.append((float(np.sign(round(float(tip @ EYE), 6))) or 1.0, _arrow(foot, tip, axis)))
     return "".join(shape for _, shape in sorted(shapes, key=lambda item: item[0]))
 

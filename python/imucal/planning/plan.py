@@ -41,7 +41,8 @@ __all__ = ["plan"]
 
 DEFAULT_MINUTES: Final = 3.0
 PROPOSALS: Final = 12000
-# Number of steps of a short trial search, which finds out which parameters a stand can determine.
+# Number of steps of a short trial search. The trial search determines which parameters the stand can
+# determine.
 FEW_PROPOSALS: Final = 300
 # Hand tremor in the simulated run for detection limits: standard deviation about each axis, deg.
 TREMOR_DEG: Final = 0.05
@@ -180,7 +181,7 @@ class _Planner:
             return self._search(minutes_allowed, None, self.proposals)
         sigma = sigma_of(targets, self._parameters(minutes_allowed))
         if self.limits.axis_count < 3 or any(axis and axis.in_si()[2] for axis in self.limits.axes):
-            # Targets of parameters that no program of this stand determines are removed.
+            # If no program of this stand determines a parameter, its target is removed.
             trial, _ = self._search(minutes_allowed, None, FEW_PROPOSALS)
             determined = self._prospect(self._run(trial)).predicted_sigma
             base = [math.inf if std is None else s for s, std in zip(sigma, determined, strict=False)]
@@ -329,8 +330,8 @@ class _Planner:
         for name, motions in (("grid", [grid]), ("random", [random]), ("grid and random", [grid, random])):
             minutes = sum(motion.duration_s for motion in motions) / 60.0
             sigma, _ = own._sigma(motions, minutes)
-            # The grid rotates about one axis at a time and does not determine the gyroscope's off-diagonal
-            # entries.
+            # The grid program rotates about one axis at a time, so it does not determine the gyroscope's
+            # off-diagonal entries.
             parameters = [
                 PlannedParameter(parameter, std if std < OPEN else None, unit)
                 for (parameter, unit), std in zip(own._parameters(minutes), sigma, strict=True)

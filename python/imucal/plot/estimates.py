@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 __all__ = ["limits", "parameters", "sigmas"]
 
-# Heights in pixels of: the row of a parameter, the row of a check, the title and labels of a panel, and the
-# margin of the figure.
+# Heights in pixels. They are those of the row of a parameter, of the row of a check, of the title and labels
+# of a panel, and of the margin of the figure.
 ROW_PX: Final = 24
 CHECK_PX: Final = 29
 PANEL_PX: Final = 62
 MARGIN_PX: Final = 40
-# A check whose value is beyond this multiple of the limit is drawn at this multiple.
+# If the value of a check exceeds this multiple of its limit, it is drawn at this multiple.
 EDGE: Final = 1.5
 
 
@@ -115,7 +115,7 @@ def limits(judgement: Judgement) -> Figure:
     figure.update_yaxes(
         rows_of(order),
         tickvals=order,
-        # Break the long names of figures of a set, so that they fit on the screen of a phone.
+        # Long names of figures are broken into two lines, so that they fit on the screen of a phone.
         ticktext=[what.replace("_set ", "_set<br>") for what in order],
         tickfont={"size": 11},
     )

@@ -27,8 +27,8 @@ __all__ = [
     "sphere_before_and_after",
 ]
 
-# Errors are magnified by a common factor, so that the largest distance of a point from the sphere has this
-# value, in radii.
+# All errors are magnified by a common factor. With this factor, the largest distance of a point from the
+# sphere is this number of radii.
 DRAWN_ERROR: Final = 0.4
 # Edges of the bins of a histogram, in standard deviations. The outermost bins also contain all values beyond
 # them.

@@ -143,7 +143,7 @@ def _shade(figure: Any, inspection: Inspection) -> None:
     for name, colour, is_excluded in (("rest", BAND, False), ("excluded rest", EXCLUDED, True)):
         own = [rest for rest in inspection.rests if (rest.excluded is not None) == is_excluded][:RESTS]
         for rest in own:
-            # The shape spans the whole height, so that one shape is sufficient for all panels.
+            # The band spans the whole height of the figure, so that one shape is sufficient for all panels.
             figure.add_shape(
                 type="rect", xref="x", yref="paper", x0=rest.start_s, x1=rest.end_s, y0=0, y1=1,
                 fillcolor=colour, line={"width": 0}, layer="below",

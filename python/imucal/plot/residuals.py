@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 __all__ = ["move_residuals", "rest_residuals"]
 
 MG: Final = SHOWN["m/s^2"][0]
-# Bounds, in standard deviations, that contain 95 % of the residuals if there is only noise: for a normal
-# variable, and for the norm of a vector of two normal variables (Rayleigh distribution).
+# Bounds, in standard deviations, that contain 95 % of the residuals if there is only noise. The first bound
+# is for a normal variable. The second bound is for the norm of a vector of two normal variables (Rayleigh
+# distribution).
 NORMAL_95: Final = 1.960
 LENGTH_95: Final = math.sqrt(-2.0 * math.log(0.05))
 

@@ -35,7 +35,8 @@ KINDS: Final = {
 ROW_PX: Final = 34
 SIZE_ROW_PX: Final = 24
 PANEL_PX: Final = 66
-# Minimum probability of a drawn candidate, and maximum number of drawn candidates.
+# A candidate is drawn if its probability is at least LEAST. The second number is the maximum number of drawn
+# candidates.
 LEAST: Final = 1e-3
 MOST: Final = 6
 # Half width of a 95 % interval, in standard deviations.
@@ -91,7 +92,7 @@ def waterfall(gap: Gap) -> Figure:
             row=row,
             col=1,
         )
-        # The shares are part of the labels, because a short bar has no place for text.
+        # The shares are written in the labels, because a short bar has no room for text.
         labels = [f"{name}<br>{share}" for name, share in zip(names, text, strict=True)]
         figure.update_yaxes(rows_of(names), ticktext=labels, row=row, col=1)
     figure.update_xaxes(rangemode="tozero", ticksuffix=" %")

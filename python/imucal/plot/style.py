@@ -55,7 +55,8 @@ def styled(figure: Figure, height: int) -> Figure:
         plot_bgcolor=PAPER,
         font={"family": FONT, "size": 13, "color": INK},
         hoverlabel={"bgcolor": PAPER, "bordercolor": GREY, "font": {"color": INK}, "align": "left"},
-        # When a change of the colour theme redraws the figure, rotation and zoom are kept.
+        # A change of the colour theme redraws the figure. With a constant `uirevision`, rotation and zoom are
+        # kept.
         uirevision="kept",
     )
     axis = {
@@ -66,7 +67,8 @@ def styled(figure: Figure, height: int) -> Figure:
         "exponentformat": "power",
         "minexponent": 5,
     }
-    # Invisible ticks separate the labels of both axes in the corner of the figure.
+    # Ticks in the colour of the paper keep a distance between the labels of both axes in the corner of the
+    # figure.
     figure.update_xaxes(**axis, title_standoff=8, ticks="outside", ticklen=4, tickcolor=PAPER)
     figure.update_yaxes(**axis, title_standoff=8)
     return figure

@@ -15,8 +15,8 @@ from imucal.recording.recording import Recording, as_recordings
 
 __all__ = ["of_one_unit", "require_different", "require_other_data", "with_own_names"]
 
-# Number of samples at the start that are compared first. Samples of different runs nearly always differ
-# there.
+# Number of samples at the start of two recordings that are compared first. If the recordings are different
+# runs, these samples nearly always differ.
 BEGINNING: Final = 100
 
 

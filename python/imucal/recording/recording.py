@@ -38,8 +38,8 @@ __all__ = [
 Sensor: TypeAlias = Literal["accelerometer", "gyroscope"]
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
-# A longer time step, s, counts as a pause between two runs, because no sensor that can be calibrated has such
-# a long sampling interval.
+# A time step longer than this time, s, counts as a pause between two runs. No sensor that can be calibrated
+# has such a long sampling interval.
 PAUSE_S: Final = 1.0
 
 
@@ -250,7 +250,8 @@ class Recording:
         coincidences.
         """
         is_copy = np.zeros(len(self), dtype=bool)
-        # The time is compared first, and the samples only where two times are equal, which is rare.
+        # The times are compared first. The samples are compared only at rows with equal times, which are
+        # rare.
         is_copy[1:] = self.time_s[1:] == self.time_s[:-1]
         if not is_copy.any():
             return self

@@ -134,7 +134,7 @@ def _histogram(result: CalibrationResult) -> list[Shown]:
     try:
         figure = plot.histogram(result)
     except InputError:
-        # A calibration from a table of mean readings without their noise has no histogram.
+        # If the noise of the means is not known, a calibration from a table of means has no histogram.
         return []
     caption = (
         "Residuals in standard deviations of their noise. If noise alone explains the residuals, the bars "

@@ -44,7 +44,7 @@ def write_gap_page(
     """
     motion = own_motion(gap, recordings, control=control) if gap.fits and recordings else None
     tabs = [Tab("Summary", tuple(_summary(gap, motion)))]
-    # There are no residuals if the recordings were refused.
+    # If the recordings were refused, there are no residuals to show.
     if getattr(gap, "where", None):
         tabs.append(Tab("Where", tuple(where(gap, motion))))
     if gap.laws:
@@ -108,7 +108,7 @@ def _left(gap: Gap) -> Iterator[str]:
     yield heading("Remaining residuals")
     words = gap.remainder.description or "noise explains the residuals"
     if gap.remainder.session is not None:
-        # The verdict contains the whole description.
+        # The verdict at the top of the page contains the whole description.
         words = "the biases changed between the sessions"
     kind = gap.remainder.kind.capitalize()
     yield paragraph(f"{kind}: {words} ({p_text(gap.remainder.p_value)}).")

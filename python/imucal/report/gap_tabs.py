@@ -205,7 +205,8 @@ def _channels(channels: Any) -> str:
                 f"{noise:.3g}",
                 shown_unit(unit),
                 f"{row['times_noise']:.3g}",
-                # None for effects on the angles of the stand, which do not change the corrected signals.
+                # The value is None for effects on the angles of the stand, which do not change the corrected
+                # signals.
                 "-" if row["times_noise_after"] is None else f"{row['times_noise_after']:.3g}",
                 "significant" if row["stands_out"] else "",
             ]

@@ -23,7 +23,7 @@ BROWSERS: Final = (
     "chrome",
     "msedge",
 )
-# Time limit of the browser.
+# Time limit of the browser, s.
 LONGEST_S: Final = 120.0
 
 
@@ -42,7 +42,8 @@ def write_pdf(path: str | Path, page: str) -> None:
         html, pdf = Path(folder, "page.html"), Path(folder, "page.pdf")
         html.write_text(page, encoding="utf-8")
         options = ["--headless", "--disable-gpu", "--no-first-run", f"--user-data-dir={folder}/profile"]
-        # Chromium does not start as root with its sandbox.
+        # The sandbox is switched off for the user root, because Chromium does not start as root with its
+        # sandbox.
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             options.append("--no-sandbox")
         command = [browser, *options, "--no-pdf-header-footer", f"--print-to-pdf={pdf}", html.as_uri()]

@@ -26,7 +26,7 @@ from imucal.rig.stand import Stand, stand_of
 __all__ = ["Motion", "Program", "Static", "Step", "Tumble"]
 
 SCHEMA: Final = "imucal.program/1"
-# Fields of a program in a program file (`schema`) or in a truth file (`kind` instead of `schema`).
+# Fields of a program. A program file has the field `schema`, and a truth file has the field `kind` instead.
 PROGRAM_FIELDS: Final = ("schema", "kind", "steps", "stand")
 STEP_FIELDS: Final = ("turn_deg", "move_s", "hold_s")
 
@@ -175,8 +175,9 @@ class Static:
 
 
 # Rotations of the motors in one round over the faces, deg. The first rotation returns from the end of the
-# previous round to the start. In the first part of the round the x axis of the unit is level, in the second
-# part the y axis. The rotation before the last four makes the z axis level.
+# previous round to the start. Four rotations about the level x axis of the unit follow, and then four
+# rotations about the level y axis. One rotation makes the z axis level, and the last four rotations are about
+# the z axis.
 ROUND_OF_FACES: Final = (
     (0.0, -90.0, 0.0),
     *((90.0, 0.0, 0.0),) * 4,

@@ -18,15 +18,15 @@ __all__ = [
 
 # Largest number of steps. For comparison, a grid of 1 deg over the sphere has 64,800 poses.
 MAX_STEPS: Final = 100_000
-# Largest angle of a motor from its start, deg: a hundred revolutions, which no cable survives.
+# Largest angle of a motor from its start, deg. It is a hundred revolutions, which no cable survives.
 MAX_ANGLE_DEG: Final = 36_000.0
 # Largest mean rate of a motor over a turn, deg/s. The widest range of a MEMS gyroscope is 4000 deg/s.
 MAX_RATE_DPS: Final = 5_000.0
 # Largest acceleration of a motor, deg/s^2. A hobby servo that turns by 60 deg in 0.1 s reaches 48,000
 # deg/s^2.
 MAX_ACCELERATION_DPS2: Final = 200_000.0
-# Peak acceleration of a turn, as a multiple of its angle divided by the square of its duration
-# (docs/model.md).
+# The peak acceleration of a turn is this number times the angle of the turn divided by the square of its
+# duration.
 PEAK_ACCELERATION: Final = 8.0
 # Longest turn or rest (a day) and longest program (a week), s.
 MAX_STEP_S: Final = 86_400.0

@@ -21,8 +21,8 @@ from imucal.rig.program_bounds import MAX_DURATION_S
 __all__ = ["Stand"]
 
 SCHEMA: Final = "imucal.stand/1"
-# Standard deviations of the errors of a cheap stand: hobby servos, magnetic encoders, printed rings,
-# alignment by eye.
+# Standard deviations of the errors of a cheap stand. Such a stand has hobby servos, magnetic encoders and
+# printed rings, and it is aligned by eye.
 CHEAP: Final = {
     "mount_rotation_deg": 1.0,
     "base_tilt_deg": 0.5,
@@ -32,13 +32,14 @@ CHEAP: Final = {
     "vibration_mm": 0.05,
     "encoder_noise_deg": 0.02,
 }
-# Largest accepted value of an error by the suffix of its name: a revolution, a metre, 100 kHz, and a week.
+# Largest accepted value of an error, by the suffix of its name. The values are a revolution, a metre, 100
+# kHz, and a week.
 LARGEST: Final = {"_deg": 360.0, "_mm": 1000.0, "_hz": 1e5, "_s": MAX_DURATION_S}
 NOT_NEGATIVE: Final = (
     *("vibration_deg", "vibration_mm", "vibration_hz", "encoder_noise_deg", "tremor_deg", "slip_time_s"),
 )
-# The encoders of the cheap stand have 12 bits, and they have these effects, with their typical sizes in the
-# catalogue.
+# The encoders of the cheap stand have 12 bits. Their errors are these effects of the catalogue with their
+# typical sizes.
 CHEAP_COUNTS: Final = 4096
 CHEAP_ENCODERS: Final = ("encoder_eccentricity", "encoder_time_offset", "encoder_backlash")
 CHEAP_VIBRATION_HZ: Final = (20.0, 80.0)

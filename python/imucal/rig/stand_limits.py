@@ -38,7 +38,7 @@ LARGEST: Final = {
     "min_rest_s": MAX_STEP_S,
     "minutes": MAX_DURATION_S / 60.0,
 }
-# Limits of the paper's stand. The paper does not state the acceleration. The value is the acceleration of the
+# Limits of the paper's stand. The paper does not state the acceleration. The value here is that of the
 # paper's random program, which rotates by 240 deg in 2 s.
 PAPER_DPS: Final = 120.0
 PAPER_DPS2: Final = 480.0
@@ -178,8 +178,8 @@ class CoreLimits:
 
 STEP_DEG: Final = 0.1
 MOST_MOVES: Final = 400
-# For hand-held programs: the angle between poses, deg, which is large enough to recognise a pose in a
-# picture; and the duration of a move, s, in which a person can look at the next picture.
+# Values for hand-held programs. The angle between poses, deg, is large enough to distinguish the pictures of
+# the poses on a card. The duration of a move, s, is long enough for a person to look at the next picture.
 HAND_STEP_DEG: Final = 45.0
 HAND_MOVE_S: Final = 2.0
 HAND_MOVES: Final = 40

@@ -23,9 +23,9 @@ __all__ = ["Temperature"]
 # Reference temperature of sensitivities and biases; temperature effects are relative to it.
 REFERENCE_DEGC: Final = 25.0
 ABSOLUTE_ZERO_DEGC: Final = -273.15
-# A warm-up is approximated by 50 line segments per time constant, over 12 time constants. The error of the
-# approximation is 5e-5 of the temperature rise. At the end, the temperature is below its final value by 6e-6
-# of the rise.
+# A warm-up is approximated by 50 line segments per time constant, over 12 time constants. The approximation
+# error is 5e-5 of the temperature rise. After 12 time constants, the temperature is below its final value by
+# 6e-6 of the rise.
 KNOTS_PER_CONSTANT: Final = 50
 CONSTANTS: Final = 12
 FORMS: Final = (
@@ -119,7 +119,7 @@ def temperature_of(given: Temperature | float | str | os.PathLike[str]) -> Tempe
             return forms[kind](first, second, third)
         return Temperature.constant(float(text))
     except ValueError as error:
-        # InputError is also a ValueError, but its message needs no further explanation.
+        # InputError is also a ValueError. Its message already explains the cause, so it is raised unchanged.
         if isinstance(error, InputError):
             raise
     if kind in forms or not Path(text).exists():

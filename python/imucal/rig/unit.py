@@ -41,8 +41,8 @@ FOLDER: Final = Path(__file__).parent / "shipped"
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # Ratio of the two-sided noise density N to the one-sided noise density of a datasheet (docs/model.md (22)).
 TWO_SIDED_PER_ONE_SIDED: Final = math.sqrt(0.5)
-# A tolerance of a datasheet is taken as this number of standard deviations of the units that are drawn, by
-# kind of tolerance.
+# A tolerance of a datasheet is assumed to be this number of standard deviations of the drawn units, by kind
+# of tolerance.
 DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
 # Parameters that are drawn at random, except effects: number of values and unit, in the order of drawing.
 DRAWN: Final[dict[str, tuple[int, str]]] = {
@@ -291,7 +291,7 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     if one_sided is not None:
         names["noise_density"] = "noise_density_one_sided"
     figures = {names.get(name, name): value for name, value in known.items() if name != "bias_instability"}
-    # Figures that the file contains but the simulation does not use.
+    # Figures in the file that the simulation does not use are kept, too.
     figures |= {
         name: value
         for name, of in (

@@ -25,8 +25,9 @@ FIGURE_FIELDS: Final = ("value", "unit", "source", "note", "limit")
 OTHERS: Final = ("part", "averaging")
 # Figures that cannot be zero.
 POSITIVE: Final = ("range", "resolution", "bits", "bandwidth", "filter", "output_rate")
-# Largest accepted figures by SI unit of the sensor. Noise density: 50 mg/sqrt(Hz) and 6 deg/s/sqrt(Hz), fifty
-# times that of the noisiest MEMS sensors. Bias: 10 g and 2000 deg/s. Range: 10,000 g and 100,000 deg/s.
+# Largest accepted figures, by SI unit of the sensor. The noise density is at most 50 mg/sqrt(Hz) or 6
+# deg/s/sqrt(Hz), fifty times that of the noisiest MEMS sensors. The bias is at most 10 g or 2000 deg/s. The
+# range is at most 10,000 g or 100,000 deg/s.
 LARGEST: Final[dict[str, dict[str, float]]] = {
     "m/s^2": {"noise_density": 0.5, "bias": 98.0665, "random_walk": 1.0, "range": 98_066.5},
     "rad/s": {"noise_density": 0.1, "bias": 34.9066, "random_walk": 1.0, "range": 1_745.33},
@@ -40,8 +41,8 @@ ENTRY_ROUNDING: Final = 1e-7
 # Accepted range of the sensitivity in SI units, in which 1 is perfect. A sensitivity outside this range means
 # that its unit is wrong.
 SENSITIVITY: Final = (0.2, 5.0)
-# Accepted ratio of the range in the datasheet to the range of the counts. In some sensors the range of the
-# counts is twice the specified range.
+# Accepted ratio of the specified range to the range of the counts. In some sensors the range of the counts is
+# twice the specified range.
 SHARE_OF_COUNTS: Final = (0.45, 1.05)
 # Largest tolerance of a scale factor or a misalignment: 50 % and 30 deg.
 LARGEST_TOLERANCE: Final = 0.5

@@ -146,7 +146,8 @@ def repeat(
         if auxiliary or user_effects:
             raise
         raise FormatError(f"{node.file}: $.setup: {error}") from None
-    # A user may change the setup in the file, but the other fields of the file must agree with the setup.
+    # A user may edit the setup in the file. The other fields of the file must then agree with the edited
+    # setup.
     written = plain(repeated.truth.to_dict())
     require_agreement(
         node,
