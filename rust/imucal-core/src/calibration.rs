@@ -1,19 +1,18 @@
 //! Calibration of a unit. It consists of the accelerometer triad and the gyroscope triad in a common body frame, and of
-//! the effects.
+//! effects.
 //!
 //! ```text
 //! raw_force = T_A (force + effects) + b_A      m/s^2
 //! raw_rate  = T_G (rate  + effects) + b_G      rad/s
 //! ```
 //!
-//! Effects describe errors that sensitivity and bias do not describe. Effects of the encoders of a stand are ignored
+//! Effects describe errors that sensitivity and bias do not describe. Effects on the encoders of a stand are ignored
 //! here, because the stand is not part of the unit.
 //!
 //! The correction is `T^-1 (raw - b)`, followed by [`EffectSet::remove`] if there are effects (`docs/model.md` (16)).
 //!
-//! The body frame is orthogonal and fixed to the accelerometer. The sensitivities determine whether the body frame is
-//! the `symmetric` or the `triangular` frame of `docs/model.md` (2). The correction is computed in the same way for
-//! both frames.
+//! The body frame is orthogonal and fixed to the accelerometer. It is the `symmetric` or the `triangular` frame of
+//! `docs/model.md` (2), depending on the sensitivities. The correction is the same computation for both frames.
 
 use crate::{
     effects::{EffectSet, State, Surroundings},
@@ -38,12 +37,12 @@ impl<F: RealField + Copy> Calibration<F> {
         Self { accelerometer, gyroscope, effects: EffectSet::none() }
     }
 
-    /// The calibration of a unit without errors, for raw data in SI units: raw values equal true values.
+    /// The calibration of a unit without errors, for raw data in SI units. Raw values then equal true values.
     pub fn identity() -> Self {
         Self::new(Triad::identity(), Triad::identity())
     }
 
-    /// Raw `(rate, force)`, in raw units and without noise, for a true state.
+    /// Reading `(rate, force)` of the sensors for a true state, in raw units and without noise.
     pub fn measure(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
         let (on_rate, on_force) = self.effects.at(state);
         (
@@ -54,8 +53,8 @@ impl<F: RealField + Copy> Calibration<F> {
 
     /// Corrects one raw sample: returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
-    /// Removes the effects that depend only on rate and force. Use [`correct_at`](Self::correct_at) to remove all
-    /// effects.
+    /// Only the effects that depend only on rate and force are removed. Use [`correct_at`](Self::correct_at) to remove
+    /// all effects.
     #[inline]
     pub fn correct(&self, raw_rate: Vector3<F>, raw_force: Vector3<F>) -> (Vector3<F>, Vector3<F>) {
         if self.effects.is_empty() {
@@ -82,8 +81,8 @@ impl<F: RealField + Copy> Calibration<F> {
         self.effects.remove(seen_rate, seen_force, surroundings)
     }
 
-    /// As [`correct_at`](Self::correct_at), with further effects. `own` returns the errors that these effects add to
-    /// the true rate (rad/s) and to the true force (m/s^2), in the body frame.
+    /// The correction of [`correct_at`](Self::correct_at) with further effects. `own` returns the errors that these
+    /// effects add to the true rate (rad/s) and to the true force (m/s^2), in the body frame.
     ///
     /// ```
     /// use imucal_core::{calibration::Calibration, effects::Surroundings};

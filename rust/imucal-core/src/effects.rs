@@ -8,10 +8,11 @@
 //! An [`Effect`] has a name, a sensor, parameters theta with units and typical sizes, and a function, the field Phi.
 //! Phi is the (3, p) matrix of derivatives of the measured quantity, in the body frame, with respect to the p
 //! parameters. The simulation adds `Phi theta` to the true quantity. The correction on the device subtracts `Phi theta`
-//! ([`EffectSet::remove`]). Every Jacobian that an estimator needs follows from Phi by the chain rule.
+//! ([`EffectSet::remove`]). An estimator computes every Jacobian from Phi by the chain rule.
 //!
-//! Each family of effects has a file. To add an effect, add a row to the file of its family and a line to the family's
-//! list. The field is written once. Both the columns of Phi and the product `Phi theta` are generated from it.
+//! Each family of effects has its own file. To add an effect, add a row to the file of its family and a line to the
+//! family's list. The field is written only once. Both the columns of Phi and the product `Phi theta` are generated
+//! from it.
 //!
 //! ```
 //! use imucal_core::effects::{Effect, EffectValues, State, Surroundings};
@@ -54,7 +55,7 @@ use nalgebra::{RealField, UnitQuaternion, Vector3};
 /// Largest number of parameters of an effect.
 pub const MAX_PARAMETERS: usize = 18;
 
-/// Storage for the columns of any field. An effect sets as many of the first columns as it has parameters.
+/// Storage for the columns of any field. An effect with p parameters sets the first p columns.
 pub type Columns<F> = [Vector3<F>; MAX_PARAMETERS];
 
 /// True state of the unit at the instant of a sample. Effects depend on this state.
@@ -64,13 +65,13 @@ pub struct State<F: RealField + Copy> {
     pub angular_rate: Vector3<F>,
     /// Specific force in the body frame, m/s^2.
     pub specific_force: Vector3<F>,
-    /// Quantities that the accelerometer and the gyroscope do not measure themselves.
+    /// Quantities that neither the accelerometer nor the gyroscope measures.
     pub surroundings: Surroundings<F>,
 }
 
-/// Quantities besides rate and force on which an effect may depend. `None` means that the quantity is unknown. Terms of
-/// an effect that depend on an unknown quantity are omitted. [`Effect::needs`] lists the quantities that an effect
-/// depends on.
+/// Quantities other than rate and force on which an effect may depend. `None` means that the quantity is unknown. Terms
+/// of an effect that depend on an unknown quantity are omitted. [`Effect::needs`] lists the quantities on which an
+/// effect depends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings<F: RealField + Copy> {
     /// Derivative of the angular rate in the body frame, rad/s^2.
@@ -90,7 +91,7 @@ pub struct Surroundings<F: RealField + Copy> {
 #[cfg(feature = "catalogue")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StandState<F: RealField + Copy> {
-    /// Motor angles, rad, not reduced to one revolution.
+    /// Motor angles, rad. They are not reduced to one revolution.
     pub angle_rad: Vector3<F>,
     /// Motor rates, rad/s.
     pub rate_radps: Vector3<F>,
@@ -101,14 +102,14 @@ pub struct StandState<F: RealField + Copy> {
 
 #[cfg(feature = "catalogue")]
 impl<F: RealField + Copy> StandState<F> {
-    /// State of motors at rest that have not moved yet.
+    /// State of motors that are at rest and have not moved yet.
     pub fn still(angle_rad: Vector3<F>) -> Self {
         Self { angle_rad, rate_radps: Vector3::zeros(), direction: Vector3::zeros() }
     }
 }
 
 impl<F: RealField + Copy> Surroundings<F> {
-    /// Surroundings of which no quantity is known.
+    /// Surroundings in which no quantity is known.
     pub fn unknown() -> Self {
         Self {
             angular_acceleration: None,
@@ -121,23 +122,22 @@ impl<F: RealField + Copy> Surroundings<F> {
     }
 }
 
-/// An effect, which is one row of the catalogue. Firmware refers to an effect by its constant, such as
-/// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue` the constant contains no text.
+/// An effect, which is one row of the catalogue. Firmware refers to an effect by its constant, for example
+/// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue`, the constant contains no text.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
-    /// Number that identifies the effect in the binary form of a calibration. A number is never reused. The number is 0
-    /// if the effect cannot be stored in the binary form.
+    /// Number that identifies the effect in the binary form of a calibration. A number is never reused. It is 0 for an
+    /// effect that the binary form cannot store.
     pub number: u8,
-    /// Sensor that the effect acts on.
+    /// Sensor on which the effect acts.
     pub sensor: Sensor,
-    /// Number of parameters of the plain form. The plain form uses the first parameters, and the full form uses all
-    /// parameters.
+    /// Number of parameters of the plain form. The plain form has the first parameters of the full form.
     pub plain: usize,
     /// Number of parameters of the full form.
     pub count: usize,
-    /// Whether the field depends nonlinearly on a positive number, called the shape. An example is a time constant.
+    /// Whether the field depends nonlinearly on a positive number, called the shape, for example a time constant.
     pub is_shaped: bool,
-    /// Sensors on whose true values the field depends. The field is constant while these values are constant.
+    /// Sensors whose true values the field depends on. The field is constant while these values are constant.
     pub reads: &'static [Sensor],
     /// Quantities of [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
@@ -159,10 +159,10 @@ pub struct Effect<F: RealField + Copy> {
     /// Formula of the field times the parameters, as text.
     #[cfg(feature = "catalogue")]
     pub formula: &'static str,
-    /// Description of measurements in which the effect is observable.
+    /// Measurements in which the effect is observable, as text.
     #[cfg(feature = "catalogue")]
     pub observable: &'static str,
-    /// Other causes that have similar effects on the data, so that they are easily confused with this effect.
+    /// Other causes with similar effects on the data, which are easily confused with this effect.
     #[cfg(feature = "catalogue")]
     pub aliases: &'static [Alias],
 }
@@ -190,7 +190,7 @@ pub enum Sensor {
     Encoder,
 }
 
-/// A parameter of an effect. In a list of all parameters, its full name is `EFFECT_NAME`: the name of the effect, an
+/// A parameter of an effect. Its full name in a list of all parameters is `EFFECT_NAME`: the name of the effect, an
 /// underscore, and the name of the parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
@@ -204,7 +204,7 @@ pub struct Parameter {
     pub typical: f64,
 }
 
-/// A quantity of [`Surroundings`] that an effect depends on.
+/// A quantity of [`Surroundings`] on which an effect depends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
     /// Angular acceleration, [`Surroundings::angular_acceleration`].
@@ -229,8 +229,8 @@ pub struct Alias {
 }
 
 impl<F: RealField + Copy> Effect<F> {
-    /// The sensor error with this number in the binary form of a calibration; `None` if no sensor error has this
-    /// number. The Earth rate is not returned, because it is not a sensor error.
+    /// The effect with this number in the binary form of a calibration; `None` if no effect has this number. The Earth
+    /// rate is not returned, because it is not a sensor error.
     pub fn numbered(number: u8) -> Option<&'static Self> {
         match number {
             1 => Some(Self::GYRO_G_SENSITIVITY),
@@ -270,7 +270,7 @@ impl<F: RealField + Copy> Effect<F> {
         label
     }
 
-    /// Name, for messages, of the shape: the parameter on which the effect depends nonlinearly, such as a time
+    /// Name, for messages, of the shape: the parameter on which the effect depends nonlinearly, for example a time
     /// constant. `None` if the effect has no shape. Without the feature `catalogue`, the name is always "shape".
     fn shape_label(&self) -> Option<&'static str> {
         #[cfg(feature = "catalogue")]
@@ -311,7 +311,7 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 /// Parameter names of an effect with a 3x3 matrix, row by row.
 const ENTRIES: [&str; 9] = ["xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"];
 
-/// Parameters that have the same unit and the same typical magnitude.
+/// Array of parameters with the same unit and the same typical magnitude.
 const fn parameters<const N: usize>(names: [&'static str; N], unit: &'static str, typical: f64) -> [Parameter; N] {
     let mut all = [Parameter { name: "", unit, typical }; N];
     let mut i = 0;

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! This is the Magnus series for a rate in the body frame. For a rate in the world frame, the cross product would have
-//! the opposite sign. If the rate is smooth but not linear between samples, linear interpolation leaves an error of
-//! O(dt^3) per step.
+//! the opposite sign. If the rate is smooth but not linear between samples, the assumption of a linear rate causes an
+//! error of O(dt^3) per step.
 
 use crate::{
     so3,
@@ -27,8 +27,8 @@ pub fn increment<F: RealField + Copy>(w0: &Vector3<F>, w1: &Vector3<F>, dt_s: F)
 /// Rule by which an [`Integrator`] computes the rotation between two consecutive samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Order {
-    /// Uses the mean of both rates. This is the cheapest rule. It is exact if the rate is linear in time and its axis
-    /// is fixed. It neglects coning, and the error due to coning grows with time.
+    /// Uses the mean of both rates. This rule needs the least computing time. It is exact if the rate is linear in time
+    /// and its axis is fixed. It neglects coning, so an error due to coning accumulates with time.
     Midpoint,
     /// Uses the mean of both rates and the coning correction of [`increment`].
     #[default]
@@ -37,8 +37,9 @@ pub enum Order {
 
 /// Integrates the angular rate over a move, sample by sample.
 ///
-/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz, about one per cent of the
-/// rotation is lost. For slow motion at a high sampling rate, use `f64`, or push means over several samples.
+/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz, this rounding loses about
+/// one per cent of the rotation. For slow motion at a high sampling rate, use `f64`, or push means over several
+/// samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator<F: RealField + Copy> {
     order: Order,
@@ -59,7 +60,7 @@ impl<F: RealField + Copy> Integrator<F> {
 
     /// Adds one sample: `rate` in the body frame, rad/s, taken `dt_s` seconds after the previous sample.
     ///
-    /// The first sample only defines the start of the move; its `dt_s` is ignored.
+    /// The first sample only defines the start of the move, and its `dt_s` is ignored.
     #[inline]
     pub fn push(&mut self, dt_s: F, rate: Vector3<F>) {
         if let Some(last_rate) = self.last_rate {
@@ -78,7 +79,7 @@ impl<F: RealField + Copy> Integrator<F> {
         self.rotation
     }
 
-    /// Starts a new move. Sets the rotation to the identity, and discards the last sample.
+    /// Starts a new move: the rotation becomes the identity, and the last sample is discarded.
     pub fn reset(&mut self) {
         *self = Self::of_order(self.order);
     }

@@ -1,7 +1,7 @@
 //! The part of IMU calibration that runs on a device. The crate is `no_std`, needs no allocator, and has one dependency
 //! (nalgebra).
 //!
-//! An accelerometer measures specific force, m/s^2; at rest it reads +g on the axis that points up. A gyroscope
+//! An accelerometer measures specific force, m/s^2. At rest, it reads +g on the axis that points up. A gyroscope
 //! measures angular rate, rad/s. Both have errors of bias, scale and misalignment. This crate describes a triad (the
 //! three axes of a sensor) by a linear model:
 //!
@@ -15,7 +15,8 @@
 //! true = sensitivity^-1 * (measured - bias)
 //! ```
 //!
-//! Errors beyond this model, such as the g-sensitivity of a gyroscope, are described by the catalogue of [`effects`].
+//! The catalogue of [`effects`] describes errors that this model does not contain, for example the g-sensitivity of a
+//! gyroscope.
 //!
 //! * [`sensor`] is the model of one triad.
 //! * [`calibration`] combines both triads and their effects.
@@ -24,8 +25,8 @@
 //! * [`stored`] reads a calibration from its binary form.
 //! * [`so3`] contains functions for rotations, and defines the conventions of rotations.
 //!
-//! All types are generic over the float type: `f32` suits a small processor, and `f64` gives the same results as the
-//! crate `imucal` on a PC.
+//! All types are generic over the float type. `f32` is suitable for a small processor, and `f64` gives the same results
+//! as the crate `imucal` on a PC.
 //!
 //! ```
 //! use imucal_core::{calibration::Calibration, integrate::Integrator, sensor::Triad};
@@ -50,7 +51,7 @@
 //!
 //! # What this crate does not do
 //!
-//! It does not estimate a calibration; the crate `imucal` estimates calibrations on a PC. It is not a navigation
+//! It does not estimate a calibration. The crate `imucal` estimates calibrations on a PC. It is not a navigation
 //! filter, because it estimates no attitude, position or bias at run time. It does not check samples, so a NaN in the
 //! input gives a NaN in the output. It reads no files and no clock; the caller passes the time steps.
 //!
@@ -66,8 +67,8 @@
 //! # Panics
 //!
 //! [`calibration::Calibration::correct`], [`integrate::Integrator::push`] and [`rest::RestDetector::push`] contain no
-//! panic at any optimisation level if debug assertions are off. A test verifies this property by linking the functions
-//! with a panic handler that does not exist.
+//! panic at any optimisation level if debug assertions are off. A test verifies this: it links the functions with a
+//! panic handler that does not exist.
 #![no_std]
 
 #[cfg(test)]

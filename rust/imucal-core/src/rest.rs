@@ -1,19 +1,19 @@
 //! Rest detection on a stream of samples, with fixed memory.
 //!
-//! Samples are collected in short blocks, and a window consists of the last few blocks. A window is still if its rest
+//! Samples are summed in short blocks, and a window consists of the last few blocks. A window is still if its rest
 //! statistic over the six channels ([`rest_statistic`]) is below a threshold:
 //!
 //! ```text
 //! statistic = 1/6 sum_c variance_c / noise_variance_c  <  threshold
 //! ```
 //!
-//! Windows advance by one block. A rest consists of all blocks covered by overlapping still windows. The first and the
-//! last block of a rest may contain the end of one move or the start of the next without exceeding the threshold. These
-//! two blocks are trimmed and do not contribute to the means.
+//! Windows advance by one block. A rest consists of all blocks in overlapping still windows. The first and the last
+//! block of a rest may contain the end of one move or the start of the next, even if the statistic is below the
+//! threshold. These two blocks are trimmed and do not contribute to the means.
 //!
-//! Detection works on raw or corrected samples in any unit, provided that the noise variances are in the square of this
-//! unit. The detector counts samples and does not know their times, so call [`RestDetector::finish`] at a gap in the
-//! data. Sample indices wrap around at `usize::MAX`. On a 32-bit processor this happens after 49 days at 1 kHz.
+//! Samples may be raw or corrected, in any unit. The noise variances must be in the square of this unit. The detector
+//! counts samples and does not know their times, so call [`RestDetector::finish`] at a gap in the data. Sample indices
+//! wrap around at `usize::MAX`. On a 32-bit processor this happens after 49 days at 1 kHz.
 
 mod block;
 
@@ -22,7 +22,7 @@ pub use block::{BlockSums, rest_statistic, statistic_of};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, Vector6};
 
-/// Maximum number of blocks in a window. It determines how much memory the detector needs.
+/// Maximum number of blocks in a window. The memory of the detector is proportional to it.
 pub const MAX_WINDOW_BLOCKS: usize = 10;
 
 /// Settings of a [`RestDetector`].
@@ -34,8 +34,8 @@ pub struct RestDetectorConfig<F: RealField + Copy> {
     pub window_blocks: usize,
     /// Variance of a single sample at rest, in squared units of the samples: rate x, y, z, then force x, y, z.
     pub noise_variance: Vector6<F>,
-    /// Threshold of the rest statistic, dimensionless. A window is still if its statistic is below the threshold. The
-    /// statistic is 1 on average if only noise is present; thresholds of 2 to 10 are usual.
+    /// Threshold of the rest statistic, dimensionless. A window is still if its statistic is below the threshold. With
+    /// noise only, the statistic is 1 on average. Usual thresholds are 2 to 10.
     pub threshold: F,
 }
 
@@ -69,7 +69,7 @@ pub struct RestDetector<F: RealField + Copy> {
     open: Option<OpenRest<F>>,
 }
 
-/// A rest that may still be extended. `sums` contains all its blocks except the first and the last block.
+/// A rest that may still be extended. `sums` contains all blocks of the rest except its first and its last block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OpenRest<F: RealField + Copy> {
     first_block: usize,
@@ -107,7 +107,7 @@ impl<F: RealField + Copy> RestDetector<F> {
         })
     }
 
-    /// Adds one sample. Returns a rest when it is complete, which is about one window after its end.
+    /// Adds one sample. When a rest is complete, which is about one window after its end, the function returns it.
     #[inline]
     pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) -> Option<Rest<F>> {
         self.filling.push(rate, force);
@@ -128,8 +128,8 @@ impl<F: RealField + Copy> RestDetector<F> {
         self.open.is_some_and(|rest| rest.end_block == self.blocks)
     }
 
-    /// Ends the stream, or the part of the stream before a gap, and returns the rest in progress, if any. After a gap,
-    /// sample indices continue from the last index.
+    /// Ends the stream, or the part of the stream before a gap. Returns the rest in progress, if there is one. After a
+    /// gap, sample indices continue from the last index.
     pub fn finish(&mut self) -> Option<Rest<F>> {
         let last = self.close();
         let samples = self.blocks.wrapping_mul(self.config.block_samples).wrapping_add(self.filling.count());
@@ -155,29 +155,28 @@ impl<F: RealField + Copy> RestDetector<F> {
             window.merge(block);
         }
 
-        // A statistic that is NaN is not below the threshold. A NaN in a sample therefore ends the rest, and does not
-        // contribute to the means.
+        // NaN is not below the threshold. A NaN in a sample therefore ends the rest and does not contribute to the
+        // means.
         if rest_statistic(&window, &self.config.noise_variance) < self.config.threshold {
             self.extend_rest(window_start);
             None
         } else if self.open.is_some_and(|rest| window_start.wrapping_add(2) > rest.end_block) {
-            // The next window will not overlap the current rest, so this rest is complete.
+            // The next window will not overlap the current rest, so the current rest is complete.
             self.close()
         } else {
             None
         }
     }
 
-    /// Extends the current rest, or starts a new one, up to the end of the still window that starts at block
-    /// `window_start`.
+    /// Extends the current rest, or starts a new rest. The still window that starts at block `window_start` is added.
     fn extend_rest(&mut self, window_start: usize) {
         let mut rest = self.open.unwrap_or(OpenRest {
             first_block: window_start,
             end_block: window_start.wrapping_add(2),
             sums: BlockSums::new(),
         });
-        // The block that was the last block of the rest until now has not been added to the sums, because the last
-        // block is trimmed. The ring buffer still contains this block, because the window overlaps it.
+        // The previous last block of the rest is not in the sums yet, because the last block of a rest is trimmed. The
+        // ring buffer still contains this block, because the window overlaps it.
         let mut block = window_start;
         for sums in self.window() {
             if block.wrapping_add(1) >= rest.end_block && block.wrapping_add(1) < self.blocks {

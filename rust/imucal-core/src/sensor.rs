@@ -14,7 +14,7 @@ use crate::vector::{add, cross, dot, magnitude, product, sub};
 use core::{error::Error, fmt};
 use nalgebra::{Matrix3, RealField, Vector3};
 
-/// Sensitivity and bias of one triad, and the inverse of the sensitivity, which the correction uses.
+/// Sensitivity and bias of one triad. The inverse of the sensitivity is also stored, because the correction uses it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triad<F: RealField + Copy> {
     sensitivity: Matrix3<F>,
@@ -25,11 +25,10 @@ pub struct Triad<F: RealField + Copy> {
 impl<F: RealField + Copy> Triad<F> {
     /// Creates a triad from its 3x3 sensitivity (raw unit per SI unit) and its bias (raw unit).
     ///
-    /// A left-handed sensitivity (negative determinant) is accepted, because the axes of a unit may form a left-handed
-    /// system.
+    /// A left-handed sensitivity (negative determinant) is accepted, because the axes of a unit may be left-handed.
     ///
     /// # Errors
-    /// [`SensorError::NotFinite`] if an entry is infinite or NaN, [`SensorError::Singular`] if the axes lie in one
+    /// [`SensorError::NotFinite`] if an entry is infinite or NaN, [`SensorError::Singular`] if the axes are in one
     /// plane.
     pub fn try_new(sensitivity: Matrix3<F>, bias: Vector3<F>) -> Result<Self, SensorError> {
         if !(is_finite(&sensitivity) && bias.x.is_finite() && bias.y.is_finite() && bias.z.is_finite()) {
@@ -40,7 +39,7 @@ impl<F: RealField + Copy> Triad<F> {
     }
 
     /// Creates a triad from its inverse sensitivity (SI unit per raw unit) and its bias (raw unit).
-    /// [`correct`](Self::correct) applies exactly this inverse, without rounding errors of an inversion.
+    /// [`correct`](Self::correct) uses exactly this inverse, so there are no rounding errors from an inversion.
     ///
     /// # Errors
     /// The errors of [`try_new`](Self::try_new).
@@ -49,7 +48,7 @@ impl<F: RealField + Copy> Triad<F> {
         Ok(Self { sensitivity: turned_round.inverse, bias, inverse })
     }
 
-    /// The triad without errors, for raw data in SI units: raw values equal true values.
+    /// The triad without errors, for raw data in SI units. Raw values then equal true values.
     pub fn identity() -> Self {
         Self { sensitivity: Matrix3::identity(), bias: Vector3::zeros(), inverse: Matrix3::identity() }
     }
@@ -91,9 +90,10 @@ impl<F: RealField + Copy> Triad<F> {
 pub enum SensorError {
     /// An entry of the sensitivity or the bias is infinite or NaN.
     NotFinite,
-    /// The three sensor axes lie in one plane, so the component perpendicular to it is not measured.
+    /// The three sensor axes are in one plane, so the component perpendicular to this plane is not measured.
     Singular {
-        /// Volume spanned by the three sensor axes, each scaled to length one: 1 if orthogonal, 0 if in one plane.
+        /// Volume spanned by the three sensor axes after each is scaled to length one. It is 1 for orthogonal axes and
+        /// 0 for axes in one plane.
         volume: f64,
     },
 }
@@ -113,7 +113,8 @@ impl fmt::Display for SensorError {
 
 impl Error for SensorError {}
 
-/// Inverse of a 3x3 matrix as adjugate over determinant. The columns of the adjugate are cross products of the rows.
+/// Inverse of a 3x3 matrix: the adjugate divided by the determinant. The columns of the adjugate are cross products of
+/// the rows.
 fn invert<F: RealField + Copy>(m: &Matrix3<F>) -> Result<Matrix3<F>, SensorError> {
     let x = Vector3::new(m.m11, m.m12, m.m13);
     let y = Vector3::new(m.m21, m.m22, m.m23);
@@ -132,7 +133,7 @@ fn invert<F: RealField + Copy>(m: &Matrix3<F>) -> Result<Matrix3<F>, SensorError
         c.z / determinant,
     );
 
-    // The determinant divided by the product of the row lengths is zero if the axes lie in one plane. It does not
+    // The determinant divided by the product of the row lengths is zero if the axes are in one plane. It does not
     // depend on the raw unit.
     let lengths = dot(&x, &x).sqrt() * dot(&y, &y).sqrt() * dot(&z, &z).sqrt();
     let rounding: F = nalgebra::convert::<f64, F>(64.0) * F::default_epsilon();

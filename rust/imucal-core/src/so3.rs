@@ -16,8 +16,8 @@
 //! J_r(phi) = I - (1 - cos t)/t^2 [phi]x + (t - sin t)/t^3 [phi]x^2,   t = |phi|
 //! ```
 //!
-//! The errors of all functions are of the order of rounding errors, in f32 and f64. This holds at zero, at tiny angles
-//! and near pi as well.
+//! The errors of all functions are of the order of rounding errors, in f32 and in f64. They are also at zero, at tiny
+//! angles and near pi.
 
 use crate::vector::{dot, scaled};
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert};
@@ -51,12 +51,12 @@ pub(crate) fn product<F: RealField + Copy>(a: &UnitQuaternion<F>, b: &UnitQuater
 
 /// Rotation vector of a rotation, rad, of length at most pi.
 ///
-/// For an angle of exactly pi, two rotation vectors of opposite sign represent the rotation. The function returns one
-/// of the two.
+/// If the angle is exactly pi, two rotation vectors of opposite sign represent the rotation. The function returns one
+/// of them.
 #[inline]
 pub fn log<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> Vector3<F> {
-    // atan2 of the imaginary and the real part is accurate over the whole range of angles, whereas acos(w) loses digits
-    // for small angles.
+    // atan2 of the imaginary part and the real part is accurate at all angles. acos(w) would lose digits at small
+    // angles.
     let sign = if rotation.w < F::zero() { -F::one() } else { F::one() };
     let (real, imaginary) = (rotation.w * sign, rotation.imag() * sign);
     let length = imaginary.norm();
@@ -76,7 +76,7 @@ pub fn hat<F: RealField + Copy>(a: &Vector3<F>) -> Matrix3<F> {
 pub fn right_jacobian<F: RealField + Copy>(phi: &Vector3<F>) -> Matrix3<F> {
     let t2 = phi.norm_squared();
     let (_, sinc) = cos_and_sinc(t2 * convert(0.25));
-    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2; this form avoids subtracting nearly equal numbers.
+    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2. The form on the right avoids the subtraction of nearly equal numbers.
     let first = sinc * sinc * convert(0.5);
     let second = if t2 < F::one() {
         polynomial(t2, T_MINUS_SIN)
@@ -132,7 +132,7 @@ const T_MINUS_SIN: [f64; 8] = [
     1.0 / 6.0,
 ];
 
-/// Horner's rule for the polynomial whose coefficients are given from the highest power to the constant.
+/// Value of a polynomial by Horner's rule. The coefficients are ordered from the highest power to the constant.
 #[inline]
 fn polynomial<F: RealField + Copy, const N: usize>(x: F, coefficients: [f64; N]) -> F {
     let mut sum = F::zero();

@@ -1,4 +1,4 @@
-//! Binary form of a calibration: a few hundred bytes in flash or EEPROM. With the calibration stored as data, the same
+//! Binary form of a calibration: a few hundred bytes in flash or EEPROM. The calibration is stored as data, so the same
 //! firmware runs on all units.
 //!
 //! `imucal export --to blob` writes the bytes. All numbers are little-endian; floats are IEEE 754 single precision.
@@ -31,7 +31,7 @@ use nalgebra::{Matrix3, RealField, Vector3, convert};
 pub const VERSION: u8 = 1;
 /// Length of the form without effects, bytes.
 pub const SHORTEST: usize = 128;
-/// Maximum length of the form, bytes. A buffer of this size can hold any calibration.
+/// Maximum length of the form, bytes. A buffer of this size can contain any calibration.
 pub const LONGEST: usize = SHORTEST + MAX_EFFECTS * (8 + 4 * MAX_PARAMETERS);
 
 const MAGIC: [u8; 4] = *b"IMUC";
@@ -45,8 +45,8 @@ pub struct StoredCalibration<F: RealField + Copy> {
     pub rate_in_counts: bool,
     /// Whether the raw force is in counts. Otherwise it is in m/s^2.
     pub force_in_counts: bool,
-    /// Number of effects of the calibration that the binary form omits, such as user-defined formulas. The errors that
-    /// these effects describe are not corrected.
+    /// Number of effects of the calibration that the binary form omits, for example user-defined formulas. The errors
+    /// described by these effects are not corrected.
     pub omitted_effects: u8,
     /// Lowest and highest temperature of the calibration recordings, degC; `None` if unknown.
     pub temperature_range_degc: Option<[F; 2]>,
@@ -63,8 +63,8 @@ struct Axis {
 }
 
 impl<F: RealField + Copy> StoredCalibration<F> {
-    /// Reads the binary form. Bytes after the end of the form are ignored, so that a whole page of memory can be
-    /// passed.
+    /// Reads the binary form. Bytes after the end of the form are ignored, so the caller can pass a whole page of
+    /// memory.
     ///
     /// # Errors
     /// [`StoredError`] states why the bytes are not a valid calibration.
@@ -115,9 +115,9 @@ impl<F: RealField + Copy> StoredCalibration<F> {
         })
     }
 
-    /// Corrects one raw sample: returns the true `(rate, force)`, rad/s and m/s^2, along the axes that the binary form
-    /// specifies. A temperature outside the range of the calibration recordings is replaced by the nearest end of the
-    /// range, because the effects are unknown outside it.
+    /// Corrects one raw sample: returns the true `(rate, force)`, rad/s and m/s^2, along the axes specified in the
+    /// binary form. The effects are unknown outside the temperature range of the calibration recordings. A temperature
+    /// outside this range is therefore replaced by the nearest end of the range.
     pub fn correct(
         &self,
         raw_rate: Vector3<F>,
@@ -139,8 +139,8 @@ impl<F: RealField + Copy> StoredCalibration<F> {
         (self.along_axes(&rate), self.along_axes(&force))
     }
 
-    /// As [`correct`](Self::correct), for the 16-bit counts that a sensor outputs. `None` if the calibration is not for
-    /// raw data in counts.
+    /// The correction of [`correct`](Self::correct) for the 16-bit counts that a sensor outputs. `None` if the
+    /// calibration is not for raw data in counts.
     pub fn correct_counts(
         &self,
         raw_rate: [i16; 3],
@@ -183,7 +183,7 @@ fn axes(codes: [u8; 3]) -> Result<[Axis; 3], StoredError> {
     Ok([x, y, z])
 }
 
-/// The bytes that have not been read yet.
+/// The bytes that have not been read so far.
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {
@@ -232,7 +232,7 @@ fn crc32(bytes: &[u8]) -> u32 {
     !crc
 }
 
-/// Reasons why bytes are not a calibration.
+/// Reasons why a sequence of bytes is not a valid calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StoredError {
@@ -245,9 +245,9 @@ pub enum StoredError {
         /// The version of the form.
         given: u8,
     },
-    /// The check sum is wrong, so the bytes differ from the bytes that were written.
+    /// The check sum is wrong, so the bytes are not the bytes that were written.
     Crc,
-    /// The effect with this number is not in this version of the catalogue.
+    /// The number of an effect is not in this version of the catalogue.
     Effect {
         /// Number of the effect.
         number: u8,

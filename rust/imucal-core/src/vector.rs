@@ -1,9 +1,9 @@
 //! Arithmetic of 3-vectors and 3x3 matrices, component by component.
 //!
-//! nalgebra's operators compare sizes at run time unless the optimiser removes the comparisons. At `opt-level = "z"`
-//! these comparisons and their panics remain, and a product of a matrix and a vector takes several times as many
-//! instructions. The functions of this module have no branch that panics at any optimisation level. Their results are
-//! rounded exactly as by nalgebra's operators.
+//! The operators of nalgebra compare sizes at run time unless the optimiser removes the comparisons. At `opt-level =
+//! "z"`, these comparisons and their panics remain, and a product of a matrix and a vector takes several times as many
+//! instructions. The functions of this module have no branch that panics at any optimisation level. They round exactly
+//! as the operators of nalgebra do.
 
 use nalgebra::{Matrix3, RealField, Vector3};
 
@@ -58,7 +58,7 @@ pub(crate) fn magnitude<F: RealField + Copy>(x: F) -> F {
     if x < F::zero() { -x } else { x }
 }
 
-/// Largest absolute value of the components, ignoring NaN. The result is NaN if all components are NaN.
+/// Largest absolute value of the components that are not NaN. The result is NaN if all components are NaN.
 #[inline]
 pub(crate) fn largest<F: RealField + Copy>(v: &Vector3<F>) -> F {
     larger(larger(magnitude(v.x), magnitude(v.y)), magnitude(v.z))

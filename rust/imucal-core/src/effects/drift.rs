@@ -14,7 +14,7 @@ use nalgebra::RealField;
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
 const LONGER: &str = "a run of several time constants";
-/// Shape of the warm-up effects. The shape is the time constant of self-heating, typically 100 s for a small package.
+/// Shape of the warm-up effects: the time constant of self-heating, typically 100 s for a small package.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 100.0 });
 
 impl<F: RealField + Copy> Effect<F> {
@@ -131,7 +131,7 @@ fn time<F: RealField + Copy>(state: &State<F>) -> F {
 
 #[inline(always)]
 fn bias_warmup<F: RealField + Copy>(state: &State<F>, tau: F, terms: &mut impl Terms<F>) {
-    // If the time is unknown, the warm-up is assumed to be over, because the unit has most likely been switched on for
+    // If the time is unknown, the warm-up is assumed to be complete, because the unit has probably been switched on for
     // a long time.
     let left = state.surroundings.time_s.map_or(F::zero(), |time_s| (-time_s / tau).exp());
     terms.axes(same(left));

@@ -10,8 +10,8 @@
 //! ```
 //!
 //! A sensor at position r measures `dw/dt x r + w x (w x r)` in addition to the force at the origin of the body frame.
-//! The size effect describes an accelerometer whose three sensor axes are at different positions. The origin is the
-//! position of the x axis.
+//! The size effect occurs because the three sensor axes of an accelerometer are at different positions. The origin is
+//! the position of the x axis.
 
 use super::{AXES, Alias, ENTRIES, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters};
 use crate::{EARTH_RATE_RADPS, vector::neg};

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! If an encoder disk is off centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a
-//! period of one revolution. If the disk is oval, the error has a period of half a revolution. Component m belongs to
-//! motor m. Motor 1 is the outermost motor.
+//! period of one revolution. If the disk is oval, the error has a period of half a revolution. Component m is the error
+//! of motor m. Motor 1 is the outermost motor.
 
 use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};
@@ -83,8 +83,8 @@ impl<F: RealField + Copy> Effect<F> {
 
 #[inline(always)]
 fn eccentricity<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
-    // If the state of the stand is unknown, all angles are set to zero, and the effect must be zero. The sines are then
-    // zero. The factor `known` makes the cosines zero, too.
+    // If the state of the stand is unknown, all angles are zero, and the effect must also be zero. The sines are zero
+    // then, and the factor `known` sets the cosines to zero.
     let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };
     let angles = stand(state).angle_rad;
     for (motor, angle_rad) in angles.iter().enumerate() {

@@ -7,9 +7,9 @@
 //! *_cross_axis_quadratic   sum of k_i,jl v_j v_l
 //! ```
 //!
-//! The gyroscope's cross-axis effect has nine parameters: each axis depends on the three products of two different
-//! components. The accelerometer's cross-axis effect has fifteen parameters: each axis i depends on all products of two
-//! components except f_i^2, which belongs to the quadratic scale effect.
+//! The cross-axis effect of the gyroscope has nine parameters: each axis depends on the three products of two different
+//! components. The cross-axis effect of the accelerometer has fifteen parameters: each axis i depends on all products
+//! of two components except f_i^2, which belongs to the quadratic scale effect.
 
 use super::{AXES, Alias, DEGREE, Effect, Sensor, State, Terms, cross_products, effect, parameters, squares};
 use crate::{
@@ -24,8 +24,8 @@ const ACCELEROMETER_PRODUCTS: [&str; 15] = [
     "z_xy",
 ];
 
-/// Rate, rad/s, at which datasheets specify the nonlinearity of a gyroscope. Typical sizes are converted from the
-/// nonlinearity at this rate.
+/// Rate at which datasheets specify the nonlinearity of a gyroscope, rad/s. Typical sizes of the effects are computed
+/// from the nonlinearity at this rate.
 const FULL_RATE: f64 = 250.0 * DEGREE;
 
 impl<F: RealField + Copy> Effect<F> {

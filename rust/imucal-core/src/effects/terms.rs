@@ -1,26 +1,26 @@
-//! Evaluation of the field of an effect. The field is written once, and is evaluated as the columns of Phi or as the
-//! product `Phi theta`.
+//! Evaluation of the field of an effect. The field is written once. From it, either the columns of Phi or the product
+//! `Phi theta` are computed.
 
 #[cfg(feature = "catalogue")]
 use super::Columns;
 use super::MAX_PARAMETERS;
 use nalgebra::{RealField, Vector3};
 
-/// Receiver of the columns of Phi, in the order of the parameters.
+/// Receiver of the columns of the field Phi, in the order of the parameters theta.
 pub(super) trait Terms<F: RealField + Copy> {
     /// Receives the column of the next parameter.
     fn column(&mut self, column: Vector3<F>);
 
-    /// The next parameter acts on the x axis only, in proportion to `cause`.
+    /// Receives a parameter that acts only on the x axis, in proportion to `cause`.
     fn x(&mut self, cause: F);
 
-    /// The next parameter acts on the y axis only, in proportion to `cause`.
+    /// Receives a parameter that acts only on the y axis, in proportion to `cause`.
     fn y(&mut self, cause: F);
 
-    /// The next parameter acts on the z axis only, in proportion to `cause`.
+    /// Receives a parameter that acts only on the z axis, in proportion to `cause`.
     fn z(&mut self, cause: F);
 
-    /// The next three parameters theta have the field `diag(theta) cause`.
+    /// Receives three parameters theta with the field `diag(theta) cause`.
     #[inline(always)]
     fn axes(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
@@ -28,8 +28,7 @@ pub(super) trait Terms<F: RealField + Copy> {
         self.z(cause.z);
     }
 
-    /// The next nine parameters have the field `Theta cause`, where Theta is the 3x3 matrix of the parameters, row by
-    /// row.
+    /// Receives nine parameters with the field `Theta cause`. Theta is the 3x3 matrix of the parameters, row by row.
     #[inline(always)]
     fn entries(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
@@ -81,9 +80,9 @@ impl<F: RealField + Copy> Terms<F> for ToColumns<'_, F> {
     }
 }
 
-/// Adds up the columns times the parameters. All methods are inlined at any optimisation level, so that the indices of
-/// the parameters are constants. Without inlining, function calls would take most of the time of a correction on a
-/// device.
+/// Adds up the products of columns and parameters. All methods are inlined at any optimisation level, so the indices of
+/// the parameters are constants. Without inlining, function calls would take most of the computing time of a correction
+/// on a device.
 pub(super) struct Sum<'a, F: RealField + Copy> {
     values: &'a [F; MAX_PARAMETERS],
     next: usize,
@@ -96,7 +95,7 @@ impl<'a, F: RealField + Copy> Sum<'a, F> {
         Self { values, next: 0, sum: same(F::zero()) }
     }
 
-    /// Value of the next parameter. In the plain form, the parameters that only the full form has are zero.
+    /// Value of the next parameter. In the plain form, a parameter of only the full form is zero.
     #[inline(always)]
     fn value(&mut self) -> F {
         let value = self.values.get(self.next).copied().unwrap_or(F::zero());

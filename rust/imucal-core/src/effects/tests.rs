@@ -26,7 +26,7 @@ fn state() -> State<f64> {
 }
 
 const TAU_S: f64 = 25.0;
-/// The fraction of the warm-up that remains after 50 s with a time constant of 25 s: exp(-50 / 25).
+/// The fraction of the warm-up that is left after 50 s with a time constant of 25 s: exp(-50 / 25).
 const LEFT: f64 = 0.135_335_283_236_612_7;
 
 /// The field at [`state`] times the parameters 1, 2, 3, ... The values are calculated by hand from the formulas of the
@@ -57,8 +57,8 @@ const BY_HAND: [(&str, [f64; 3]); 28] = [
     ("earth_rate", [2.0, -1.0, 3.0]),
     // For r = (1, 2, 3): dw/dt x r = (70, -35, 0) and w x (w x r) = (-10.5, -37.5, -23.25).
     ("accel_lever_arm", [59.5, -72.5, -23.25]),
-    // The sensing element of the y axis is at (1, 2, 3), as above. The sensing element of the z axis is at (4, 5, 6),
-    // where dw/dt x r has the z component -30 and w x (w x r) has the z component -49.5.
+    // The sensing element of the y axis is at (1, 2, 3), as above. The sensing element of the z axis is at (4, 5, 6).
+    // There, dw/dt x r has the z component -30, and w x (w x r) has the z component -49.5.
     ("accel_size_effect", [0.0, -72.5, -79.5]),
     // The sines of twice the motor angles are 0.96, 0 and 0. The cosines of twice the motor angles are 0.28, -1 and 1.
     ("encoder_eccentricity", [0.6 + 1.6 + 6.72 + 2.24, 3.0 - 10.0, -6.0 + 12.0]),
@@ -204,8 +204,8 @@ fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
     }
 }
 
-/// The joint fit derives the attitude at a rest from the specific force at the rest. It therefore requires that no
-/// accelerometer effect depends on attitude.
+/// The joint fit computes the attitude at a rest from the specific force at the rest. Therefore no accelerometer effect
+/// may depend on attitude.
 #[test]
 fn what_acts_on_the_force_needs_no_attitude() {
     for effect in Effect::<f64>::catalogue().filter(|effect| effect.sensor == Sensor::Accelerometer) {

@@ -10,8 +10,7 @@ use crate::vector::{add, largest, sub};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, convert};
 
-/// Maximum number of effects in a calibration. It determines the size of [`EffectSet`], which is fixed because no
-/// allocator is used.
+/// Maximum number of effects in a calibration. The size of [`EffectSet`] is fixed by it, because no allocator is used.
 pub const MAX_EFFECTS: usize = 12;
 
 /// Maximum number of iterations of [`EffectSet::remove`]. If each iteration multiplies the error by at most 0.83, 200
@@ -68,7 +67,7 @@ impl<F: RealField + Copy> EffectValues<F> {
         self.effect.is_shaped.then_some(self.shape)
     }
 
-    /// `Phi(state) theta`: the error that the effect adds to the true rate (rad/s) or force (m/s^2), in the body frame,
+    /// The error `Phi(state) theta` that the effect adds to the true rate (rad/s) or force (m/s^2), in the body frame,
     /// or to the motor angles (rad).
     #[inline]
     pub fn at(&self, state: &State<F>) -> Vector3<F> {
@@ -126,7 +125,7 @@ impl<F: RealField + Copy> EffectSet<F> {
 
     /// Whether the field of any effect depends on the true value of the quantity that `sensor` measures.
     fn reads(&self, sensor: Sensor) -> bool {
-        // A loop is used instead of `contains`, because `contains` contains code that panics if it is not optimised.
+        // A loop is used, because `contains` has code that panics if it is not optimised.
         for member in self.iter() {
             for read in member.effect.reads {
                 if *read == sensor {
@@ -144,13 +143,13 @@ impl<F: RealField + Copy> EffectSet<F> {
         encoders.fold(Vector3::zeros(), |sum, member| sum + member.at(state))
     }
 
-    /// Computes the true `(rate, force)` from values that contain the effects, in rad/s and m/s^2 in the body frame.
-    /// The method is the inverse of adding [`at`](Self::at) to the true values (`docs/model.md` (16)).
+    /// Computes the true `(rate, force)` from values that contain the effects, in rad/s and m/s^2 in the body frame. It
+    /// inverts the addition of [`at`](Self::at) to the true values (`docs/model.md` (16)).
     ///
-    /// The method iterates `true <- seen - effects(true)` until the quantities on which the fields depend change by no
-    /// more than rounding. Each iteration multiplies the error by at most the derivative of the effects with respect to
+    /// The method iterates `true <- seen - effects(true)` until the quantities on which the fields depend change only
+    /// by rounding errors. Each iteration multiplies the error by at most the derivative of the effects with respect to
     /// rate and force, for example by 0.002 for a scale asymmetry of 0.2 %. For one effect of typical size, one
-    /// iteration is sufficient if its field does not depend on the quantity that the effect changes. Otherwise two or
+    /// iteration is sufficient if its field does not depend on the quantity that the effect changes. Otherwise, two or
     /// three iterations are needed in `f32`, and two to seven in `f64`. If the derivative exceeds about 0.83, the
     /// iteration does not converge in [`MAX_PASSES`] steps, and both results are NaN.
     pub fn remove(
@@ -163,8 +162,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         self.remove_reading(reads, seen_rate, seen_force, surroundings, |_| (zeros(), zeros()))
     }
 
-    /// As [`remove`](Self::remove), with further effects. In a given state, `own` returns the errors that these effects
-    /// add to the true rate and to the true force.
+    /// The function [`remove`](Self::remove) with further effects. `own` returns the errors that these effects add to
+    /// the true rate and to the true force in a given state.
     pub fn remove_with(
         &self,
         seen_rate: Vector3<F>,
@@ -176,8 +175,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         self.remove_reading([true; 2], seen_rate, seen_force, surroundings, own)
     }
 
-    /// The first element of `reads` states whether any effect depends on the rate, the second whether any depends on
-    /// the force.
+    /// The two elements of `reads` state whether any effect depends on the rate, and whether any effect depends on the
+    /// force.
     #[inline]
     fn remove_reading(
         &self,
@@ -213,13 +212,13 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
     Vector3::new(F::zero(), F::zero(), F::zero())
 }
 
-/// Whether the iteration of a quantity (rate or force) has converged: the change of `seen - effects` between two
-/// iterations is of the order of rounding errors. `seen` is the largest absolute component of the quantity before the
-/// effects are removed. If no field depends on the quantity (`counts` is false), its change may have any size.
+/// Whether the iteration of a quantity (rate or force) has converged. It has if the change of `seen - effects` between
+/// two iterations is of the order of rounding errors. `seen` is the largest absolute component of the quantity before
+/// the effects are removed. If no field depends on the quantity (`counts` is false), any change is permitted.
 fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen + largest(effects));
-    // If the effects diverge to infinity, the limit is infinite, and the iteration has not converged.
+    // If the effects diverge to infinity, the limit is infinite. The iteration has then not converged.
     if counts { largest(change) <= limit && limit.is_finite() } else { F::zero() <= limit && limit.is_finite() }
 }
 
@@ -243,7 +242,7 @@ pub enum EffectError {
         /// Name of the effect.
         name: &'static str,
     },
-    /// The shape is missing, is given although the effect has none, or is not a positive number.
+    /// The shape is missing, or is given for an effect without a shape, or is not a positive number.
     Shape {
         /// Name of the effect.
         name: &'static str,

@@ -4,7 +4,7 @@ use nalgebra::{RealField, Vector3, Vector6, convert};
 
 /// Count, mean and variance of consecutive samples, per channel: rate x, y, z, then force x, y, z.
 ///
-/// The sums are relative to the first sample. The variance is therefore accurate even with a large offset, such as
+/// The sums are relative to the first sample. The variance is therefore accurate even with a large offset, for example
 /// gravity, or unsigned counts around 32768 in f32. The sums of two intervals can be merged:
 ///
 /// ```
@@ -35,7 +35,7 @@ impl<F: RealField + Copy> BlockSums<F> {
         Self { count: 0, origin: zeros, sum: zeros, squares: zeros }
     }
 
-    /// Adds one sample. All samples must be in the same unit, which may be any unit.
+    /// Adds one sample. All samples must be in the same unit. Any unit is permitted.
     #[inline]
     pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) {
         let sample = Vector6::new(rate.x, rate.y, rate.z, force.x, force.y, force.z);
@@ -84,7 +84,7 @@ impl<F: RealField + Copy> BlockSums<F> {
         let count = number::<F>(self.count);
         both(&self.squares, &self.sum, |squares, sum| {
             let about_mean = squares - sum * sum / count;
-            // Rounding can make the sum of squares of a constant channel slightly negative. A NaN must stay NaN.
+            // Rounding can make the sum of squares of a constant channel slightly negative. NaN must remain NaN.
             (if about_mean < F::zero() { F::zero() } else { about_mean }) / (count - F::one())
         })
     }
@@ -96,15 +96,15 @@ impl<F: RealField + Copy> Default for BlockSums<F> {
     }
 }
 
-/// Rest statistic of a window: the mean, over the six channels, of the variance divided by the noise variance. It is
-/// near 1 at rest and large in a move.
+/// Rest statistic of a window. It is the mean over the six channels of the variance divided by the noise variance. It
+/// is near 1 at rest and large in a move.
 ///
 /// ```text
 /// statistic = 1/6 sum_c variance_c / noise_variance_c
 /// ```
 ///
-/// `noise_variance` is the variance of a single sample at rest, per channel, in the order and squared unit of the
-/// samples. The result is NaN if a sample is NaN.
+/// `noise_variance` is the variance of a single sample at rest for each channel. Its order is that of the samples, and
+/// its unit is the square of theirs. The result is NaN if a sample is NaN.
 #[inline]
 pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance: &Vector6<F>) -> F {
     statistic_of(&window.variance(), noise_variance)

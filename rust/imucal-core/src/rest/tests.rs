@@ -12,7 +12,7 @@ const FORCE_STD: f64 = 0.02;
 const REST_S: [f64; 5] = [2.0, 1.2, 5.0, 1.7, 3.1];
 const MOVE_S: f64 = 1.5;
 
-/// A linear congruential generator; the sum of twelve uniform numbers is approximately Gaussian.
+/// A linear congruential generator. The sum of twelve uniform numbers is approximately Gaussian.
 struct Noise(u64);
 
 impl Noise {
@@ -29,7 +29,8 @@ impl Noise {
     }
 }
 
-/// Samples of alternating moves and rests, starting and ending with a move, and the first and end sample of each rest.
+/// Samples of alternating moves and rests, and the first and end sample of each rest. The run starts and ends with a
+/// move.
 fn stand_run(rate_hz: f64) -> (Vec<Sample>, Vec<(usize, usize)>) {
     let mut noise = Noise(7);
     let (mut samples, mut rests) = (Vec::new(), Vec::new());
@@ -75,8 +76,8 @@ fn rests_are_found_within_one_block_at_every_rate() {
         let rests = rests_in(&samples, detector(block));
         assert_eq!(rests.len(), truth.len(), "at {rate_hz} Hz: {rests:?}");
         for (rest, (first, end)) in rests.iter().zip(truth) {
-            // Without its trimmed blocks, a rest lies inside the true rest. With the trimmed blocks, it starts within
-            // one block of the true start and ends within one block of the true end.
+            // Without its trimmed blocks, a detected rest is inside the true rest. With the trimmed blocks, it starts
+            // within one block of the true start and ends within one block of the true end.
             assert!(rest.first_sample >= first && rest.first_sample - block < first + block, "{rate_hz} Hz: {rest:?}");
             assert!(rest.end_sample <= end && rest.end_sample + block + block > end, "{rate_hz} Hz: {rest:?}");
         }
@@ -116,7 +117,7 @@ fn unsigned_counts_in_f32_give_the_same_rests() {
         assert_eq!((found.first_sample, found.end_sample), (wanted.first_sample, wanted.end_sample));
         let rate = found.mean_rate.map(|c| f64::from(c) - 32768.0) - wanted.mean_rate * rate_lsb;
         let force = found.mean_force.map(|c| f64::from(c) - 32768.0) - wanted.mean_force * force_lsb;
-        // The limit, in counts, covers two errors: rounding to counts, averaged over a rest, and the spacing of f32
+        // The limit, in counts, is for two errors: rounding to counts, averaged over a rest, and the spacing of f32
         // numbers at 32768, which is 1/256.
         assert!(rate.amax() < 0.06 && force.amax() < 0.06, "{rate} {force}");
     }
@@ -124,7 +125,8 @@ fn unsigned_counts_in_f32_give_the_same_rests() {
 
 #[test]
 fn the_guard_blocks_stay_out_of_the_means() {
-    // All samples are zero except one in the first and one in the last block of the rest; both are below the threshold.
+    // All samples are zero, except one in the first and one in the last block of the rest. Both are below the
+    // threshold.
     let block = 10;
     let mut samples = [(Vector3::zeros(), Vector3::zeros()); 300];
     samples[9].0.x = 0.02;

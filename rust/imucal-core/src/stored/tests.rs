@@ -1,7 +1,7 @@
 use super::*;
 use std::vec::Vec;
 
-/// A unit with a g-sensitivity and a temperature effect, raw data in counts, and the axes y, -x, z.
+/// The bytes of a unit with a g-sensitivity and a temperature effect, raw data in counts, and the axes y, -x, z.
 fn bytes() -> Vec<u8> {
     let mut all = Vec::from(*b"IMUC\x01\x07\x00\x00\x02\x00\x02\xFF\x03\x00\x00\x00");
     let floats = |all: &mut Vec<u8>, values: &[f32]| values.iter().for_each(|v| all.extend(v.to_le_bytes()));
@@ -41,7 +41,7 @@ fn the_crc_is_that_of_zlib() {
 fn a_stored_calibration_corrects_along_its_axes() {
     let unit = read(&bytes()).unwrap();
     let (rate, force) = unit.correct_counts([1020, -30, 4], [100, 7, 1991], &at(25.0)).unwrap();
-    // The expected rate is the body rate (1, 0, 0) minus 1e-3 times the body force (0, 0, 10), in the axes y, -x, z.
+    // The expected rate is the body rate (1, 0, 0) minus 1e-3 times the body force (0, 0, 10), along the axes y, -x, z.
     assert!((rate - Vector3::new(0.0, -1.0, -0.01)).norm() < 1e-6, "{rate:?}");
     assert!((force - Vector3::new(0.0, 0.0, 10.0)).norm() < 1e-6, "{force:?}");
 }

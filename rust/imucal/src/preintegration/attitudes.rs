@@ -1,8 +1,8 @@
 //! Computation of the attitude after each of many consecutive rotations.
 //!
 //! The sequence of rotations is divided into consecutive parts. Each lane of a SIMD register processes one part. A
-//! first pass computes the product of the rotations in each part, from which the attitude at the start of each part
-//! follows. A second pass computes all attitudes.
+//! first pass computes the product of the rotations in each part. These products give the attitude at the start of each
+//! part. A second pass computes all attitudes.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use pulp::{Simd, WithSimd};
@@ -12,8 +12,8 @@ use super::rotate_by;
 use super::step::{half_turn, is_within_range, times_quaternion};
 use crate::numerics::instructions::Instructions;
 
-/// Number of rotations per block. A block fits into the L1 cache and is so short that the norm of the unnormalised
-/// quaternions stays near one.
+/// Number of rotations per block. A block fits into the L1 cache, and is so short that the norms of the unnormalised
+/// quaternions stay near one.
 const AT_ONCE: usize = 512;
 
 /// Attitudes before the first and after each of the rotations `turns`, which are rotation vectors in the body frame,

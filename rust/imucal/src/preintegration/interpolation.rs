@@ -2,7 +2,8 @@
 
 /// Maximum relative difference between time steps that count as equal.
 const UNEVEN: f64 = 0.01;
-/// Maximum ratio of adjacent time steps for cubic interpolation. Above it, linear interpolation is more robust.
+/// Maximum ratio of adjacent time steps for cubic interpolation. For larger ratios, linear interpolation is more
+/// robust.
 const MOST_UNEVEN: f64 = 3.0;
 
 /// Interpolation of the rate between two samples.
@@ -18,7 +19,7 @@ pub(crate) enum Interpolation {
 
 impl Interpolation {
     /// Interpolation of the rate for the step after sample `i`, and the weights of four samples in the mean rate over
-    /// this step: the sample before the step, the two samples at its ends, and the sample after it.
+    /// this step. The samples are the sample before the step, the two samples at its ends, and the sample after it.
     #[inline]
     pub(crate) fn of(time_s: &[f64], i: usize) -> (Self, [f64; 4]) {
         let linear = (Self::Linear, [0.0, 0.5, 0.5, 0.0]);
@@ -54,7 +55,7 @@ pub(crate) fn are_equal_steps(step: f64, other: f64) -> bool {
 const AT_ONCE: usize = 32;
 
 /// The first step from `start` (not zero) whose interpolation differs from `interpolation`; `end` if no step before
-/// `end` differs. Nearly all recordings have only equal steps. A vectorised comparison of many steps detects this
+/// `end` differs. Nearly all recordings have only equal steps, which a vectorised comparison of many steps detects
 /// quickly.
 pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, interpolation: Interpolation) -> usize {
     let mut next = start;
@@ -68,8 +69,8 @@ pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, inter
     (next..end).find(|&i| Interpolation::of(time_s, i).0 != interpolation).unwrap_or(end)
 }
 
-/// Weights of four samples, taken at these times, in the mean rate over the middle time step. The rate is the cubic
-/// through the four samples.
+/// Weights of four samples, taken at these times, in the mean rate over the middle time step. The rate is assumed to be
+/// the cubic through the four samples.
 pub(crate) fn cubic_weights([before, start, end, after]: [f64; 4]) -> [f64; 4] {
     let (a, h, b) = (start - before, end - start, after - end);
     // The mean of the cubic is the mean of the linear interpolation minus h^2/6 times a weighted mean of the second

@@ -8,25 +8,25 @@ use super::lanes::{Lanes, MOST_LANES, Quaternions, Three, lane_start, prefetch, 
 use super::step::{LaneState, StepTerm, at_nodes};
 use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 
-/// Number of steps in a tile. A lane reads the samples of a tile together. A tile is half a node of `sums.rs`.
+/// Number of steps in a tile. A lane reads all samples of a tile together. A tile is half a node of `sums.rs`.
 const TILE: usize = STEPS_OF_A_NODE / 2;
-/// Distance, in samples, by which memory is prefetched before the samples are used.
+/// Number of samples by which memory is prefetched ahead of their use.
 const AHEAD: usize = 64;
 
 /// Block of consecutive samples. Each lane processes an equal part of the block.
 #[derive(Clone, Copy)]
 pub(super) struct Block<'a> {
-    /// Raw samples. A block of n steps has n + 1 samples. For cubic interpolation, it has n + 3 samples, because one
-    /// additional sample is used on either side.
+    /// Raw samples. A block of n steps has n + 1 samples. With cubic interpolation, it has n + 3 samples: one
+    /// additional sample before and one after.
     pub(super) raw: &'a [[f64; 3]],
     /// Time of each sample, s; `None` for equal steps.
     pub(super) stamps_s: Option<&'a [f64]>,
     pub(super) map: &'a Map,
 }
 
-/// Map from raw readings to rates, in a frame in which the matrix of the map is upper triangular. The triangular form
-/// saves a third of the multiplications. Rates are in rad/s. For equal time steps, they are multiplied by a sixth of
-/// the time step.
+/// Linear map from raw readings to rates, in a frame in which its matrix is upper triangular. The triangular form saves
+/// a third of the multiplications. Rates are in rad/s. If time steps are equal, they are multiplied by a sixth of the
+/// time step.
 #[derive(Clone, Copy)]
 pub(super) struct Map {
     pub(super) upper: Matrix3<f64>,
@@ -36,11 +36,11 @@ pub(super) struct Map {
 /// Result of the integration over several steps, in the frame of [`Map`].
 pub(super) struct Increment {
     pub(super) rotation: UnitQuaternion<f64>,
-    /// Four sums over the samples: the sum of R, with the integration weights of the samples, and the sums of R times
-    /// each component of the rate. For component j, only the columns c <= j are valid.
+    /// Four sums over the samples. The first is the sum of R with the integration weights of the samples. The others
+    /// are the sums of R times each component of the rate. For component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
-    /// Number of steps that were processed. The steps of a block that remain are fewer than the lanes, or fewer than
-    /// one node (16 steps) per lane.
+    /// Number of processed steps. The remaining steps of a block are fewer than the lanes, or fewer than one node (16
+    /// steps) per lane.
     pub(super) steps: usize,
 }
 
@@ -58,14 +58,14 @@ impl Increment {
     }
 }
 
-/// The work on a block. `CUBIC` states whether the rate is interpolated by a cubic instead of linearly. `SUMS` states
-/// whether the sums are calculated. `RANGE` is an index into [`ANGLE_RANGES`](super::step::ANGLE_RANGES), the ranges of
-/// step angles.
+/// The work on a block. If `CUBIC` is true, the rate is interpolated by a cubic, otherwise linearly. If `SUMS` is true,
+/// the sums are computed. `RANGE` is an index into [`ANGLE_RANGES`](super::step::ANGLE_RANGES), the ranges of step
+/// angles.
 pub(super) struct Kernel<'a, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(pub(super) Block<'a>);
 
 impl<const CUBIC: bool, const SUMS: bool, const RANGE: usize> WithSimd for Kernel<'_, CUBIC, SUMS, RANGE> {
-    /// `None` if the angle of a step exceeds the range of the polynomials, or if the block has less than one node (16
-    /// steps) per lane.
+    /// `None` if the angle of a step exceeds the range of the polynomials, or if the block has fewer steps than one
+    /// node (16 steps) per lane.
     type Output = Option<Increment>;
 
     #[inline(always)]
@@ -98,8 +98,8 @@ impl Block<'_> {
             std::array::from_fn(|l| self.stamps_s.map_or(&[][..], |stamps| &stamps[first(l)..first(l) + samples]));
         let map = LaneMap::new(simd, self.map);
 
-        // Number of samples that are read before the first step: all samples up to the start of this step. For cubic
-        // interpolation, the sample at the end of this step is read as well.
+        // Number of samples that are read before the first step. They are all samples up to the start of this step.
+        // With cubic interpolation, the sample at the end of this step is also read.
         let known = samples - steps;
         let (zero, half) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 0.5));
         let mut run: LaneState<S> = LaneState::new(simd);
@@ -118,8 +118,8 @@ impl Block<'_> {
         if at_nodes {
             totals.add::<false>(&[end_of_nodes(simd, -1.0, run.sample::<CUBIC>(), &run.rotation_at_node())]);
         } else if SUMS && EVEN {
-            // In the trapezoidal rule, the first sample has half weight. It is added with full weight below, so half of
-            // it is subtracted here.
+            // In the trapezoidal rule, the first sample has half weight. Below, it is added with full weight, so half
+            // of it is subtracted here.
             totals.add::<false>(&[run.here::<CUBIC>(zero - half)]);
         }
         for t in 0..steps / TILE {

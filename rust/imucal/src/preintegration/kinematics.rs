@@ -1,15 +1,17 @@
-//! Linear start value of the gyroscope's sensitivity from the motion of gravity during moves (`docs/model.md` (10)).
+//! Linear start value of the gyroscope's sensitivity. It is computed from the motion of gravity in the body frame
+//! during moves (`docs/model.md` (10)).
 //!
-//! In the body frame the direction u of gravity changes by `du/dt = u x w`. With `w = P (m - b)` and u measured by the
-//! accelerometer, averaged over short blocks, each pair of consecutive blocks gives three equations that are linear in
-//! the nine entries of P:
+//! In the body frame, the direction u of gravity changes by `du/dt = u x w`. The rate is `w = P (m - b)`. The direction
+//! u is measured by the accelerometer and averaged over short blocks. Each pair of consecutive blocks gives three
+//! equations that are linear in the nine entries of P:
 //!
 //! ```text
 //! u_(j+1) - u_j = [ubar]x P s,   s = integral of (m - b) between the centres of the blocks
 //! ```
 //!
-//! The accelerometer also measures the acceleration of the motion itself, so the accuracy is only a few per cent. This
-//! is sufficient as a start value for any raw unit, sign and order of axes, and to detect wrong units and axes.
+//! The accelerometer also measures the acceleration of the motion, so the accuracy is only a few per cent. This is
+//! sufficient for a start value with any raw unit, sign and order of axes, and for the detection of wrong units and
+//! axes.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -18,7 +20,7 @@ use crate::recording::Recording;
 use crate::rests::moves::Move;
 
 /// Minimum ratio of the sum of squared rotations about the least rotated axis to that about the most rotated axis. With
-/// a smaller ratio, P is not determined.
+/// a smaller ratio, the motion does not determine P.
 const LEAST_TURN_SHARE: f64 = 0.01;
 /// Length of a block over which u is averaged, s.
 const BLOCK_S: f64 = 0.1;
@@ -34,7 +36,7 @@ pub(crate) fn rate_from_gravity(
     for m in moves {
         pairs(&recordings[m.recording], m, accelerometer, gyroscope_bias, &mut equations);
     }
-    // If the unit barely rotates about an axis, only noise determines the column of P for this axis.
+    // If the unit hardly rotates about an axis, only noise determines the column of P for this axis.
     let turns: Matrix3<f64> = equations.iter().map(|e: &Pair| e.turn * e.turn.transpose()).sum();
     let energies = turns.symmetric_eigenvalues();
     if energies.min() < LEAST_TURN_SHARE * energies.max() {
@@ -43,7 +45,7 @@ pub(crate) fn rate_from_gravity(
     let size = (equations.iter().map(|e| e.turn.norm_squared()).sum::<f64>() / equations.len().max(1) as f64).sqrt();
     let mut weights = vec![1.0; equations.len()];
     let mut p = None;
-    // The fit is repeated twice with new weights, to reduce the influence of jolts in hand-held moves.
+    // The fit is repeated twice with new weights, which reduce the influence of jolts in hand-held moves.
     for _ in 0..3 {
         let entries = solve(&equations, &weights, size)?;
         for (weight, equation) in weights.iter_mut().zip(&equations) {
@@ -55,8 +57,8 @@ pub(crate) fn rate_from_gravity(
     p.filter(|p| p.iter().all(|entry| entry.is_finite()))
 }
 
-/// Scale in `true rate = scale (raw - bias)`, one value for all axes, for motion that does not determine P. `None`
-/// without motion.
+/// Scale in `true rate = scale (raw - bias)`, with one value for all axes. It is for motion that does not determine P.
+/// `None` without motion.
 pub(crate) fn scale_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],
@@ -83,7 +85,7 @@ struct Pair {
 
 fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: Vector3<f64>, pairs: &mut Vec<Pair>) {
     let dt_s = m.interval_s;
-    // A block has an even number of samples, so that its centre lies between two samples.
+    // A block has an even number of samples, so its centre is between two samples.
     let block = (((BLOCK_S / dt_s / 2.0).round() as usize).max(1)) * 2;
     let up = |start: usize| {
         let sum: Vector3<f64> = recording.specific_force.slice(start..start + block).iter().map(Vector3::from).sum();
@@ -124,8 +126,8 @@ fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
     // The factorisation uses only the lower triangle of the normal matrix.
     let normal = SMatrix::<f64, 9, 9>::from_fn(|row, column| blocks[row / 3][column / 3][(row % 3, column % 3)]);
     let right = SVector::<f64, 9>::from_fn(|row, _| right[row / 3][row % 3]);
-    // Slight damping makes the factorisation possible if the unit does not rotate about some axis. The column of P for
-    // this axis is then zero, and the caller detects that P is singular.
+    // Slight damping makes the factorisation possible even if the unit does not rotate about some axis. The column of P
+    // for this axis is then zero, and the caller detects that P is singular.
     let damping = 1e-9 * normal.trace();
     let factor = (normal + SMatrix::identity() * damping).cholesky()?;
     Some(Matrix3::from_row_slice(factor.solve(&right).as_slice()) / size)

@@ -25,8 +25,8 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value: simd.splat_f64s(value) }
     }
 
-    /// Vector with `value(l)` in lane l. The array has exactly the length of the register, so that the compiler uses
-    /// shuffles. A longer array would be written to memory in parts and read as a whole, which causes a
+    /// Vector with `value(l)` in lane l. The array has exactly the length of the register, so the compiler uses shuffle
+    /// instructions. A longer array would be written to memory in parts and read as a whole, which causes a
     /// store-forwarding stall.
     #[inline(always)]
     pub(super) fn from_fn(simd: S, value: impl Fn(usize) -> f64) -> Self {
@@ -106,11 +106,11 @@ impl<S: Simd> Div for Lanes<S> {
     }
 }
 
-/// A 3-vector in each lane: its x, y and z components are three registers.
+/// A 3-vector in each lane. Its x, y and z components are three registers.
 pub(super) type Three<S> = [Lanes<S>; 3];
 
-/// A 3-vector from its components. `map` on an array is not used here, because it is not always inlined, and the
-/// registers would then be stored in memory.
+/// A 3-vector from its components. `map` on an array is not always inlined, and the registers would then be stored in
+/// memory, so it is not used here.
 #[inline(always)]
 pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
     [part(0), part(1), part(2)]
@@ -129,8 +129,8 @@ pub(super) fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
     [part(1, 2), part(2, 0), part(0, 1)]
 }
 
-/// Index of the first element that a lane processes, if each lane processes `count` elements. Lanes beyond the length
-/// of the register read the elements of the first lane.
+/// Index of the first element of a lane if each lane processes `count` elements. Lanes beyond the length of the
+/// register read the elements of the first lane.
 #[inline(always)]
 pub(super) fn lane_start<S: Simd>(lane: usize, count: usize) -> usize {
     if lane < S::F64_LANES { lane * count } else { 0 }
@@ -155,8 +155,8 @@ impl Quaternions {
 
 /// Prefetches `samples.len()` samples, beginning `ahead` samples after the start of `samples`.
 ///
-/// The lanes read eight streams of memory, more than the hardware prefetcher follows. Without prefetching, the
-/// integration takes a fifth longer.
+/// The lanes read eight streams of memory, which is more than the hardware prefetcher can follow. Without prefetching,
+/// the integration takes a fifth longer.
 #[inline(always)]
 pub(super) fn prefetch(samples: &[[f64; 3]], ahead: usize) {
     #[cfg(target_arch = "x86_64")]

@@ -20,8 +20,8 @@ pub enum SampleTimes<'a> {
 }
 
 impl<'a> SampleTimes<'a> {
-    /// `Even` if the time stamps deviate from equal steps only by rounding, so that rounded stamps do not affect the
-    /// integral; otherwise `Stamps`.
+    /// `Even` if the time stamps deviate from equal steps only by rounding, otherwise `Stamps`. The rounding of stamps
+    /// then does not affect the integral.
     pub fn of(stamps_s: &'a [f64]) -> Self {
         let (Some(first), Some(last)) = (stamps_s.first(), stamps_s.last()) else { return Self::Stamps(stamps_s) };
         let interval_s = Self::Stamps(stamps_s).mean_interval_s();
@@ -56,11 +56,11 @@ thread_local! {
     pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
 }
 
-/// Number of steps per lane in a block. The number is large because the first samples of each lane are not prefetched.
+/// Number of steps per lane in a block. The number is large, because the first samples of each lane are not prefetched.
 /// It is not a power of two, because the lanes would then compete for the same cache sets.
 const STEPS_OF_A_LANE: usize = 4000;
-/// Angular rate that decides which range of step angles is tried first, rad/s (340 deg/s). The first trial uses the
-/// smallest range that contains the step angle at this rate. With a smaller range, the first trial would often fail.
+/// Angular rate that selects the first trial range of step angles, rad/s (340 deg/s). The first trial uses the smallest
+/// range that contains the step angle at this rate. A smaller range would often fail.
 const FAST_RAD_PER_S: f64 = 5.9;
 /// Minimum number of steps for vectorised integration. Fewer steps are integrated one by one.
 const FEW: usize = 16;
@@ -97,7 +97,7 @@ impl<'a> RateSegment<'a> {
         Self::linear(recording.angular_rate.slice(first..last + 1), SampleTimes::of(&recording.time_s[first..=last]))
     }
 
-    /// Splits samples `first..=last` into sections with one kind of interpolation each. The interpolation is cubic
+    /// Divides samples `first..=last` into sections, each with one kind of interpolation. The interpolation is cubic
     /// where possible.
     pub(crate) fn smooth(
         time_s: &'a [f64],
@@ -124,7 +124,7 @@ impl<'a> RateSegment<'a> {
         *rotation.to_rotation_matrix().matrix()
     }
 
-    /// Rotation over the segment, and the sums from which its derivatives with respect to the parameters follow.
+    /// Rotation over the segment, and the sums from which its derivatives with respect to the parameters are computed.
     pub fn preintegrate(&self, gyroscope: &Triad<f64>) -> Preintegrated {
         let (rotation, sums) = self.sums(gyroscope);
         Preintegrated { rotation, sensitivity_sums: sums.sensitivity, bias_sum: sums.bias }
@@ -165,7 +165,7 @@ impl<'a> RateSegment<'a> {
             let in_lanes = count >= FEW && self.interpolation != Interpolation::UnevenCubic;
             let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(block, &mut angle_range) } else { None };
             // If the angle of a step exceeds the range of the polynomials, this step and some further steps are
-            // integrated without SIMD. The vectorised integration is then tried again.
+            // integrated without SIMD. After that, the vectorised integration is tried again.
             let alone = at..at + count.min(STEPS_OF_A_LANE);
             all.then(&turned.unwrap_or_else(|| self.scalar_steps::<CUBIC>(gyroscope, &frame, alone)));
         }
@@ -173,8 +173,8 @@ impl<'a> RateSegment<'a> {
         (frame.rotation * all.rotation * frame.rotation.inverse(), sums)
     }
 
-    /// Integrates a block with SIMD. Trial ranges of step angles increase until all step angles are inside the range.
-    /// For the next block, the successful range is tried first.
+    /// Integrates a block with SIMD. The ranges of step angles are tried in ascending order until a range contains all
+    /// step angles. The next block starts with this range.
     fn lanes<const CUBIC: bool, const SUMS: bool>(
         &self,
         block: Block<'_>,
@@ -193,8 +193,8 @@ impl<'a> RateSegment<'a> {
         }
     }
 
-    /// Integrates steps without SIMD. This is used for large step angles, and for the last steps, which do not fill all
-    /// lanes. The computation uses the frame of the gyroscope, which avoids the rounding errors of another
+    /// Integrates steps without SIMD. It is used for large step angles, and for the last steps, which do not fill all
+    /// lanes. The computation uses the frame of the gyroscope, so there are no rounding errors from another
     /// transformation.
     fn scalar_steps<const CUBIC: bool>(
         &self,
@@ -234,8 +234,8 @@ impl<'a> RateSegment<'a> {
         Increment { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
     }
 
-    /// Factors that convert the sums of the vectorised integration to SI units. The first converts the sum of R to s.
-    /// The second converts the sums of R times a component of the rate to rad.
+    /// Two factors that convert the sums of the vectorised integration to SI units. The first converts the sum of R to
+    /// s. The second converts the sums of R times a component of the rate to rad.
     fn units_of_sums(&self) -> (f64, f64) {
         match self.sample_times {
             SampleTimes::Even(interval_s) => (interval_s, 6.0),
@@ -247,8 +247,8 @@ impl<'a> RateSegment<'a> {
     fn all_sums(&self, all: &Increment, axes: &Matrix3<f64>) -> Sums {
         let (by_time, by_turn) = self.units_of_sums();
         let [bias, mut by_rate @ ..] = all.sums;
-        // The remaining sums follow from R' = R [w]x. For two columns of R, multiply each column by the rate component
-        // of the other. The difference of the two sums is the change of the third column.
+        // The remaining sums are computed from R' = R [w]x. For two columns of R, multiply each column by the rate
+        // component of the other column. The difference of the two sums is the change of the third column.
         let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
         for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
             let column = by_rate[c].column(j) + turned.column(across) * sign;
@@ -259,8 +259,8 @@ impl<'a> RateSegment<'a> {
     }
 }
 
-/// Transforms the sums of R times each component of the rate to another frame. `axes` are the axes of the present frame
-/// in that other frame.
+/// Transforms the sums of R times each component of the rate to another frame. `axes` are the axes of the present
+/// frame, expressed in the other frame.
 fn along(axes: &Matrix3<f64>, by_rate: &[Matrix3<f64>; 3]) -> [Matrix3<f64>; 3] {
     let turned = by_rate.map(|sum| axes * sum * axes.transpose());
     [0, 1, 2].map(|j| (0..3).map(|i| turned[i] * axes[(j, i)]).sum())
@@ -279,7 +279,7 @@ impl Frame {
     pub(super) fn of(gyroscope: &Triad<f64>, scale: f64) -> Self {
         let inverse = gyroscope.inverse() * scale;
         let (axes, upper) = inverse.qr().unpack();
-        // The frame must be right-handed, because a reflection would change the sign of cross products.
+        // A reflection would change the sign of cross products, so the frame must be right-handed.
         let sign = axes.determinant().signum();
         let (axes, upper) = (axes * sign, upper * sign);
         let offset = -(upper * gyroscope.bias());

@@ -6,7 +6,7 @@ use nalgebra::Matrix3;
 use super::rate_segment;
 use super::sums::{BY_ENDS, BY_HALVES, SECOND, STEPS_OF_A_NODE};
 
-/// Inputs of an integration. The time is either a constant step, s, or the times of all samples, s.
+/// Inputs of an integration. The time is either a constant step, s, or the time of every sample, s.
 pub(super) struct Samples<'a> {
     pub(super) raw: &'a [[f64; 3]],
     pub(super) time_s: Result<f64, &'a [f64]>,
@@ -14,7 +14,7 @@ pub(super) struct Samples<'a> {
     pub(super) is_cubic: bool,
 }
 
-/// A double-double number: the sum of two f64, with 31 digits.
+/// A double-double number: the sum of two f64 numbers, with 31 digits.
 #[derive(Clone, Copy)]
 pub(super) struct Double(f64, f64);
 
@@ -91,7 +91,7 @@ fn exponential(m: &Square) -> Square {
     let mut sum = term;
     for k in 1..30 {
         term = product(&term, m);
-        // 1/n to 31 digits by one iteration of Newton's method.
+        // One iteration of Newton's method gives 1/n to 31 digits.
         let n = Double::of(f64::from(k));
         let guess = Double::of(1.0 / n.0);
         term = scaled(&term, guess * (Double::of(2.0) - n * guess));
@@ -100,8 +100,8 @@ fn exponential(m: &Square) -> Square {
     sum
 }
 
-/// Rotation, G_x, G_y, G_z and G_b by the equations in the documentation of `preintegration`, in double-double
-/// arithmetic. The first `at_nodes` steps are summed in nodes of 16 steps.
+/// Rotation, G_x, G_y, G_z and G_b in double-double arithmetic, by the equations in the documentation of
+/// `preintegration`. The first `at_nodes` steps are summed in nodes of 16 steps.
 pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
     let Samples { raw, time_s, triad, is_cubic } = path;
     let third = Double::of(1.0 / 3.0) + Double::of(-1.0 / 3.0 * 3.0 + 1.0) * Double::of(1.0 / 3.0);
@@ -192,8 +192,8 @@ fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double)
     sums[3] = plus(&sums[3], &scaled(rotation, weight));
 }
 
-/// Computes the sums that the vectorised integration does not accumulate (column index greater than the index of the
-/// rate component) from the accumulated sums, in the frame with these axes.
+/// Computes the sums that the vectorised integration does not accumulate. Their column index is greater than the index
+/// of the rate component. They are computed from the accumulated sums, in the frame with these axes.
 fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [Square; 3] {
     let out: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(r, c)])));
     let back: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(c, r)])));

@@ -1,10 +1,10 @@
-//! One integration step in every SIMD lane: its quaternion, the rotation before the step, and the contribution of the
-//! step's first sample to the sums.
+//! One integration step in every SIMD lane: the quaternion of the step, the rotation before the step, and the
+//! contribution of the step's first sample to the sums.
 //!
 //! In the units of this file, the rotation vector of a step is `3 p` with `p = s + q`. `s` is a third of the integral
 //! of the rate, and `q` is a third of the coning term. For equal steps, the samples are scaled so that `s = a0 + a1`
 //! and `q = a0 x a1`. With `y = |p|^2`, the quaternion of a step is proportional to `(1, tau(y) p)`, where tau is a
-//! polynomial. This quaternion is not normalised. The factor by which it changes the norm of a product is another
+//! polynomial. This quaternion is not normalised. It changes the norm of a product by a factor that is another
 //! polynomial in y.
 
 use nalgebra::Vector3;
@@ -17,7 +17,7 @@ use super::sums::Sample;
 pub(super) struct AngleRange {
     /// Maximum rotation angle of a step, rad.
     pub(super) turn_rad: f64,
-    /// Numbers of terms of the polynomials that this range needs: for the tangent, and for the squared cosine.
+    /// Numbers of terms that this range needs in the polynomial of the tangent and in that of the squared cosine.
     terms: [usize; 2],
 }
 
@@ -29,7 +29,7 @@ pub(super) const ANGLE_RANGES: [AngleRange; 3] = [
     AngleRange { turn_rad: 0.2, terms: [7, 6] },
 ];
 
-/// Whether sums are computed over nodes of 16 steps instead of sample by sample. This is the case for equal steps with
+/// Whether sums are computed over nodes of 16 steps instead of sample by sample. Nodes are used for equal steps with
 /// angles in the first of the [`ANGLE_RANGES`].
 pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const RANGE: usize>() -> bool {
     EVEN && SUMS && RANGE == 0
@@ -56,9 +56,9 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
 
 /// Quantities of a step that do not depend on the previous step.
 ///
-/// They are calculated for all steps of a tile (8 steps) before the quaternions are multiplied, because only the
-/// product of quaternions depends on the previous step. If the products were computed between these calculations, the
-/// processor would have to wait for their results.
+/// They are computed for all steps of a tile (8 steps) before the quaternions are multiplied. Only the product of
+/// quaternions depends on the previous step. If the products were computed between these quantities, the processor
+/// would have to wait for their results.
 #[derive(Clone, Copy)]
 #[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
 pub(super) struct StepTerm<S: Simd> {
@@ -89,7 +89,7 @@ pub(super) struct LaneState<S: Simd> {
     pub(super) quaternion: [Lanes<S>; 4],
     /// Two divided by the squared norm of the quaternion.
     double: Lanes<S>,
-    /// Sum, over all steps since the last call of `sum_of_samples`, of the two samples at the ends of a step.
+    /// Sum over all steps since the last call of `sum_of_samples`. Each step contributes the two samples at its ends.
     pairs: Three<S>,
     /// Largest y of all steps.
     largest: Lanes<S>,
@@ -117,8 +117,9 @@ impl<S: Simd> LaneState<S> {
         self.times = [self.times[1], self.times[2], time];
     }
 
-    /// Adds the next sample, which is the end of a step. For cubic interpolation, it is the sample after the end of a
-    /// step. Writes the quantities that do not depend on the rotation before the step to `term` and `sample`.
+    /// Adds the next sample. With linear interpolation, it is the end of a step. With cubic interpolation, it is the
+    /// sample after the end of a step. The quantities that do not depend on the rotation before the step are written to
+    /// `term` and `sample`.
     #[inline(always)]
     pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(
         &mut self,
@@ -193,15 +194,16 @@ impl<S: Simd> LaneState<S> {
         [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 
-    /// Columns of the rotation matrix at a node. The norm of the quaternion is computed first, because between nodes it
-    /// is not updated.
+    /// Columns of the rotation matrix at a node. The norm of the quaternion is computed first, because it is not
+    /// updated between nodes.
     #[inline(always)]
     pub(super) fn rotation_at_node(&mut self) -> [Three<S>; 3] {
         self.double = Lanes::splat(self.simd, 2.0) / self.square_of_length();
         self.rotation()
     }
 
-    /// Sum of the samples since the last call of this function. The first and the last sample have half weight.
+    /// Sum of the samples since the last call of this function. The first and the last of these samples have half
+    /// weight.
     #[inline(always)]
     pub(super) fn sum_of_samples(&mut self) -> Three<S> {
         let (zero, half) = (Lanes::splat(self.simd, 0.0), Lanes::splat(self.simd, 0.5));
@@ -216,7 +218,7 @@ impl<S: Simd> LaneState<S> {
         w.mul_add(w, square(&[x, y, z]))
     }
 
-    /// Multiplies the rotation by the rotations of several steps, one after the other.
+    /// Multiplies the rotation by the rotations of several consecutive steps.
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {
@@ -234,7 +236,7 @@ impl<S: Simd> LaneState<S> {
         }
     }
 
-    /// Whether the angles of all steps were in range `RANGE` of the polynomials.
+    /// Whether the angles of all steps were inside the range `RANGE` of the polynomials.
     #[inline(always)]
     pub(super) fn is_exact<const RANGE: usize>(&self) -> bool {
         let limit = ANGLE_RANGES[RANGE].turn_rad;

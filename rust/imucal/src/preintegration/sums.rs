@@ -1,10 +1,11 @@
-//! Sums of the rotations R, and of R times each component of the rate, computed sample by sample or node by node.
+//! Sums of the rotations R, and of R times each component of the rate. They are computed sample by sample or node by
+//! node.
 //!
 //! A node combines n = 16 short steps. w is the angular rate at a sample. The sum of `R w` over the samples of a node
-//! is approximated by `R W + R' D`. In this formula, R is the rotation matrix in the middle of the node, and R' is its
-//! derivative with respect to time in units of the node's duration. W is the sum of w over the samples of the node,
-//! with half weight for the first and the last sample (trapezoidal rule). D is a linear combination of differences
-//! between the rates of the node.
+//! is approximated by `R W + R' D`. R is the rotation matrix in the middle of the node. R' is its derivative with
+//! respect to time, in units of the node's duration. W is the sum of w over the samples of the node, with half weight
+//! for the first and the last sample (trapezoidal rule). D is a linear combination of differences between the rates of
+//! the node.
 //!
 //! The coefficients of D are derived for a sinusoidal rate whose phase changes by x over a node. For this rate, with w
 //! and its derivative w' in the middle of the node, W and D are
@@ -14,7 +15,7 @@
 //! ```
 //!
 //! up to higher powers of x. Integration by parts transforms the sum of `R' w'` over the nodes of a segment into the
-//! sum of `-R w''`, which is the sum of `x^2 R w`. It also gives terms at the ends of the segment, for which
+//! sum of `-R w''`, which is the sum of `x^2 R w`. It also gives terms at the ends of the segment, which
 //! [`end_of_nodes`] corrects. The sum of `R' D` therefore cancels the error of W, and the result is exact up to the
 //! fifth power of x.
 
@@ -35,10 +36,11 @@ const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 const OF_ENDS: f64 = 1.0 / 24.0;
 /// Weight, in D, of the difference between the end samples. With this weight, the coefficient of D has the value b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
-/// Factor, in D, of the difference between the sums over both halves, for rates that are multiplied by a sixth of the
-/// time step.
+/// Factor of the difference between the sums over both halves in D. It is for rates that are multiplied by a sixth of
+/// the time step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
-/// Factor, in D, of the difference between the end samples, for rates that are multiplied by a sixth of the time step.
+/// Factor of the difference between the end samples in D. It is for rates that are multiplied by a sixth of the time
+/// step.
 pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// Contribution of a sample to the sums.
@@ -70,8 +72,8 @@ pub(super) struct Node<S: Simd> {
     end: Three<S>,
     /// Columns of the rotation matrix in the middle of the node.
     rotation: [Three<S>; 3],
-    /// Sums of the samples over the first and over the second half of the node. The samples at the ends of each half
-    /// have half weight.
+    /// Sums of the samples over the first and over the second half of the node. The two samples at the ends of each
+    /// half have half weight.
     halves: [Three<S>; 2],
 }
 
@@ -104,7 +106,7 @@ struct Column<S: Simd> {
 }
 
 /// Sums in all lanes. For column c of R and rate component j, only the sums with `j >= c` are accumulated. The other
-/// sums follow from the final rotation.
+/// sums are computed from the final rotation.
 #[repr(align(64))]
 pub(super) struct Totals<S: Simd>([Column<S>; 3]);
 
@@ -115,8 +117,8 @@ impl<S: Simd> Totals<S> {
         Self([Column { by_one: zero, by_rate: [zero; 3] }; 3])
     }
 
-    /// Adds the samples of a tile (8 steps). The sums of one column of R are completed before those of the next column,
-    /// because there are more sums than registers.
+    /// Adds the samples of a tile (8 steps). There are more sums than registers, so the sums of one column of R are
+    /// completed before those of the next column.
     #[inline(always)]
     pub(super) fn add<const EVEN: bool>(&mut self, samples: &[Sample<S>]) {
         self.add_column::<EVEN, 0>(samples);
@@ -161,8 +163,8 @@ impl<S: Simd> Totals<S> {
     }
 }
 
-/// Contribution of the first (`sign` -1) or last (`sign` 1) sample of all nodes to the sums, due to the integration by
-/// parts.
+/// Contribution of the first (`sign` -1) or last (`sign` 1) sample of all nodes to the sums. It is due to the
+/// integration by parts.
 #[inline(always)]
 pub(super) fn end_of_nodes<S: Simd>(simd: S, sign: f64, rate: Three<S>, rotation: &[Three<S>; 3]) -> Sample<S> {
     let factor = Lanes::splat(simd, sign * 6.0 * SECOND * N * N);

@@ -1,4 +1,4 @@
-//! Compares the vectorised integration with independent calculations.
+//! Tests that compare the vectorised integration with independent calculations.
 
 use super::interpolation::cubic_weights;
 use super::reference::{Samples, reference};
@@ -7,7 +7,7 @@ use super::*;
 use imucal_core::integrate::Integrator;
 use pulp::{Simd, WithSimd};
 
-/// A tumbling gyroscope with large scale and misalignment errors: times, raw samples, and the triad. 100 Hz for 2 s.
+/// A tumbling gyroscope with large scale and misalignment errors, at 100 Hz for 2 s: times, raw samples, and the triad.
 fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
     let time: Vec<f64> = (0..200).map(|k| k as f64 * 0.01).collect();
     let sensitivity = Matrix3::new(1.1, 0.05, -0.02, 0.03, 0.9, 0.04, -0.06, 0.01, 1.05);
@@ -44,8 +44,8 @@ fn derivatives_meet_finite_differences_from_rest_to_rest() {
     let carried = carry(&triad);
     let delta = |sensitivity: Matrix3<f64>, bias: Vector3<f64>| {
         let moved = carry(&Triad::try_new(sensitivity, bias).unwrap()).rotation;
-        // For a tiny rotation, the antisymmetric part of the matrix is the rotation vector. The angle from an arc
-        // cosine would lose half of the digits.
+        // For a tiny rotation, the antisymmetric part of the matrix is the rotation vector. An angle from an arc cosine
+        // would lose half of the digits.
         let turn = carried.rotation.transpose() * moved;
         Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12) / 2.0
     };
@@ -139,8 +139,8 @@ impl Samples<'_> {
         }
     }
 
-    /// For each instruction set, the largest error of the rotation, rad, and of the sums, rad and s. The reference sums
-    /// are computed over the same nodes if `by_nodes` is set, and otherwise sample by sample.
+    /// For each instruction set: the largest error of the rotation, rad, and of the sums, rad and s. If `by_nodes` is
+    /// set, the reference sums are computed over the same nodes, otherwise sample by sample.
     fn errors(&self, by_nodes: bool) -> Vec<(Instructions, f64, f64)> {
         let error = |instructions: Instructions| {
             let at_nodes = if by_nodes { self.steps_at_nodes(instructions) } else { 0 };
@@ -158,7 +158,7 @@ impl Samples<'_> {
     }
 
     /// Number of steps that are summed in nodes. The segment must fit into one block, and its step angles must be in
-    /// the first range.
+    /// the first range of angles.
     fn steps_at_nodes(&self, instructions: Instructions) -> usize {
         let (steps, lanes) = (self.raw.len() - 1 - 2 * usize::from(self.is_cubic), instructions.run(CountLanes));
         let is_short = self.time_s.is_ok_and(|interval_s| interval_s < 1e-3);
@@ -181,8 +181,8 @@ fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> 
 #[test]
 fn rotations_and_sums_are_exact_with_all_instructions() {
     let (_, _, triad) = tumble();
-    // These numbers of steps test fewer steps than lanes, incomplete lanes, incomplete tiles, and more steps than fit
-    // into one block.
+    // These numbers of steps test four cases: fewer steps than lanes, incomplete lanes, incomplete tiles, and more
+    // steps than fit into one block.
     for steps in [0, 1, 5, 15, 16, 17, 63, 64, 65, 200, 1023, 8_005] {
         for (interval_s, speed) in [(1.25e-4, 1.0), (1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {
             for is_cubic in [false, true] {
@@ -221,8 +221,8 @@ fn sums_at_nodes_are_those_of_all_samples() {
     // A segment during a rotation at 2.4 rad/s, as in the moves of the benchmark.
     let error = worst(&shaken(20_001, 1.25e-4, 0.45, 0.0), false);
     assert!(error < 1e-12, "{error:e}");
-    // Segments at 7 rad/s with incomplete lanes. With noise, the error must be below 1 % of the change due to the
-    // noise.
+    // Segments at 7 rad/s with incomplete lanes. If there is noise, the error must be below 1 % of the change due to
+    // the noise.
     for steps in [127, 128, 200, 1023, 8_005] {
         for is_cubic in [false, true] {
             let raw = |noise| shaken(steps + 1 + 2 * usize::from(is_cubic), 1.25e-4, 1.4, noise);

@@ -1,4 +1,4 @@
-//! Moves between consecutive rests, and the direction of gravity at both ends of a move (model.md (7), (8), (13)). The
+//! Moves between consecutive rests, and the gravity directions at both ends of a move (model.md (7), (8), (13)). The
 //! gyroscope is fitted to the moves of a calibration recording and evaluated on the moves of a control recording.
 
 use std::ops::Range;
@@ -14,24 +14,24 @@ use crate::rests::noise_density::{NoiseDensity, random_walk_rad, variance_per_ax
 use crate::rests::tremor::{Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, touches};
 
-/// Maximum ratio of a time step to the median sampling interval inside a move (model.md (7)). After a longer gap the
-/// rotation cannot be integrated accurately, and the move is not used.
+/// Maximum ratio of a time step inside a move to the median sampling interval (model.md (7)). After a longer time step,
+/// the rotation cannot be integrated accurately, and the move is not used.
 const LONGEST_STEP: f64 = 2.5;
 
-/// Duration of the part of an unsteady rest, adjacent to the move, from which the direction of gravity is computed, s
-/// (model.md (13)).
+/// Duration of the part of an unsteady rest from which the gravity direction is computed, s (model.md (13)). This part
+/// is adjacent to the move.
 const SPAN_S: f64 = 1.0;
-/// Number of sub-means over the last or first second of an unsteady rest. Their scatter determines the variance of the
-/// gravity direction (model.md (13)).
+/// Number of sub-means over the last or first second of an unsteady rest. The variance of the gravity direction is
+/// computed from their scatter (model.md (13)).
 const TENTHS: usize = 10;
-/// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope for a rest to be hand-held. The
-/// margin allows for the uncertainty of the estimated noise.
+/// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope, for a rest to count as
+/// hand-held. The ratio has a margin for the uncertainty of the estimated noise.
 const TREMBLING: f64 = 1.5;
-/// Minimum scatter of the rates within 0.1 s for a rest to be hand-held, rad/s. Tremor of a hand causes larger rates.
+/// Minimum scatter of the rates within 0.1 s, for a rest to count as hand-held, rad/s. Hand tremor causes larger rates.
 /// The limit prevents false detections in recordings without noise.
 const STILL_RADPS: f64 = 1e-3;
-/// Lower bound of the standard deviation of the direction error of a move, rad. It represents the integration error of
-/// a sampled rate, which is the only error in simulated data without noise.
+/// Lower bound of the standard deviation of the direction error of a move, rad. It is the integration error of a
+/// sampled rate, which is the only error in simulated data without noise.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
 
 /// A move: the samples from the last sample of a rest to the first sample of the next rest.
@@ -53,7 +53,7 @@ pub(crate) struct Move {
     pub(crate) interval_s: f64,
 }
 
-/// Measured quantities, in addition to the angular rates, on which the residual of a move depends (model.md (7), (8)).
+/// Measured quantities on which the residual of a move depends, in addition to the angular rates (model.md (7), (8)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ends {
     /// Unit vector of gravity in the body frame at the rest before the move.
@@ -71,8 +71,8 @@ impl Ends {
         rows_across(&self.after)
     }
 
-    /// Residual of the move, rad: the propagated minus the measured direction of gravity, projected with E. `rotation`
-    /// is the rotation from the body frame at the end of the move to that at its start.
+    /// Residual of the move, rad: the propagated gravity direction minus the measured one, projected with E. `rotation`
+    /// is the rotation from the body frame at the end of the move to the body frame at its start.
     pub(crate) fn residual(&self, rotation: &Matrix3<f64>) -> Vector2<f64> {
         self.across() * (rotation.tr_mul(&self.before) - self.after)
     }
@@ -84,11 +84,11 @@ pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
     [first, up.cross(&first)]
 }
 
-/// Index of the coordinate axis from which [`across`] constructs the perpendicular vectors: the first axis that is far
-/// from parallel to `up`. Neighbouring directions yield the same axis. The axis of the smallest component would not
-/// have this property, because noise changes the order of two components near zero.
+/// Index of the coordinate axis from which [`across`] constructs the perpendicular vectors. It is the first axis that
+/// is far from parallel to `up`, so neighbouring directions have the same axis. The axis of the smallest component is
+/// not used, because noise changes the order of two components near zero.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
-    /// Maximum absolute component of `up` along the axis. One component of a unit vector is always below 0.58.
+    /// Maximum absolute component of `up` along the axis. A unit vector always has a component below 0.58.
     const ASIDE: f64 = 0.6;
     up.iter().position(|component| component.abs() < ASIDE).unwrap_or(0)
 }
@@ -99,7 +99,7 @@ pub(crate) fn rows_across(up: &Vector3<f64>) -> Matrix2x3<f64> {
 }
 
 impl Move {
-    /// Whether this is the step from one epoch of a long rest to the next epoch. The unit does not move in such a step.
+    /// Whether this is the step from one epoch of a long rest to the next epoch, during which the unit does not move.
     pub(crate) fn is_within_rest(&self, rests: &[UnitRest]) -> bool {
         rests[self.from].whole == rests[self.to].whole
     }
@@ -119,14 +119,14 @@ pub(crate) struct Unusable {
     pub(crate) reason: &'static str,
 }
 
-/// Index ranges of saturated samples, for each recording. The samples are examined only if the checks have reported
+/// Index ranges of saturated samples in each recording. The samples are examined only if the checks have reported
 /// saturation.
 pub(crate) fn saturated_stretches(recordings: &[Recording<'_>], findings: &[Finding]) -> Vec<Vec<Range<usize>>> {
     let found = findings.iter().any(Finding::is_saturation);
     recordings.iter().map(|recording| if found { saturated_samples(recording) } else { Vec::new() }).collect()
 }
 
-/// The moves between consecutive usable rests, and the intervals that are not usable because they contain missing or
+/// The moves between consecutive usable rests, and the intervals that cannot be used because they contain missing or
 /// saturated samples.
 pub(crate) fn between(
     recordings: &[Recording<'_>],
@@ -158,7 +158,7 @@ pub(crate) fn between(
     (moves, unusable)
 }
 
-/// Data and calibration from which the directions of gravity at the ends of moves are computed.
+/// Data and calibration from which the gravity directions at the ends of moves are computed.
 pub(crate) struct Directions<'a> {
     pub(crate) recordings: &'a [Recording<'a>],
     pub(crate) rests: &'a [UnitRest],
@@ -171,23 +171,22 @@ pub(crate) struct Directions<'a> {
     pub(crate) gyroscope: &'a Triad<f64>,
 }
 
-/// Reading of gravity at one end of a move, and the variance of each component of its direction.
+/// Reading of gravity at one end of a move, and the variance of each component of the gravity direction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct End {
     /// Reading of the accelerometer, raw units.
     pub(crate) raw: Vector3<f64>,
     /// Whether the reading is the mean over the whole rest.
     pub(crate) steady: bool,
-    /// Variance from the noise of the mean over the whole rest, rad^2. This noise also affects the accelerometer fit.
+    /// Variance from the noise of the mean over the whole rest, rad^2. The accelerometer fit contains the same noise.
     pub(crate) shared_variance: f64,
-    /// Variance from noise that affects only this end of this move, rad^2.
+    /// Variance from noise that is only in the reading at this end of this move, rad^2.
     pub(crate) own_variance: f64,
 }
 
 impl Directions<'_> {
-    /// Returns the directions of gravity and the standard deviation of each move. The second result is the part of each
-    /// standard deviation, in rad, that is independent between moves because it does not come from the means of the
-    /// rests.
+    /// The gravity directions and the standard deviation of each move. The second result is the part of each standard
+    /// deviation that is not due to the means of the rests, rad. This part is independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()
@@ -204,9 +203,8 @@ impl Directions<'_> {
     }
 
     /// Readings of gravity at the start and at the end of a move.
-    ///
-    /// `sensors_drift` states that a drift of the sensors can explain a changing mean force. In this case, only the
-    /// gyroscope is used to decide whether a rest is hand-held.
+    /// `sensors_drift` states that a drift of the sensors can explain a changing mean force. Only the gyroscope then
+    /// determines whether a rest is hand-held. gyroscope is used to decide whether a rest is hand-held.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
         let steady = |k: usize| {
             let UnitRest { recording, rest, .. } = &self.rests[k];
@@ -215,8 +213,8 @@ impl Directions<'_> {
         [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
     }
 
-    /// Whether rest `k` is hand-held according to the gyroscope: the scatter of the rates within 0.1 s exceeds the
-    /// noise.
+    /// Whether rest `k` is hand-held according to the gyroscope. It is if the scatter of the rates within 0.1 s exceeds
+    /// the noise.
     fn trembles(&self, k: usize) -> bool {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let rates = self.recordings[*recording].angular_rate.part(rest.first..rest.end);
@@ -256,18 +254,19 @@ impl Directions<'_> {
         }
         let (force, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope.inverse(), span_s);
-        // A random walk that is zero at one end of a span has a mean over this span with a third of the variance at the
-        // other end.
+        // A random walk that is zero at one end of a span has a variance at the other end. The mean over the span has a
+        // third of this variance.
         let raw = self.accelerometer.measure(force);
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 + rounding }
     }
 
     /// Mean force over the last (`at_end`) or first second of a rest. Each sample is rotated by the integrated
     /// gyroscope rate to the attitude at that end of the rest (model.md (13)). Returns the mean (m/s^2), the variance
-    /// of its direction from the scatter of ten sub-means (rad^2), and the duration used (s).
+    /// of its direction (rad^2), and the duration used (s). The variance is computed from the scatter of ten sub-means.
     ///
-    /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the direction at the start of
-    /// the move. The mean rate of this rest is used as the gyroscope bias, so a pose-dependent bias causes no error.
+    /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the gravity direction at the
+    /// start of the move. The mean rate of this rest is used as the gyroscope bias, so a bias that depends on the pose
+    /// causes no error.
     fn tremor_free(&self, k: usize, at_end: bool) -> (Vector3<f64>, f64, f64) {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let recording = &self.recordings[*recording];
@@ -292,6 +291,6 @@ impl Directions<'_> {
 /// Error of the gravity direction after a move, rad: the angle between the propagated and the measured direction.
 pub(crate) fn direction_error_rad(ends: &Ends, rotation: &Matrix3<f64>) -> f64 {
     let propagated: Vector3<f64> = rotation.tr_mul(&ends.before);
-    // The arc tangent is accurate for small angles; the arc cosine is not.
+    // The arc tangent is accurate at small angles, whereas the arc cosine is not.
     propagated.cross(&ends.after).norm().atan2(propagated.dot(&ends.after))
 }

@@ -1,5 +1,5 @@
-//! Check of noise and bias at the rests for values that no real sensor has. For hand-held units, the tremor of the hand
-//! is subtracted first.
+//! Check of noise and bias at the rests for values that no real sensor has. For hand-held units, the hand tremor is
+//! subtracted first.
 
 use imucal_core::sensor::Triad;
 
@@ -13,10 +13,9 @@ use crate::rests::segment::Segments;
 use crate::rests::tremor::{Hand, Sensors};
 
 impl Segments {
-    /// Findings about noise densities and biases at the rests that are implausible for any sensor. There are no
-    /// findings if every rest is unsteady, because the densities then contain the tremor of the hand. If all rests
-    /// contain tremor of equal size, none of them counts as unsteady. In this case, the tremor is detected from the
-    /// correlation of both sensors, and subtracted.
+    /// Findings about noise densities and biases at the rests that no sensor has. There are no findings if every rest
+    /// is unsteady, because the densities then contain hand tremor. If all rests contain tremor of equal size, none of
+    /// them counts as unsteady. The tremor is then detected from the correlation of both sensors and subtracted.
     pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
         let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
         if steady.is_empty() {
@@ -35,7 +34,7 @@ impl Segments {
         };
         let findings = of(&self.noise_density);
         let has_both = !recording.specific_force.is_absent() && !recording.angular_rate.is_absent();
-        // Both sensors are needed to separate the tremor of a hand from the noise.
+        // Both sensors are needed to separate hand tremor from noise.
         if findings.is_empty() || !has_both {
             return findings;
         }

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// White-noise densities, raw units per sqrt(Hz) (model.md (10)). They are estimated from the steady rests or, if the
-/// unit is hand-held throughout, from the noise floor.
+/// White-noise densities, raw units per sqrt(Hz) (model.md (10)). They are estimated from the steady rests. If all
+/// rests are hand-held, they are estimated from the noise floor.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseDensity {
     /// Densities of the accelerometer axes x, y, z.
@@ -12,14 +12,14 @@ pub struct NoiseDensity {
     pub angular_rate: Vector3<f64>,
 }
 
-/// Standard deviation of the integrated white noise of the gyroscope over `duration_s`, per axis, rad: the angle random
-/// walk of model.md (8). `density` is in raw units per sqrt(Hz); `inverse` is the inverse sensitivity.
+/// Standard deviation of the integrated white noise of the gyroscope over `duration_s`, per axis, rad. It is the angle
+/// random walk of model.md (8). `density` is in raw units per sqrt(Hz), and `inverse` is the inverse sensitivity.
 pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
     (variance_per_axis(inverse, density) * duration_s).sqrt()
 }
 
-/// Variance along each body axis, in SI units squared, of noise with standard deviations (or densities) `raw` in raw
-/// units. `inverse` is the inverse sensitivity of the triad.
+/// Variance of noise along each body axis, squared SI units. `raw` contains the standard deviations or densities of the
+/// noise in raw units. `inverse` is the inverse sensitivity of the triad.
 pub(crate) fn variance_by_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> Vector3<f64> {
     (inverse * Matrix3::from_diagonal(raw)).map(|v| v * v).column_sum()
 }

@@ -1,4 +1,4 @@
-//! One rest: its samples, the means of both triads, and the error of the norm of the mean force.
+//! One rest: its range of samples, the means of both triads, and the error of the norm of the mean force.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::rounding::Rounding;
 
-/// Unsteadiness (a ratio of variances) from which a rest counts as hand-held. The unsteadiness is near 1 for rests on a
-/// table and above this limit for rests in a hand (model.md (11)).
+/// Minimum unsteadiness (a ratio of variances) of a hand-held rest. The unsteadiness is near 1 for rests on a table and
+/// above this limit for rests in a hand (model.md (11)).
 pub(super) const UNSTEADY: f64 = 2.0;
 
 /// Mean of a triad over a rest, in raw units.
@@ -15,15 +15,15 @@ pub(super) const UNSTEADY: f64 = 2.0;
 pub struct RestMean {
     /// Mean of the three axes.
     pub mean: Vector3<f64>,
-    /// Variance of the mean of each axis, raw units squared, from the scatter within this rest and the correlation of
-    /// the noise.
+    /// Variance of the mean of each axis, squared raw units. It is computed from the scatter within this rest and the
+    /// correlation of the noise.
     pub variance_of_mean: Vector3<f64>,
-    /// Rounding of each axis. The rounding error of the mean is common to all rests with this reading (model.md (37)).
+    /// Rounding of each axis. All rests with the same reading have the same rounding error of the mean (model.md (37)).
     pub rounding: [Rounding; 3],
 }
 
 impl RestMean {
-    /// Variance of the mean of each axis, including the rounding error, raw units squared.
+    /// Variance of the mean of each axis with the rounding error, squared raw units.
     pub fn whole_variance(&self) -> Vector3<f64> {
         self.variance_of_mean + self.rounding_std().map(|std| std * std)
     }
@@ -34,13 +34,12 @@ impl RestMean {
     }
 }
 
-/// Maximum difference between the readings of two rests for them to count as having the same pose, for each axis, in
-/// quantisation steps. Rests in the same pose have equal rounding errors, even if the readings do not determine these
-/// errors.
+/// Maximum difference between the readings of two rests in the same pose, for each axis, in quantisation steps. Rests
+/// in the same pose have equal rounding errors, even if the readings do not determine these errors.
 const SAME_POSE: f64 = 0.5;
 
-/// Covariance of the rounding errors of the means of rests, on one axis, raw units squared. `None` if there are no such
-/// errors.
+/// Covariance of the rounding errors of the rests' means on one axis, squared raw units. `None` if there are no
+/// rounding errors.
 pub(crate) fn rounding_covariance(means: &[&RestMean], axis: usize) -> Option<Mat<f64>> {
     let reading = |k: usize| (&means[k].rounding[axis], means[k].mean[axis]);
     let are_in_one_pose = |i: usize, j: usize| {
@@ -67,9 +66,9 @@ pub struct Rest {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Unsteadiness (model.md (11)), a ratio of variances. It is the larger of two ratios: the variance within half a
-    /// second divided by the noise floor, and the squared drift of the mean force divided by its variance from noise.
-    /// The unsteadiness is near 1 on a table and above 2 in a hand.
+    /// Unsteadiness (model.md (11)), a ratio of variances. It is the larger of two ratios. The first is the variance
+    /// within half a second divided by the noise floor. The second is the squared drift of the mean force divided by
+    /// the variance of this drift from noise. The unsteadiness is near 1 on a table and above 2 in a hand.
     pub unsteadiness: f64,
     /// Mean of the accelerometer.
     pub specific_force: RestMean,
@@ -78,17 +77,17 @@ pub struct Rest {
 }
 
 impl Rest {
-    /// Whether the unit lies on a rigid support. Otherwise it is hand-held, and the rest contains tremor.
+    /// Whether the unit is on a rigid support. Otherwise, the unit is hand-held, and the rest contains tremor.
     pub fn is_steady(&self) -> bool {
         self.unsteadiness < UNSTEADY
     }
 }
 
-/// Lower bound of the standard deviation of |f| at a rest, m/s^2. Simulated data without noise would otherwise have a
-/// standard deviation of zero.
+/// Lower bound of the standard deviation of |f| at a rest, m/s^2. It prevents a standard deviation of zero in simulated
+/// data without noise.
 pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
-/// Standard deviation of the norm of the mean force of a rest, m/s^2, from the scatter of the samples and from their
+/// Standard deviation of the norm of a rest's mean force, m/s^2. It contains the scatter of the samples and their
 /// rounding (model.md (5)).
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
     let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());

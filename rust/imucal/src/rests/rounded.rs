@@ -1,5 +1,5 @@
-//! Rounding at the rests of a recording: estimation of noise that is smaller than the quantisation step, and the
-//! finding that reports such noise.
+//! Rounding at the rests of a recording: estimation of noise below the quantisation step, and a finding that reports
+//! such noise.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -13,30 +13,29 @@ use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
 use crate::rounding::{Levels, Rounding};
 
-/// Maximum difference, in quantisation steps, between neighbouring readings whose samples are pooled. Readings are
-/// sorted in ascending order. The gyroscope has nearly equal readings at all rests. If these readings were treated as
-/// separate means, the likelihood of a wide transition between two levels, and thus of large noise, would be
-/// overestimated.
+/// Maximum difference between neighbouring readings whose samples are pooled, in quantisation steps. Readings are
+/// sorted in ascending order. The gyroscope has nearly equal readings at all rests. If they were treated as separate
+/// means, a wide transition between two levels, and thus large noise, would seem too likely.
 const SAME_READING: f64 = 0.15;
 /// Minimum share of the samples at a level that is more than 1.5 steps from the mean. A level with fewer samples is
-/// omitted, because its samples come from a jolt or a faulty transmission, and a single such sample would dominate the
+/// omitted. Its samples are due to a jolt or a transmission error, and a single such sample would dominate the
 /// estimated noise.
 const FOREIGN: f64 = 1e-3;
 
-/// Share of the samples at each end of a rest that are excluded from the numbers of samples at each level. A filter
-/// delays the rate, so a rest that begins when a move ends still contains the last part of the move. With a filter
-/// bandwidth of 5 Hz, this part lasts 0.2 s.
+/// Share of a rest at each end that is omitted when the samples at each level are counted. A filter delays the rate, so
+/// a rest that begins when a move ends still contains the last part of the move. With a filter bandwidth of 5 Hz, this
+/// part lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// Let c be the factor of model.md (10) by which the correlation of the noise increases the variance of a mean. This
-/// constant converts c - 1 of rounded samples to c - 1 of the noise before rounding. It is valid for a channel whose
-/// mean is midway between two levels. Rounding then keeps only the sign of the noise, and the sign is less correlated
-/// than the noise. For any other mean, the factor is larger.
+/// Ratio of c - 1 of the noise before rounding to c - 1 of the rounded samples. c is the factor of model.md (10) by
+/// which the correlation of the noise increases the variance of a mean. The value is for a channel whose mean is midway
+/// between two levels. Rounding then keeps only the sign of the noise, and the sign is less correlated than the noise.
+/// For any other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
-/// Factors c of model.md (10) of the noise before rounding, for channels whose noise is below the step. The farther the
-/// mean of a channel is from the middle between two levels, the less its rounded samples are correlated. All axes of a
-/// triad have equal filters, so the largest factor among the axes is the best estimate.
+/// Factors c of model.md (10) of the noise before rounding, for channels whose noise is below the step. The correlation
+/// of rounded samples decreases with the distance of the mean from the middle between two levels. All axes of a triad
+/// have equal filters, so the largest factor among the axes is the best estimate.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {
@@ -46,9 +45,9 @@ pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6
     })
 }
 
-/// Rounding of the six channels, in the order gyroscope x, y, z, accelerometer x, y, z. `steps` contains the step of
-/// each channel whose noise is below its step, and zero for all other channels. `colour` contains the factor c of
-/// model.md (10).
+/// Rounding of the six channels, in the order gyroscope x, y, z, accelerometer x, y, z. For each channel whose noise is
+/// below its quantisation step, `steps` contains this step. For all other channels it contains zero. `colour` contains
+/// the factor c of model.md (10), which describes the correlation of the noise.
 pub(super) fn roundings(
     recording: &Recording<'_>,
     rests: &[Rest],
@@ -65,9 +64,9 @@ pub(super) fn roundings(
     [a, b, c, d, e, f]
 }
 
-/// Rounding of the six channels at one rest. If all samples of a force channel have the same level, the reading of this
-/// channel does not determine its rounding error. For a rate channel the rounding error is determined, because the true
-/// rate is zero at every rest.
+/// Rounding of the six channels at one rest. If all samples of a force channel have the same level, its reading does
+/// not determine its rounding error. The rounding error of a rate channel is determined, because the true rate is zero
+/// at every rest.
 pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Rounding; 6]) -> [Rounding; 6] {
     std::array::from_fn(|channel| {
         let (rows, axis) = of_channel(recording, channel);
@@ -91,7 +90,7 @@ pub(super) fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samp
     (rows, channel % 3)
 }
 
-/// For each group of rests with nearly equal means, the number of independent samples at each level.
+/// Number of independent samples at each level, for each group of rests with nearly equal means.
 fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64) -> Vec<Levels> {
     let Some(zero) = rests.first().map(|rest| rows.at(rest.first)[axis]) else { return Vec::new() };
     let mut readings: Vec<(f64, BTreeMap<i64, f64>)> = rests
@@ -107,7 +106,7 @@ fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64
         })
         .collect();
     readings.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // The last mean of each group of rests, and the number of samples at each level.
+    // For each group of rests: the last mean, and the number of samples at each level.
     let mut groups: Vec<(f64, BTreeMap<i64, f64>)> = Vec::new();
     for (mean, counts) in readings {
         match groups.last_mut().filter(|(last, _)| mean - last < SAME_READING) {
@@ -129,17 +128,17 @@ fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64
         .collect()
 }
 
-/// Reports axes whose noise is so far below the step of the converter that rounding errors exceed the noise in the mean
-/// of a rest.
+/// Reports axes whose noise is far below the step of the converter, so that the rounding error of a rest's mean exceeds
+/// its noise.
 pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], rounding: &[Rounding; 6]) -> Option<Finding> {
     let mut samples: Vec<f64> = rests.iter().map(|rest| (rest.end - rest.first) as f64).collect();
     let samples = if samples.is_empty() { 1.0 } else { median(&mut samples) };
-    // Channels are listed in the order of the columns, accelerometer first.
+    // Channels are listed in the order of the columns, with the accelerometer first.
     let of = |column: usize| rounding[(column + 3) % 6];
     let decides = |column: &usize| {
         let Rounding { step, noise, error_variance, .. } = of(*column);
-        // The variance of the rounding error is compared with the variance of the mean of white noise, or with the
-        // variance of the mean of uniformly distributed rounding errors if this is larger.
+        // The variance of the rounding error is compared with the larger of two variances of a mean: that of white
+        // noise, and that of uniformly distributed rounding errors.
         error_variance > (noise * noise).max(step * step / 12.0) / samples
     };
     let columns: Vec<usize> = (0..6).filter(decides).collect();

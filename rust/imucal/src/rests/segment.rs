@@ -1,10 +1,10 @@
 //! Detection of rests (model.md (11)).
 //!
 //! The statistic of a window of half a second is the mean over the six channels of the ratio of the variance to the
-//! noise floor. From 400 Hz on, the samples are first averaged to means over about 5 ms. The user needs neither an
-//! initial rest nor a threshold. The noise floor is estimated from the quietest windows. The threshold is taken from
-//! the widest range of thresholds that yield the same number of rests. The threshold cannot be chosen by the sum of
-//! squared residuals of a calibration, because fewer rests always have a smaller sum.
+//! noise floor. At 400 Hz and above, the samples are first averaged over about 5 ms. The user specifies neither an
+//! initial rest nor a threshold. The noise floor is estimated from the quietest windows. The threshold is chosen from
+//! the widest range of thresholds that give the same number of rests. The sum of squared residuals of a calibration is
+//! not suitable for the choice, because it is always smaller with fewer rests.
 
 mod blocks;
 mod edges;
@@ -33,18 +33,18 @@ use epochs::{LONG_REST_S, cut, joined};
 use steadiness::{Steadiness, Stretch, gravity_wanders};
 use threshold::{choose_threshold, still, window_statistic};
 
-/// Length of a block, s. It determines the time resolution of the ends of rests.
+/// Length of a block, s. The ends of rests are determined with this time resolution.
 const BLOCK_S: f64 = 0.05;
 /// Number of blocks in a window, which is therefore 0.5 s long.
 const WINDOW_BLOCKS: usize = 10;
 /// Threshold of the window statistic, with the range of thresholds from which it was chosen.
 #[derive(Clone, Debug)]
 pub struct Threshold {
-    /// The threshold: a window is at rest if its statistic (a ratio of variances) is below this multiple of the noise
+    /// The threshold. A window is at rest if its statistic (a ratio of variances) is below this multiple of the noise
     /// floor.
     pub factor: f64,
-    /// Lower end of the range of thresholds that yield the same number of rests. The range with the largest logarithmic
-    /// width, weighted by the number of rests, is chosen.
+    /// Lower end of the range of thresholds that give the same number of rests. The chosen range has the largest
+    /// logarithmic width, weighted by the number of rests.
     pub stable_from: f64,
     /// Upper end of the range of thresholds that starts at `stable_from`.
     pub stable_to: f64,
@@ -59,27 +59,27 @@ pub struct Threshold {
 pub struct Segments {
     /// Rests in chronological order.
     pub rests: Vec<Rest>,
-    /// The epochs of each rest. The list is empty for a rest that is short enough to be described by one mean (model.md
+    /// The epochs of each rest. The list is empty for a rest that is so short that one mean describes it (model.md
     /// (41)).
     pub epochs: Vec<Vec<Rest>>,
     /// Intervals at rest that are shorter than the required duration, as index ranges of samples.
     pub too_short: Vec<Range<usize>>,
     /// The threshold and the reason for its choice.
     pub threshold: Threshold,
-    /// White-noise densities estimated from the rests. They include the rounding errors of the samples in moves.
+    /// White-noise densities estimated from the rests. They contain the rounding errors of samples in moves.
     pub noise_density: NoiseDensity,
     /// Rounding of each channel, in the order gyroscope x, y, z, accelerometer x, y, z.
     pub rounding: [Rounding; 6],
 }
 
-/// Default of the minimum duration of a rest, s. Poses are held for longer, and pauses within a move are shorter.
+/// Default of the minimum duration of a rest, s. Poses are held longer, and pauses within a move are shorter.
 pub const MIN_REST_S: f64 = 1.0;
-/// Maximum accepted value of `min_rest_s`, s. Larger values are rejected, because they probably have the wrong unit.
+/// Maximum accepted value of `min_rest_s`, s. A larger value is refused, because it probably has the wrong unit.
 const LONGEST_MIN_REST_S: f64 = 3600.0;
 
 impl Segments {
-    /// Finds all rests of at least `min_rest_s` seconds. Both sensors are used, or only one if the recording lacks the
-    /// other.
+    /// Finds all rests of at least `min_rest_s` seconds. Both sensors are used. If the recording has only one sensor,
+    /// this sensor is used.
     ///
     /// # Errors
     /// * [`Error::Input`] if `min_rest_s` is not between 0 and 3600 s.
@@ -105,10 +105,10 @@ impl Segments {
         };
         let (statistic, floor, coarse) = window_statistic(variances, &(steps / averaged.sqrt()), step_of);
         let threshold = choose_threshold(&statistic, min_blocks);
-        // Without an accelerometer, the direction of gravity cannot be checked. An infinite gravity disables the check.
+        // Without an accelerometer, the gravity direction cannot be checked. An infinite gravity disables the check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        // At very low sampling rates, a block may last minutes, so a lower limit is needed.
+        // At very low sampling rates, a block may last minutes. A lower limit is therefore needed.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))
@@ -125,12 +125,12 @@ impl Segments {
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
         let degc = |range: Range<usize>| mean_temperature(&recording.temperature_degc?[samples(range)]);
         let epochs_of = |rest: &Stretch| -> Vec<Stretch> {
-            // A vibrating support or a hand moves the unit, so the epochs of such a rest would not share one pose.
+            // A vibrating support or a hand moves the unit. The epochs of such a rest would not have the same pose.
             if rest.is_steady() { cut(&rest.blocks, block_s, degc).iter().map(stretch).collect() } else { Vec::new() }
         };
         let epochs: Vec<Vec<Stretch>> = stretches.iter().map(epochs_of).collect();
         let settled = Steadiness::of(described(&stretches, &epochs));
-        // The ends of hand-held rests are not refined, because tremor limits their accuracy.
+        // Tremor limits the accuracy of the ends of hand-held rests, so these ends are not refined.
         for ((rest, epochs), (_, within)) in stretches.iter_mut().zip(&epochs).zip(&long) {
             if settled.unsteadiness_of(rest, epochs) < UNSTEADY {
                 let range = onset(rest.blocks.clone(), within, blocks, &coarse);
@@ -158,9 +158,9 @@ impl Segments {
         }
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
-        // The scatter of rounded samples at rest depends on the position of the mean between two levels. In moves, the
-        // samples pass through many levels, so their variance is the sum of the noise variance and the variance of
-        // uniform rounding errors.
+        // At rest, the scatter of rounded samples depends on the position of the mean between two levels. In moves, the
+        // samples pass through many levels, so their variance is the noise variance plus the variance of uniform
+        // rounding errors.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
         }
@@ -210,8 +210,8 @@ impl Segments {
     }
 }
 
-/// The recording, in which the channels of the existing sensor replace the channels of the missing sensor. The
-/// statistic is a mean over the channels, so it equals the statistic of the existing sensor.
+/// The recording with the channels of the missing sensor replaced by those of the existing sensor. The statistic is a
+/// mean over the channels, so it equals that of the existing sensor.
 fn doubled<'a>(recording: &Recording<'a>) -> Recording<'a> {
     let (force, rate) = (recording.specific_force, recording.angular_rate);
     Recording {
@@ -233,8 +233,8 @@ impl Threshold {
 }
 
 impl Segments {
-    /// Reports axes whose noise is so far below the step of the converter that rounding errors exceed the noise in the
-    /// mean of a rest.
+    /// Reports axes whose noise is far below the step of the converter, so that the rounding error of a rest's mean
+    /// exceeds its noise.
     pub fn noise_below_lsb(&self, recording: &Recording<'_>) -> Option<Finding> {
         noise_below_lsb(recording, &self.rests, &self.rounding)
     }
@@ -244,7 +244,7 @@ impl Segments {
         self.rests.iter().map(|rest| rest.first..rest.end).collect()
     }
 
-    /// Replaces the means and the noise of raw samples by the means and the noise of corrected samples, in SI units.
+    /// Replaces the means and the noise of raw samples by those of corrected samples, in SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;
         let turned = |triad: &Triad<f64>, std: Vector3<f64>| variance_by_axis(triad.inverse(), &std);
@@ -266,7 +266,7 @@ impl Segments {
     }
 }
 
-/// The intervals that are each described by one mean: the epochs of long rests, and all rests without epochs.
+/// The intervals with one mean each: the epochs of long rests, and all rests without epochs.
 fn described<'a, T>(rests: &'a [T], epochs: &'a [Vec<T>]) -> impl Iterator<Item = &'a T> {
     let of = |(rest, epochs): (&'a T, &'a Vec<T>)| if epochs.is_empty() { std::slice::from_ref(rest) } else { epochs };
     rests.iter().zip(epochs).flat_map(of)
@@ -279,16 +279,16 @@ fn mean_temperature(degc: &[f64]) -> Option<f64> {
     (count > 0).then(|| known().sum::<f64>() / count as f64)
 }
 
-/// For each interval at rest, the range from the end of the previous interval to the start of the next interval, in
-/// blocks.
+/// For each interval at rest, in blocks: the range from the end of the previous interval to the start of the next
+/// interval.
 fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<usize>> + '_ {
     let before = std::iter::once(0).chain(still.iter().map(|range| range.end));
     let after = still.iter().skip(1).map(|range| range.start).chain([blocks]);
     before.zip(after).map(|(start, end)| start..end)
 }
 
-/// Magnitude of gravity in raw units. For raw counts the result is an estimate that is more likely too large than too
-/// small, even if the counts have an offset.
+/// Magnitude of gravity in raw units. For raw counts, the result is an estimate. It is more often too large than too
+/// small, also if the counts have an offset.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
         return STANDARD_GRAVITY_MPS2;

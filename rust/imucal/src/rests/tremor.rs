@@ -5,11 +5,11 @@
 //! density^2 = dt / 70 mean (4th difference)^2
 //! ```
 //!
-//! Both sensors observe the same tremor, and their noise is independent. The mean product of their fluctuations is
+//! Both sensors measure the same tremor, and their noise is independent. The mean product of their fluctuations is
 //! therefore the variance of the tremor. The unit is hand-held if this variance exceeds the variance of a gravity
-//! direction that is averaged along the gyroscope attitude. In a hand-held rest, the mean force is not the direction at
-//! which the next move begins, and the scatter of the samples is not sensor noise. Sensor noise is estimated from
-//! fourth differences of consecutive samples, because tremor is too slow to affect these differences.
+//! direction that is averaged along the gyroscope attitude. In a hand-held rest, the mean force is not the gravity
+//! direction at the start of the next move, and the scatter of the samples is not sensor noise. Sensor noise is
+//! estimated from fourth differences of consecutive samples, because tremor is too slow to change these differences.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -29,8 +29,7 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
 /// Sum of the squares of the coefficients of the fourth difference.
 const SQUARES: f64 = 70.0;
-/// Number of averaging time constants after which the exponential weights are truncated. The omitted weights add up to
-/// less than 1 %.
+/// Length of the exponential weights, in averaging time constants. The omitted weights have a sum below 1 %.
 const REACH: f64 = 5.0;
 /// Maximum share of rests without measurable tremor in a hand-held recording (model.md (27)).
 const FEW: f64 = 0.1;
@@ -59,8 +58,8 @@ pub(crate) struct Sensors<'a> {
 }
 
 impl<'a> Sensors<'a> {
-    /// The specific force of each sample of a rest, m/s^2, rotated by the integrated gyroscope to the attitude at the
-    /// first or last sample (`at_end`). The iteration starts at that end. `bias` is the bias of the gyroscope, raw
+    /// Specific force of each sample of a rest, m/s^2, rotated by the integrated gyroscope to the attitude at the first
+    /// or last sample (`at_end`). The iterator starts at that end of the rest. `bias` is the bias of the gyroscope, raw
     /// units.
     pub(crate) fn along_gyroscope(
         self,
@@ -84,7 +83,7 @@ impl<'a> Sensors<'a> {
 }
 
 impl Hand {
-    /// Detects whether the unit is hand-held in nearly all rests of a recording. Returns `None` if it is not.
+    /// Tests whether the unit is hand-held in nearly all rests of a recording. Returns `None` if it is not.
     pub(crate) fn of(recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> Option<Self> {
         let dt_s = sample_interval_s(recording.time_s);
         let noise = NoiseDensity {
@@ -99,9 +98,9 @@ impl Hand {
         let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
         let walk = variance_per_axis(sensors.gyroscope.inverse(), &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
-        // Low-pass filtered noise has small fourth differences, so its density and the threshold are underestimated,
-        // and a random correlation of force and rotation may exceed the threshold. A random correlation is negative as
-        // often as positive. Therefore the estimated variance must also be positive in nearly all rests.
+        // Low-pass filtered noise has small fourth differences. Its density and the threshold are then too small, and a
+        // random correlation of force and rotation may exceed the threshold. A random correlation is negative as often
+        // as positive. Therefore the estimated variance must also be positive in nearly all rests.
         let everywhere = quantile(&mut tremors, FEW) > 0.0;
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
         trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
@@ -112,32 +111,32 @@ impl Hand {
         (self.turn_rad2 / 2.0).sqrt()
     }
 
-    /// Time constant of the exponential weights, s, with which the direction at the end of a rest is averaged along the
-    /// gyroscope attitude. It is the steady-state time constant `sqrt(r / q)` of a Kalman filter for the noise of both
-    /// sensors, limited in short rests.
+    /// Time constant of the exponential weights with which the direction at the end of a rest is averaged along the
+    /// gyroscope attitude, s. It is the steady-state time constant `sqrt(r / q)` of a Kalman filter for the noise of
+    /// both sensors. In short rests, it is limited.
     fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
 
-    /// Variance of each component of a direction averaged with the time constant a, rad^2: `r / (2 a) + q a / 2`, with
-    /// r and q of model.md (27).
+    /// Variance of each component of a direction that is averaged with the time constant a, rad^2: `r / (2 a) + q a /
+    /// 2`. r and q are defined in model.md (27).
     pub(crate) fn variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
     }
 
-    /// Variance of the rotation error perpendicular to gravity over a rest, rad^2, after the rotation between the
-    /// directions at both ends has been subtracted: `q (T - 3 a) + r / a`, with the symbols of model.md (27) and the
-    /// duration T of the rest. The variance includes the errors of both directions.
+    /// Variance of the rotation error perpendicular to gravity over a rest, rad^2: `q (T - 3 a) + r / a`. The rotation
+    /// between the directions at both ends has been subtracted. T is the duration of the rest, and the other symbols
+    /// are defined in model.md (27). The variance includes the errors of both directions.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
         self.walk_rad2_per_s * between_s + self.tilt_rad2_s / averaging_s
     }
 
-    /// The specific force at the first or last sample of a rest, m/s^2: the mean of the samples rotated to this end by
-    /// the gyroscope, with weights that decrease exponentially with the distance. `bias` is the bias of the gyroscope,
-    /// raw units.
+    /// The specific force at the first or last sample of a rest, m/s^2. It is the mean of the samples, each rotated to
+    /// this end of the rest by the gyroscope. The weights decrease exponentially with the distance in time. `bias` is
+    /// the bias of the gyroscope, raw units.
     pub(crate) fn force_at(
         &self,
         recording: &Recording<'_>,
@@ -160,9 +159,9 @@ impl Hand {
         sum / weights
     }
 
-    /// Removes the tremor from the means of a rest. The variance of the mean force becomes the variance due to sensor
-    /// noise. The rotation from the first to the last sample is subtracted from the mean rate, except for the component
-    /// about gravity, which is unknown. Returns the subtracted rotation, rad.
+    /// Removes the tremor from the means of a rest. The variance of the mean force then contains only sensor noise. The
+    /// rotation from the first to the last sample is subtracted from the mean rate. The component about gravity is
+    /// unknown and is not subtracted. Returns the subtracted rotation, rad.
     fn remove_tremor(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
         let UnitRest { rest: Rest { first, end, start_s, end_s, .. }, bias, .. } = *rest;
         let duration_s = end_s - start_s;
@@ -170,7 +169,7 @@ impl Hand {
         let (before, after) = (at(false), at(true));
         let up = (before + after).normalize();
         let rate = |sample: usize| Vector3::from(recording.angular_rate.at(sample));
-        // The sum uses the trapezoidal rule, because the rotation extends from the first to the last sample.
+        // The rotation extends from the first to the last sample, so the sum uses the trapezoidal rule.
         let seen = (first..end).map(rate).sum::<Vector3<f64>>() - (rate(first) + rate(end - 1)) / 2.0;
         let turn = (after - before).cross(&up);
         let along = up * up.transpose();
@@ -187,9 +186,9 @@ impl Hand {
     }
 }
 
-/// Estimates the hand model of each recording, and corrects its rests and noise densities for the tremor. Only rests in
-/// `used` contribute to the model. The other rests may contain a slow rotation, which is not tremor and whose mean rate
-/// is not a bias.
+/// Estimates the hand model of each recording, and corrects the rests and noise densities for the tremor. Only the
+/// rests in `used` contribute to the model. The other rests may contain a slow rotation, which is not tremor, so their
+/// mean rate is not a bias.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],
@@ -201,16 +200,16 @@ pub(crate) fn hands(
         let mut own: Vec<OwnRest<'_>> = rests
             .iter_mut()
             .zip(used)
-            // Rests of minutes are not hand-held, because nobody holds a unit still for so long, and a bias drift over
-            // minutes would be mistaken for tremor.
+            // Rests of minutes are not hand-held, because nobody holds a unit still for so long. In such a rest, a bias
+            // drift would be mistaken for tremor.
             .filter(|(rest, _)| rest.recording == index && rest.rest.end_s - rest.rest.start_s <= LONG_REST_S)
             .map(|(rest, &contributes)| OwnRest { rest, contributes })
             .collect();
         if own.is_empty() {
             return None;
         }
-        // If most rests of this recording are excluded, the reason is not isolated slow rotations but a bias that
-        // differs from the biases of the other recordings. All rests then contribute.
+        // If most rests of this recording are excluded, isolated slow rotations are not the reason. The bias then
+        // differs from the biases of the other recordings, and all rests contribute.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
             own.iter_mut().for_each(|own| own.contributes = true);
         }
@@ -227,8 +226,8 @@ pub(crate) fn hands(
         };
         let turns: Vec<f64> = own.iter_mut().filter_map(turned).collect();
         hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(0.0);
-        // The tremor is removed a second time, because the covariances of the mean rates depend on the rotation
-        // variance `turn_rad2`.
+        // The covariances of the mean rates depend on the rotation variance `turn_rad2`, so the tremor is removed a
+        // second time.
         own.iter_mut().for_each(|own| {
             hand.remove_tremor(recording, own.rest, sensors);
         });
@@ -250,10 +249,10 @@ struct OwnRest<'a> {
     contributes: bool,
 }
 
-/// Estimates the gyroscope bias at each rest and returns the mean bias of all rests, raw units. A bias may depend on
-/// the pose, but the mean rate of a rest also contains rotation of the hand. Therefore the estimate shrinks the mean
-/// rate of each rest towards the mean of all rests. The shrinkage follows from the scatter between rests in excess of
-/// noise. The second result is the share by which each rest is shrunk.
+/// Estimates the gyroscope bias at each rest. Returns the mean bias of all rests, raw units, and the share by which
+/// each rest is shrunk. A bias may depend on the pose, but the mean rate of a rest also contains rotation of the hand.
+/// Therefore the mean rate of each rest is shrunk towards the mean of all rests. The share is computed from the scatter
+/// between rests in excess of noise.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
     let bias = Vector3::from_fn(|axis, _| {
@@ -275,7 +274,7 @@ fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>
 }
 
 /// Covariance of tilt (from the force) and integrated rotation within a rest, rad^2 per axis. A rotation of the body
-/// changes the direction of gravity in the body frame, so tremor is contained in both quantities.
+/// changes the gravity direction in the body frame, so both quantities contain the tremor.
 fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>, dt_s: f64) -> f64 {
     let samples = (rest.end - rest.first) as f64;
     let (mut turn, mut products) = (Vector3::zeros(), Matrix3::zeros());
@@ -283,7 +282,7 @@ fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors
         turn += (Vector3::from(recording.angular_rate.at(i)) - rest.angular_rate.mean) * dt_s;
         products += (Vector3::from(recording.specific_force.at(i)) - rest.specific_force.mean) * turn.transpose();
     }
-    // Covariance of force and rotation. The mean force of the rest has already been subtracted.
+    // Covariance of force and rotation. The mean force of the rest has been subtracted before.
     let both = sensors.accelerometer.inverse() * (products / samples) * sensors.gyroscope.inverse().transpose();
     let force = sensors.accelerometer.correct(rest.specific_force.mean);
     // f^T (u x phi) = u^T (phi x f)
@@ -291,7 +290,8 @@ fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors
     cross.dot(&force) / (2.0 * force.norm_squared())
 }
 
-/// Standard deviation of the white noise of one sample, raw units, from fourth differences within the rests.
+/// Standard deviation of the white noise of one sample, raw units. It is computed from fourth differences within the
+/// rests.
 fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
     let squares = |k: usize| {
         let rows = rows.part(rests[k].first..rests[k].end);
@@ -304,7 +304,8 @@ fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
     (sum / (SQUARES * f64::max(count, 1.0))).map(f64::sqrt)
 }
 
-/// Sum of the squared fourth differences of consecutive rows, with the widest vector instructions of the processor.
+/// Sum of the squared fourth differences of consecutive rows. It is computed with the widest vector instructions of the
+/// processor.
 struct SquaredDifferences<'a>(&'a [[f64; 3]]);
 
 impl WithSimd for SquaredDifferences<'_> {

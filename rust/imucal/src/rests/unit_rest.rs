@@ -18,25 +18,25 @@ pub(crate) struct UnitRest {
     pub(crate) rate_covariance: Matrix3<f64>,
     /// Best estimate of the gyroscope bias at this rest, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Parameters with which the means of a hand-held rest were computed; `None` for a rest without tremor.
+    /// Parameters of the means of a hand-held rest; `None` for a rest without tremor.
     pub(crate) propagated: Option<PropagatedMean>,
-    /// Index of the rest that contains this interval, among the rests of all recordings. The epochs of a long rest have
-    /// the same index.
+    /// Index of the rest to which this interval belongs, among the rests of all recordings. All epochs of a long rest
+    /// have the same index.
     pub(crate) whole: usize,
-    /// Index of the epoch within its rest; 0 for a rest that is not cut into epochs.
+    /// Index of the epoch within its rest. It is 0 for a rest that is not divided into epochs.
     pub(crate) epoch: usize,
 }
 
-/// Parameters of the mean of a hand-held rest. For this mean, the samples are rotated by the integrated gyroscope rate
-/// to the ends of the rest (model.md (27)).
+/// Parameters of the mean of a hand-held rest. The mean is computed from samples that are rotated by the integrated
+/// gyroscope rate to an end of the rest (model.md (27)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PropagatedMean {
     /// Time constant of the exponential weights, s.
     pub(crate) mean_s: f64,
     /// Mean gyroscope bias over all rests, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Shrinkage of the bias of this rest, for each axis: 1 if the bias is the mean rate of all rests, 0 if it is the
-    /// mean rate of this rest.
+    /// Shrinkage of the bias of this rest for each axis. It is 1 if the bias is the mean rate of all rests, and 0 if
+    /// the bias is the mean rate of this rest.
     pub(crate) shrunk: Vector3<f64>,
 }
 
@@ -54,9 +54,9 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     all.map(|(whole, (recording, rest))| UnitRest::new(recording, rest, whole, 0)).collect()
 }
 
-/// The rests with each long rest replaced by its epochs. `segments` must be the argument with which [`rests_of`]
-/// returned `rests`. In a hand-held recording, the means of rests and of epochs are computed differently, so its rests
-/// are not replaced.
+/// The rests, with each long rest replaced by its epochs. `segments` must be the value from which [`rests_of`] computed
+/// `rests`. The rests of a hand-held recording are not replaced, because the means of its rests and of epochs are
+/// computed differently.
 pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRest> {
     let epochs = segments.iter().flat_map(|segments| &segments.epochs);
     let of = |(rest, epochs): (&UnitRest, &Vec<Rest>)| -> Vec<UnitRest> {
@@ -116,19 +116,20 @@ impl UnitRest {
         }
     }
 
-    /// Whether this is the second or a later epoch of a long rest. A later epoch has the pose of the first epoch. It
-    /// therefore determines changes of the readings, but no additional direction of gravity.
+    /// Whether this is the second or a later epoch of a long rest. A later epoch has the same pose as the first epoch.
+    /// It therefore determines changes of the readings, but adds no gravity direction.
     pub(crate) fn is_later_epoch(&self) -> bool {
         self.epoch > 0
     }
 
-    /// Whether any sample of the rest is saturated. `saturated` contains the saturated index ranges of each recording.
+    /// Whether any sample of the rest is saturated. `saturated` contains the index ranges of saturated samples in each
+    /// recording.
     pub(crate) fn is_saturated(&self, saturated: &[Vec<Range<usize>>]) -> bool {
         touches(&saturated[self.recording], &(self.rest.first..self.rest.end))
     }
 }
 
-/// Whether any sample of `range` lies in one of the index ranges `saturated`.
+/// Whether any sample of `range` is in one of the index ranges `saturated`.
 pub(super) fn touches(saturated: &[Range<usize>], range: &Range<usize>) -> bool {
     saturated.iter().any(|s| s.start < range.end && s.end > range.start)
 }

@@ -9,11 +9,12 @@ use crate::numerics::instructions::Instructions;
 use crate::numerics::workers::{share_out, threads_for};
 use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 
-/// Sums over the samples of one block of [`BLOCK_S`](super::BLOCK_S), six channels: rate x, y, z, then force x, y, z.
+/// Sums over the samples of one block of length [`BLOCK_S`](super::BLOCK_S). The six channels are rate x, y, z, then
+/// force x, y, z.
 pub(super) type Block = BlockSums<f64>;
 
-/// Number of means per block at high sampling rates, at which samples are averaged to means over about 5 ms. At low
-/// rates, samples are not averaged.
+/// Number of means per block at high sampling rates, where samples are averaged over about 5 ms. At low rates, samples
+/// are not averaged.
 const MEANS: usize = 10;
 
 /// Number of samples that are processed together. Their data fit into the processor's cache.
@@ -21,15 +22,15 @@ const PART: usize = 256;
 /// Number of samples per job of a thread.
 const JOB: usize = 1 << 16;
 
-/// Number of blocks per mean in the Allan variance. Means over 0.25 s are sensitive to noise at low frequencies.
+/// Number of blocks per mean in the Allan variance. These means over 0.25 s contain noise at low frequencies.
 const GROUP_BLOCKS: usize = 5;
 
-/// The blocks of a recording, with further statistics from the same pass over the samples.
+/// The blocks of a recording, and further statistics that are computed in the same pass over the samples.
 pub(super) struct Blocks {
     /// Sums over the samples of each block.
     pub(super) samples: Vec<Block>,
-    /// Variance of each channel in each window, computed from means over `averaged` samples. Consecutive windows are
-    /// shifted by one block. Single samples are not used, because their noise increases with the sampling rate and
+    /// Variance of each channel in each window. It is computed from means over `averaged` samples. Consecutive windows
+    /// are shifted by one block. Single samples are not used, because their noise increases with the sampling rate and
     /// would mask slow motion.
     pub(super) variances: [Vec<f64>; 6],
     /// Number of samples per mean; 1 below 400 Hz.
@@ -69,7 +70,7 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blo
     Blocks { samples, variances, averaged, steps }
 }
 
-/// Computation for one job of consecutive blocks, with the widest vector instructions of the processor.
+/// Computation for one job of consecutive blocks. It uses the widest vector instructions of the processor.
 struct Summing<'a> {
     recording: &'a Recording<'a>,
     block_samples: usize,
@@ -78,7 +79,7 @@ struct Summing<'a> {
     first: usize,
     /// Output: sums of the blocks.
     samples: &'a mut [Block],
-    /// Output: variances of the windows that begin in these blocks. Not written if no samples are averaged.
+    /// Output: variances of the windows that begin in these blocks. If samples are not averaged, nothing is written.
     variances: [&'a mut [f64]; 6],
     /// Output: smallest steps of the rates and of the forces, one value for each SIMD lane.
     steps: &'a mut [[f64; SIDE_BY_SIDE]; 2],
@@ -110,8 +111,8 @@ impl WithSimd for Summing<'_> {
             }
         }
         if averaged > 1 && !variances[0].is_empty() {
-            // The last windows extend into the blocks of the next job, so the means of these blocks are computed here,
-            // too.
+            // The last windows extend into the blocks of the next job, so the means of these blocks are also computed
+            // here.
             for block in means.len()..variances[0].len() + WINDOW_BLOCKS - 1 {
                 let own = (first + block) * block_samples..(first + block + 1) * block_samples;
                 let (rates, forces) = (recording.angular_rate.part(own.clone()), recording.specific_force.part(own));
@@ -122,10 +123,10 @@ impl WithSimd for Summing<'_> {
     }
 }
 
-/// Variance of each channel in each window, with the widest vector instructions of the processor.
+/// Variance of each channel in each window. It is computed with the widest vector instructions of the processor.
 ///
 /// A window of ten blocks consists of the last k blocks of one group of ten and the first 10 - k blocks of the next
-/// group. The sums over the last k blocks and over the first 10 - k blocks are accumulated once for all k, so a window
+/// group. The sums over the last k and over the first 10 - k blocks are accumulated once for all k. A window therefore
 /// needs three merges instead of ten.
 struct Windows<'a> {
     blocks: &'a [Block],
@@ -196,13 +197,13 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
     blocks.iter().map(Block::mean).sum::<Vector6<f64>>() / blocks.len() as f64
 }
 
-/// Minimum factor c at which noise counts as low-pass filtered. The estimated factor of white noise almost never
-/// exceeds it.
+/// Minimum factor c of noise that counts as low-pass filtered. For white noise, the estimated factor is almost always
+/// smaller.
 const FILTERED: f64 = 1.7;
 
-/// Accumulated data for the factor c of model.md (10), by which the variance of a mean exceeds the variance of a mean
-/// of white noise. The factor is the Allan variance of consecutive 0.25 s means, divided by the value expected for
-/// white noise with the variance of single samples.
+/// Data for the factor c of model.md (10): the variance of a mean divided by the variance of a mean of white noise. The
+/// factor is the Allan variance of consecutive 0.25 s means, divided by the value expected for white noise with the
+/// variance of single samples.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
     /// Sum over all pairs of the ratio of the Allan variance to the variance expected for white noise.
@@ -218,7 +219,7 @@ impl Colour {
         Self { sum: Vector6::zeros(), pairs: Vector6::zeros(), samples: 1.0 }
     }
 
-    /// Data from a rest in which single samples have the variance `variance`.
+    /// Data of a rest in which single samples have the variance `variance`.
     pub(super) fn of(blocks: &[Block], variance: &Vector6<f64>) -> Self {
         let mut colour = Self::none();
         let mut before = None;
@@ -241,11 +242,12 @@ impl Colour {
         self.samples = self.samples.max(other.samples);
     }
 
-    /// Converts the factor of 0.25 s means into the factor of long means.
+    /// Converts the factor of means over 0.25 s to the factor of long means.
     ///
-    /// Low-pass filtered noise is correlated across the boundary of consecutive means, so their differences are too
-    /// small. The factor is too small by the ratio `1 - 1.5 / (pi^2 tau B)`, with the averaging time tau and the noise
-    /// bandwidth B from `1 / B = 2 c dt`. Factors of nearly white noise are not changed.
+    /// Low-pass filtered noise is correlated across the boundary of consecutive means, so the differences of these
+    /// means are too small. The factor is therefore too small by the ratio `1 - 1.5 / (pi^2 tau B)`. tau is the
+    /// averaging time, and B is the noise bandwidth, computed from `1 / B = 2 c dt`. Factors of nearly white noise are
+    /// not changed.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {
@@ -254,8 +256,8 @@ impl Colour {
         (1.0 - (1.0 - 4.0 * edges * factor).max(0.0).sqrt()) / (2.0 * edges)
     }
 
-    /// The factor c of each channel. It is set to one (white noise) if there are fewer than 20 pairs, because the
-    /// estimate would be too uncertain.
+    /// The factor c of each channel. With fewer than 20 pairs, the estimate would be too uncertain, and the factor is
+    /// one (white noise).
     pub(super) fn factor(&self) -> Vector6<f64> {
         self.sum.zip_map(&self.pairs, |total, pairs| {
             if pairs >= 20.0 && total > 0.0 { self.without_edges(total / pairs) } else { 1.0 }

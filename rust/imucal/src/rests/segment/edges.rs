@@ -8,16 +8,16 @@ use super::WINDOW_BLOCKS;
 use super::blocks::Block;
 use super::steadiness::unsteadiness;
 
-/// Removes one guard block at each end, because it may contain motion. An end that coincides with an end of the
-/// recording needs no guard block.
+/// Removes one guard block at each end of a rest, because it may contain motion. At an end of the recording, no guard
+/// block is removed.
 pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     let start = if blocks.start == 0 { 0 } else { blocks.start + 1 };
     let end = if blocks.end == windows + WINDOW_BLOCKS - 1 { blocks.end } else { blocks.end - 1 };
     start..end.max(start)
 }
 
-/// Removes blocks at both ends as long as their statistic exceeds three times the unsteadiness of the rest. This
-/// removes the slow settling of a hand. The limit adapts to the tremor of the rest, because tremor determines the
+/// Removes blocks at both ends as long as their statistic exceeds three times the unsteadiness of the rest. These
+/// blocks contain the slow settling of a hand. The limit adapts to the tremor of the rest, which determines the
 /// unsteadiness.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
@@ -44,19 +44,19 @@ struct Inner {
 }
 
 impl Inner {
-    /// `coarse` contains the step of each channel whose noise is below its step, and zero for all other channels. In
-    /// such a channel, a slight change of the rate can change the mean of a block by a whole step.
+    /// `coarse` contains the quantisation step of each channel whose noise is below its step, and zero for all other
+    /// channels. In such a channel, a slight change of the rate can change the mean of a block by a whole step.
     fn of(blocks: &[Block], coarse: &Vector6<f64>) -> Self {
         let rates: Vec<Vector3<f64>> = blocks.iter().map(rate).collect();
         let count = rates.len() as f64;
         let mean = rates.iter().sum::<Vector3<f64>>() / count;
         let scatter = rates.iter().map(|rate| square(rate - mean)).sum::<Vector3<f64>>() / (count - 1.0);
-        // The lower bound prevents rounding errors from being detected as rotation in simulated data without noise.
+        // In simulated data without noise, the lower bound prevents rounding errors from being detected as rotation.
         let rounding = coarse.fixed_rows::<3>(0).map(|step| (step * step / 12.0).max(1e-18));
         Self { mean, variance: scatter.sup(&rounding), count }
     }
 
-    /// chi2 (three degrees of freedom) of `sum`, the sum over `n` blocks of the rate minus the mean rate.
+    /// chi2 of `sum`, with three degrees of freedom. `sum` is the sum over `n` blocks of the rate minus the mean rate.
     fn chi2(&self, sum: Vector3<f64>, n: usize) -> f64 {
         let n = n as f64;
         square(sum).component_div(&(self.variance * (n * (1.0 + n / self.count)))).sum()
@@ -71,13 +71,13 @@ fn square(v: Vector3<f64>) -> Vector3<f64> {
     v.component_mul(&v)
 }
 
-/// Removes the ends in which the unit rotates too slowly to increase the variance within windows.
+/// Removes the ends of a rest in which the unit rotates too slowly to increase the variance within windows.
 ///
-/// Up to half a second at each end is compared with the inner part. Blocks whose accumulated rotation has a probability
-/// below 1e-5 under the null hypothesis are assigned to the move.
+/// Up to half a second at each end is compared with the inner part. Blocks belong to the move if their accumulated
+/// rotation has a probability below 1e-5 under the null hypothesis of no rotation.
 pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6<f64>) -> Range<usize> {
     const EDGE: usize = WINDOW_BLOCKS;
-    // Quantile of chi2 with three degrees of freedom that is exceeded with a probability of 1e-5.
+    // Value that chi2 with three degrees of freedom exceeds with a probability of 1e-5.
     const LIMIT: f64 = 25.9;
     if range.len() < 3 * EDGE {
         return range;
@@ -93,7 +93,7 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
                 worst = (chi2, k + 1);
             }
         }
-        // One guard block is added.
+        // One guard block is also removed.
         if worst.1 > 0 { worst.1 + 1 } else { 0 }
     };
     let rest = &blocks[range.clone()];
@@ -103,13 +103,14 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
     range
 }
 
-/// Removes the first and the last part of moves that are hidden by noise. Blocks outside `within` are not used.
+/// Removes the first and the last part of the adjacent moves, which noise hides. Blocks outside `within` are not used.
 ///
 /// The jerk of a move is bounded, so a move begins with the angle c t^3 and the rate 3 c t^2. The time since the start
-/// of the move is therefore three times the angle divided by the rate. Angle and rate are evaluated at the time at
-/// which the angle, accumulated from 0.2 s inside the rest, reaches ten times its noise. The last five sixths of that
-/// time are assigned to the move; in the first sixth the angle is below a twentieth of its noise. Nothing is removed if
-/// the angle does not increase further, as after a jolt, or if the move began before the first accumulated block.
+/// of the move is therefore three times the angle divided by the rate. The angle is accumulated from 0.2 s inside the
+/// rest. Angle and rate are evaluated when the angle reaches ten times its noise. The last five sixths of the time
+/// since the start are assigned to the move. In the first sixth, the angle is below a twentieth of its noise. Nothing
+/// is removed if the angle does not increase further, as after a jolt, or if the move began before the first
+/// accumulated block.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -120,16 +121,17 @@ pub(super) fn onset(
     const EDGE: usize = 4;
     // Maximum number of blocks outside the rest over which the angle is accumulated (1 s).
     const REACH: usize = 2 * WINDOW_BLOCKS;
-    // Value of chi2 of the angle at which the angle is evaluated. The angle is then ten times its noise.
+    // Value of chi2 at which the angle is evaluated. The angle is then ten times its noise.
     const CHI2_AT_END: f64 = 100.0;
-    // Time assigned to the move, in units of angle / rate. It is five sixths of the time since the start of the move,
-    // which is 3 angle / rate.
+    // Time assigned to the move, divided by the ratio angle / rate. It is five sixths of the time since the start of
+    // the move, which is 3 angle / rate.
     const ASSIGNED: f64 = 3.0 * 5.0 / 6.0;
     if range.len() < 2 * WINDOW_BLOCKS {
         return range;
     }
     let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE], coarse);
-    // Number of blocks at one end that remain in the rest. The blocks are given in order from the inside outwards.
+    // Number of blocks at one end that remain in the rest. The blocks are passed in order from the inside to the
+    // outside.
     let still = |outwards: &mut dyn Iterator<Item = &Block>| {
         let rates: Vec<_> = outwards.take(EDGE + REACH).map(|block| rate(block) - inner.mean).collect();
         let mut turn = Vector3::zeros();

@@ -1,9 +1,9 @@
 //! Epochs of a long rest (model.md (41)).
 //!
 //! One mean describes a rest of a few seconds. During a rest of several minutes, the biases drift and the unit warms
-//! up, so a mean over the whole rest is not more accurate than one over a part. The change within the rest contains
-//! information about temperature effects and drifts. A long rest is therefore cut into epochs of equal length. Each
-//! epoch has its own mean, time and temperature; all share the pose.
+//! up, so a mean over the whole rest is not more accurate than a mean over a part. The change within the rest contains
+//! information about temperature effects and drifts. A long rest is therefore divided into epochs of equal length. Each
+//! epoch has its own mean, time and temperature, and all epochs have the same pose.
 
 use std::ops::Range;
 
@@ -11,25 +11,26 @@ use nalgebra::Vector6;
 
 use crate::recording::Recording;
 
-/// Minimum duration of a rest that is cut into epochs, s. The rests of a calibration run last 1 to 60 s, including the
-/// initial rest of 50 s that some methods require. They are shorter than this limit and are described by one mean.
+/// Minimum duration of a rest that is divided into epochs, s. The rests of a calibration run last 1 to 60 s, including
+/// the initial rest of 50 s that some methods require. They are shorter than this limit, and one mean describes each of
+/// them.
 pub(crate) const LONG_REST_S: f64 = 120.0;
-/// Maximum duration of an epoch, s. The Allan deviation of MEMS sensors ceases to decrease after 10 to 100 s, where
-/// bias instability exceeds white noise, so a longer mean is not more accurate.
+/// Maximum duration of an epoch, s. The Allan deviation of MEMS sensors no longer decreases after 10 to 100 s, because
+/// bias instability then exceeds white noise. A longer mean is therefore not more accurate.
 const EPOCH_S: f64 = 60.0;
 /// Maximum change of the temperature within an epoch, K. A fit averages the effects over the temperatures within an
-/// epoch. For linear and quadratic effects, the average is exact for any change. For other effects, the change must be
-/// so small that the effect is close to linear, as the bias of a MEMS sensor is over 2 K.
+/// epoch. For linear and quadratic effects, this average is exact for any change. Other effects must be nearly linear
+/// over the change. The bias of a MEMS sensor is nearly linear over 2 K.
 const EPOCH_K: f64 = 2.0;
-/// Minimum duration of an epoch, s, however fast the temperature changes. It equals the duration of typical rests in
-/// calibration runs. Over this duration, noise averages down far enough for a mean to determine the direction of
-/// gravity.
+/// Minimum duration of an epoch, s. It applies even if the temperature changes fast. It equals the duration of typical
+/// rests in calibration runs. A mean over this duration has so little noise that it determines the gravity direction.
 const MIN_EPOCH_S: f64 = 10.0;
 /// Maximum number of epochs of one rest. It limits the time of a fit, which grows with the third power of this number.
 const MAX_EPOCHS: usize = 120;
 
-/// The epochs of a rest as ranges of blocks; empty if one mean describes the rest. `block_s` is the duration of a block
-/// and `temperature_degc` the mean temperature over several blocks, if it is known.
+/// Divides a rest into epochs, which are ranges of blocks. The result is empty if one mean describes the rest.
+/// `block_s` is the duration of a block. `temperature_degc` returns the mean temperature over several blocks, if it is
+/// known.
 pub(super) fn cut(
     blocks: &Range<usize>,
     block_s: f64,
@@ -40,8 +41,8 @@ pub(super) fn cut(
         return Vec::new();
     }
     let most = ((duration_s / MIN_EPOCH_S) as usize).min(MAX_EPOCHS).min(blocks.len());
-    // The temperature may rise and fall again, so absolute changes are summed. The changes are differences of means, in
-    // which the noise of the thermometer is averaged out.
+    // The temperature may rise and fall again, so absolute changes are summed. Differences of means are used, in which
+    // the noise of the thermometer is averaged out.
     let temperatures: Vec<f64> = parts(blocks, most).into_iter().filter_map(temperature_degc).collect();
     let change_k: f64 = temperatures.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
     let count = (duration_s / EPOCH_S).max(change_k / EPOCH_K).ceil() as usize;
@@ -54,9 +55,9 @@ fn parts(range: &Range<usize>, count: usize) -> Vec<Range<usize>> {
     (0..count).map(|k| bound(k)..bound(k + 1)).collect()
 }
 
-/// Joins consecutive intervals at rest that are separated only by noise, if the joined interval is a long rest. Joining
-/// is needed because noise occasionally interrupts a rest of several minutes. Intervals are ranges of blocks of
-/// `samples` samples. `floor` is the standard deviation of the noise of each channel.
+/// Joins consecutive intervals at rest that are separated only by noise, if the result is a long rest. Noise
+/// occasionally interrupts a rest of several minutes, so joining is needed. Intervals are ranges of blocks of `samples`
+/// samples. `floor` is the standard deviation of the noise of each channel.
 pub(super) fn joined(
     recording: &Recording<'_>,
     still: Vec<Range<usize>>,
@@ -76,9 +77,9 @@ pub(super) fn joined(
     still.chunk_by(follows).flat_map(of_group).collect()
 }
 
-/// Whether a rest and the following rest, which starts at sample `next`, are separated only by noise. This is the case
-/// if no sample between them deviates from the mean at the end of the rest by more than six standard deviations.
-/// Filtered noise in particular can split a long rest, because its variance over half a second varies strongly.
+/// Whether only noise separates a rest from the following rest, which starts at sample `next`. This is so if no sample
+/// between them deviates from the mean at the end of the rest by more than six standard deviations. Filtered noise can
+/// split a long rest, because its variance over half a second varies strongly.
 pub(crate) fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &Vector6<f64>) -> bool {
     const NEAR: usize = 200;
     const LIMIT: f64 = 6.0;

@@ -1,4 +1,4 @@
-//! Unsteadiness of a rest, which separates rests on a rigid support from hand-held rests (model.md (11)).
+//! Unsteadiness of a rest. It distinguishes rests on a rigid support from hand-held rests (model.md (11)).
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use super::blocks::{Block, Colour, mean, merge};
 use crate::numerics::stats::median;
 use crate::rests::rest::UNSTEADY;
 
-/// An interval at rest with the statistics of its blocks.
+/// An interval at rest, with the statistics of its blocks.
 #[derive(Clone)]
 pub(super) struct Stretch {
     /// Index range of the blocks of the interval.
@@ -18,11 +18,12 @@ pub(super) struct Stretch {
     pub(super) whole: Block,
     /// Sums over the first and over the last third of the interval; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
-    /// Median over the windows of the interval of the ratio of variance to noise floor.
+    /// Median, over the windows of the interval, of the ratio of variance to noise floor.
     scatter: f64,
     /// Data from which the factor c of coloured noise (model.md (10)) is computed.
     colour: Colour,
-    /// Variance of the rounding error of a mean, raw units squared; zero for channels whose noise exceeds their step.
+    /// Variance of the rounding error of a mean, squared raw units. It is zero for channels whose noise exceeds their
+    /// step.
     rounding: Vector6<f64>,
 }
 
@@ -47,9 +48,9 @@ impl Stretch {
         self.scatter < UNSTEADY
     }
 
-    /// Drift of the mean force from the first to the last third of a rest: the squared change divided by its variance
-    /// from noise (chi2), divided by 15. With this divisor, a rest with noise only exceeds the limit of 2 with a
-    /// probability of 1e-6.
+    /// Drift of the mean force from the first to the last third of a rest. It is the squared change divided by its
+    /// variance from noise (chi2), divided by 15. With this divisor, a rest that contains only noise exceeds the limit
+    /// of 2 with a probability of 1e-6.
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
@@ -59,7 +60,7 @@ impl Stretch {
     }
 }
 
-/// Maximum deviation of the mean force of a window from the mean force of the rest, as a fraction of gravity. 0.05
+/// Maximum deviation of a window's mean force from the mean force of the rest, as a fraction of gravity. 0.05
 /// corresponds to a tilt of 3 deg.
 const MAX_TILT: f64 = 0.05;
 
@@ -90,9 +91,9 @@ impl Steadiness {
         rest.scatter.max(rest.drift(self.colour(rest)))
     }
 
-    /// Unsteadiness of a rest that is cut into epochs: the median of the unsteadiness of the epochs. The unsteadiness
-    /// of the whole rest is not used, because drifting biases change the mean force during a long rest. Equals
-    /// [`unsteadiness`](Self::unsteadiness) if `epochs` is empty.
+    /// Unsteadiness of a rest that is divided into epochs. It is the median of the unsteadiness of the epochs. The
+    /// unsteadiness of the whole rest is not used, because drifting biases change the mean force during a long rest. If
+    /// `epochs` is empty, the result is [`unsteadiness`](Self::unsteadiness).
     pub(super) fn unsteadiness_of(&self, rest: &Stretch, epochs: &[Stretch]) -> f64 {
         if epochs.is_empty() {
             return self.unsteadiness(rest);
@@ -100,8 +101,8 @@ impl Steadiness {
         median(&mut epochs.iter().map(|epoch| self.unsteadiness(epoch)).collect::<Vec<f64>>())
     }
 
-    /// Variance of one sample of white noise with the same density at low frequencies as the noise of the steady rests;
-    /// `None` if there are no steady rests.
+    /// Variance of one sample of white noise that has the same density at low frequencies as the noise of the steady
+    /// rests; `None` if there are no steady rests.
     pub(super) fn noise_variance<'a>(&self, rests: impl Iterator<Item = &'a Stretch>) -> Option<Vector6<f64>> {
         let variances: Vec<Vector6<f64>> =
             rests.filter(|rest| rest.is_steady()).map(|rest| rest.whole.variance()).collect();
@@ -113,19 +114,19 @@ impl Steadiness {
 
 /// Median of the statistic over the windows inside a rest.
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
-    // After its ends have been cut, an interval of one window at the end of the recording may start after the last
+    // After its ends have been removed, an interval of one window at the end of the recording may start after the last
     // window.
     let first = blocks.start.min(statistic.len().saturating_sub(1));
     let end = (blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(first + 1).min(statistic.len());
     median(&mut statistic[first..end].to_vec())
 }
 
-/// Whether the mean force of any window deviates from the mean force of the interval by more than 5 % of gravity, which
-/// corresponds to 3 deg. `size` is the magnitude of gravity. This test excludes a uniform tumble, which the statistic
-/// accepts as rest because no window of the recording is quieter.
+/// Whether the mean force of any window deviates from the mean force of the interval by more than 5 % of gravity (3
+/// deg). `size` is the magnitude of gravity. A uniform tumble passes the test of the statistic if no window of the
+/// recording is quieter. This test excludes it.
 ///
 /// In a rest of more than `long` blocks, accelerometer drift may reach the same limit. Each part of `long` blocks is
-/// therefore compared with the mean of that part, and over the whole rest three times the deviation is permitted.
+/// therefore compared with its own mean. Over the whole rest, three times the deviation is permitted.
 pub(super) fn gravity_wanders(blocks: &[Block], size: f64, long: usize) -> bool {
     let force = |blocks: &[Block]| -> Vector3<f64> { mean(blocks).fixed_rows::<3>(3).into() };
     let exceeds = |blocks: &[Block], share: f64| {

@@ -11,18 +11,19 @@ use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::quantile_of;
 use crate::rounding::LEAST_SCATTER;
 
-/// Returns three values: the statistic of each window; the noise floor of each channel (a variance, raw units squared);
-/// and the quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
+/// Returns the statistic of each window, the noise floor of each channel (a variance, squared raw units), and the
+/// quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
 ///
 /// `variances` contains the variance of each channel in each window. `steps` contains the smallest step (resolution) of
-/// each channel, divided by the root of the number of samples per mean. `step_of` finds the step of a channel.
+/// each channel, divided by the root of the number of samples per mean. The function `step_of` returns the step of a
+/// channel.
 pub(super) fn window_statistic(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,
     step_of: impl Fn(usize) -> Option<f64>,
 ) -> (Vec<f64>, Vector6<f64>, Vector6<f64>) {
-    // With a coarse converter, a channel may be constant throughout a rest, so the floor is at least the variance of
-    // rounding errors. A channel that is constant throughout the recording has no finite step. Its floor is infinite,
+    // With a coarse converter, a channel may be constant during a rest, so its floor is at least the variance of
+    // rounding errors. A channel that is constant during the whole recording has no finite step. Its floor is infinite,
     // so it does not contribute to the statistic.
     let mut rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
     let mut coarse = Vector6::zeros();
@@ -32,8 +33,8 @@ pub(super) fn window_statistic(
         let quietest = quantile_of(of_channel.len(), write, 0.05);
         let may_be_coarse = steps[channel].is_finite() && quietest < (LEAST_SCATTER * steps[channel]).powi(2);
         if let Some(step) = may_be_coarse.then(|| step_of(channel)).flatten() {
-            // If the mean lies in the middle between two levels, both levels are equally frequent. The samples then
-            // have this variance even for very small noise.
+            // If the mean is in the middle between two levels, both levels are equally frequent. Even for very small
+            // noise, the samples then have this variance.
             rounding[channel] = steps[channel] * steps[channel] / 4.0;
             coarse[channel] = step;
         }
@@ -42,13 +43,13 @@ pub(super) fn window_statistic(
     let mut statistic = vec![0.0; variances[0].len()];
     let (mut before, mut in_quiet) = (Vec::new(), Vec::new());
     // The floor of each channel is estimated from the windows that are quiet in all channels together. Four iterations
-    // are sufficient.
+    // are sufficient for convergence.
     for _ in 0..4 {
         Instructions::Best.run(Ratios { variances, floor: &floor, statistic: &mut statistic });
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
         let limit = 2.0 * quantile_of(statistic.len(), write, 0.05);
         let quiet = runs_up_to(&statistic, limit);
-        // The floor has converged, because the set of quiet windows has not changed.
+        // The set of quiet windows has not changed, so the floor has converged.
         if quiet == before {
             break;
         }
@@ -75,8 +76,8 @@ fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
     runs
 }
 
-/// Computes the statistic of every window: the mean over the six channels of the ratio of the variance to the noise
-/// floor, as [`imucal_core::rest::statistic_of`].
+/// Computes the statistic of every window as [`imucal_core::rest::statistic_of`] does: the mean over the six channels
+/// of the ratio of the variance to the noise floor.
 struct Ratios<'a> {
     variances: &'a [Vec<f64>; 6],
     floor: &'a Vector6<f64>,
@@ -99,23 +100,24 @@ impl WithSimd for Ratios<'_> {
 }
 
 /// Returns the threshold and the two ends of the range from which it was chosen. In this range, the number of rests is
-/// constant. It is the widest such range on a logarithmic scale.
+/// constant. On a logarithmic scale, it is the widest range with a constant number.
 ///
-/// Widths are weighted by the logarithm of the number of rests, and a range without rests has a negative weight.
-/// Without this weighting, a unit that first lies on a table and is then hand-held, with a thousand times the variance,
-/// would yield a single rest.
+/// The widths are weighted by the logarithm of the number of rests, and a range without rests has a negative weight.
+/// Consider a unit that first lies on a table and is then hand-held, with a thousand times the variance. Without the
+/// weights, this recording would give a single rest.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f64, f64) {
-    // The lowest threshold tried, a ratio of variances. Most windows at rest have a statistic near 1, which is below
-    // this threshold.
+    // Lowest trial threshold, a ratio of variances. Most windows at rest have a statistic near 1, which is below this
+    // threshold.
     const LOWEST: f64 = 1.5;
     // Ratio of consecutive trial thresholds.
     const STEP: f64 = 1.08;
-    // Upper limit of the statistic. Samples whose square overflows would otherwise make the range of thresholds
+    // Upper limit of the statistic. Without it, samples whose square overflows would make the range of thresholds
     // infinite.
     const HIGHEST: f64 = 1e300;
     let maximum = statistic.iter().copied().fold(1.0, f64::max).min(HIGHEST);
-    // The highest threshold tried: the larger of a tenth of the standard deviation of the fastest motion and the
-    // geometric mean of the variances of noise and fastest motion. Higher thresholds would classify motion as rest.
+    // Highest trial threshold. It is the larger of two values: a tenth of the standard deviation of the fastest motion,
+    // and the geometric mean of the variances of noise and fastest motion. Higher thresholds would classify motion as
+    // rest.
     let highest = (maximum / 100.0).max(maximum.sqrt()).max(2.0 * LOWEST);
     let mut pending: Vec<(f64, usize)> = statistic.iter().copied().zip(0..).collect();
     pending.retain(|(level, _)| (LOWEST..highest).contains(level));
@@ -149,11 +151,11 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
         threshold *= STEP;
     }
     let (_, from, to) = best;
-    // The threshold is closer to the lower end of the range, so that the ends of the rests contain little motion.
+    // The threshold is near the lower end of the range, so that the ends of the rests contain little motion.
     (from * (to / from).powf(0.25), from, to)
 }
 
-/// Intervals of blocks that belong to at least one window below the threshold, in chronological order.
+/// Intervals of blocks in chronological order. Each of their blocks is in at least one window below the threshold.
 pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = Range<usize>> + '_ {
     let below = move |(window, value): (usize, &f64)| (*value < threshold).then_some(window);
     let mut windows = statistic.iter().enumerate().filter_map(below).peekable();
@@ -168,15 +170,15 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
     })
 }
 
-/// The intervals of [`still`], updated incrementally while the threshold increases and windows are added.
+/// The intervals of [`still`]. They are updated while the threshold increases and windows are added.
 struct Stretches {
-    /// For each window, an index. At the first window of an interval, it is the index of the last window of this
-    /// interval, and at the last window, the index of the first. At windows between them, it is the index of any window
-    /// of the interval. Windows that belong to no interval have [`Self::OUTSIDE`].
+    /// For each window, an index. At the first window of an interval, it is the index of the interval's last window. At
+    /// the last window, it is the index of the first window. At windows between them, it is the index of any window of
+    /// the interval. A window outside all intervals has [`Self::OUTSIDE`].
     other_end: Vec<usize>,
 }
 
-/// The blocks of an interval, and the blocks of up to two former intervals that it replaces.
+/// The blocks of an interval, and the blocks of up to two earlier intervals that it replaces.
 type Joined = (Range<usize>, [Option<Range<usize>>; 2]);
 
 impl Stretches {
@@ -190,8 +192,8 @@ impl Stretches {
         Self { other_end: vec![Self::OUTSIDE; windows] }
     }
 
-    /// Adds consecutive windows, and returns the interval that contains them. Returns `None` if they already belong to
-    /// an interval.
+    /// Adds consecutive windows, and returns the interval that contains them. Returns `None` if an interval already
+    /// contains them.
     fn add(&mut self, windows: Range<usize>) -> Option<Joined> {
         let Range { start, end } = windows;
         let is_in = |window: &usize| self.other_end[*window] != Self::OUTSIDE;
