@@ -436,15 +436,19 @@ ERRORS_OR_WARNINGS: Final = (
 HEAD: Final = """# Why refused? All reason codes
 
 Copy the code in brackets from the message, such as `[gyro_units]`, and find it on this page, or run
-`imucal help gyro_units`. A message without a code says itself what to do: most often it names poses to add
+`imucal help gyro_units`. A message without a code contains the remedy: most often it names poses to add
 (code `not_enough_motion` in JSON documents).
+
+The line `verdict: poor; ...` or `verdict: incomplete; ...` gives its reasons in words. Compare them with the
+groups [Verdict poor](#verdict-poor) and [Verdict incomplete](#verdict-incomplete) below. "above its limit"
+refers to a file that was given with `--limits`.
 
 The column **kind** gives the consequence of a code:
 
 * **error**: the recording is refused, because the result would be wrong.
 * **warning**: the result is computed; its message begins with "warning".
 * **error or warning**: the message begins with "warning" if a result can be computed in spite of the fault.
-* **reason**: the result has this verdict because of it.
+* **reason**: the code explains the verdict of the result.
 
 JSON documents have the code in the field `code`. The codes do not change between versions, so that scripts
 can rely on them. The codes of a production line, such as `dead_axis`, are on the page of [the
