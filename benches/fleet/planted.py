@@ -44,6 +44,8 @@ def found_of(fleet: imucal.Fleet, truth: Mapping[str, Any]) -> list[Found]:
     slopes = [drifting[serial][0].slope for serial in right]
     spc = fleet.spc()
     shifted = (truth["shifted"]["station"], truth["shifted"]["date"])
+    false = sorted(set(drifting) - set(truth["drifting"]))
+    on_that_day = sum(_was_measured(fleet, serial, *shifted) for serial in false)
     of_day = [shift for shift in spc.shifts if (shift.station, shift.day) == shifted]
     odd = {unit.serial: unit.decides[0] for unit in fleet.outliers().odd}
     decided = [serial for serial, name in truth["odd"].items() if serial in odd and odd[serial].name == name]
@@ -53,10 +55,11 @@ def found_of(fleet: imucal.Fleet, truth: Mapping[str, Any]) -> list[Found]:
             "drift",
             len(truth["drifting"]),
             len(right),
-            len(set(drifting) - set(truth["drifting"])),
+            len(false),
             f"{truth['drift_parameter']} is the most significant; mean slope "
             f"{1e3 * sum(slopes) / max(len(slopes), 1):.2f} mm/s² per month, planted "
-            f"{1e3 * truth['drift_per_month']:.2f}",
+            f"{1e3 * truth['drift_per_month']:.2f}; false alarms of units that were measured on the day of "
+            f"the shifted station: {on_that_day}",
         ),
         Found(
             "station shifted on a day",
@@ -106,6 +109,12 @@ def _bad(fleet: imucal.Fleet, truth: Mapping[str, Any]) -> list[Found]:
             "each is a row of its own, and all other units are done",
         ),
     ]
+
+
+def _was_measured(fleet: imucal.Fleet, serial: str, station: str, day: str) -> bool:
+    """Whether a unit was measured on this day on this station."""
+    measured = fleet.measurements(serial=serial, station=station)
+    return any(str(date).startswith(day) for date in measured.dates)
 
 
 def table_of(rows: Sequence[Found]) -> str:
