@@ -23,7 +23,7 @@ fn calibration() -> Result<Calibration<f32>, SensorError> {
 
 fn main() -> Result<(), SensorError> {
     let calibration = calibration()?;
-    // The raw samples that this unit would measure during a rotation by 90 deg about z in one second at 100 Hz.
+    // The raw samples that this unit measures during a rotation by 90 deg about z in one second at 100 Hz.
     let true_rate = Vector3::new(0.0, 0.0, core::f32::consts::FRAC_PI_2);
     let raw_rate = calibration.gyroscope.measure(true_rate);
     let raw_force = calibration.accelerometer.measure(Vector3::new(0.0, 0.0, 9.80665));

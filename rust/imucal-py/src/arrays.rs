@@ -1,8 +1,8 @@
 //! Conversion of arrays between Python and Rust.
 //!
 //! `as_slice` of rust-numpy accepts Fortran-ordered arrays as contiguous and returns them column by column. Therefore
-//! all arrays are verified here to be in C order. The Python package converts arrays beforehand; other callers get an
-//! error.
+//! this module verifies that all arrays are in C order. The Python package converts arrays beforehand, and other
+//! callers get an error.
 
 use imucal::calibrate::{MeanNoise, MeanReadings, UserField};
 use imucal::check::sensor_missing;
@@ -30,15 +30,15 @@ pub(crate) struct RecordingColumns<'py> {
 }
 
 impl RecordingColumns<'_> {
-    /// The recordings as the library uses them, without copying the columns, for a function that needs both sensors.
-    /// Raises InputError with the finding `sensor_missing` for a recording that has only one sensor.
+    /// The recordings in the form that the library uses, without a copy of the columns, for a function that needs both
+    /// sensors. Raises InputError with the finding `sensor_missing` for a recording with only one sensor.
     pub(crate) fn views<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         let views = Self::views_of_any(py, recordings)?;
         let missing: Vec<_> = views.iter().filter_map(sensor_missing).collect();
         if missing.is_empty() { Ok(views) } else { Err(Error::Data(missing)).to_python(py) }
     }
 
-    /// As [`Self::views`], for a function that needs only one sensor.
+    /// The function [`Self::views`] for a caller that needs only one sensor.
     pub(crate) fn views_of_any<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         recordings
             .iter()
@@ -81,7 +81,7 @@ pub(crate) struct MeanColumns<'py> {
 }
 
 impl MeanColumns<'_> {
-    /// The table as the library uses it, without copying the columns.
+    /// The table in the form that the library uses, without a copy of the columns.
     pub(crate) fn view(&self, py: Python<'_>, noise_mps2: Option<f64>) -> PyResult<MeanReadings<'_>> {
         Ok(MeanReadings {
             name: &self.name,
@@ -130,7 +130,7 @@ pub(crate) struct UserFieldArrays<'py> {
 }
 
 impl UserFieldArrays<'_> {
-    /// The field as the library uses it, without a copy.
+    /// The field in the form that the library uses, without a copy.
     pub(crate) fn view(&self, py: Python<'_>) -> PyResult<UserField<'_>> {
         let sensor = match self.sensor.as_str() {
             "accelerometer" => Ok(Sensor::Accelerometer),

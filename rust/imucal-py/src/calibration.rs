@@ -34,7 +34,7 @@ pub(crate) struct CalibrationArrays<'py> {
 }
 
 impl CalibrationArrays<'_> {
-    /// The calibration of both sensors. Raises InputError for an accelerometer alone.
+    /// The calibration of both sensors. Raises InputError for an accelerometer without a gyroscope.
     pub(crate) fn calibration(&self, py: Python<'_>) -> PyResult<Calibration<f64>> {
         let Some(gyroscope) = &self.gyroscope else {
             let message = "the calibration has no gyroscope, and this needs one [sensor_missing]: calibrate both sensors; \

@@ -1,4 +1,4 @@
-//! The catalogue of effects for Python: its rows, its fields, and the conversion of effects with values.
+//! The catalogue of effects for Python: its rows, the fields of the effects, and the conversion of effects with values.
 
 use imucal::error::Error;
 use imucal::recording::REFERENCE_TEMPERATURE_DEGC;
@@ -27,7 +27,8 @@ pub(crate) struct Effect {
     needs: Vec<&'static str>,
     formula: &'static str,
     observable: &'static str,
-    /// Other explanations with which the effect is easily confused, and the measurements that distinguish them.
+    /// Other causes with which the effect is easily confused, and the measurements that distinguish them from the
+    /// effect.
     aliases: Vec<(&'static str, &'static str)>,
 }
 
@@ -99,7 +100,7 @@ impl EffectArrays<'_> {
     }
 }
 
-/// An `imucal.effects.State`, converted from its attributes. Rows are samples, and None means unknown.
+/// An `imucal.effects.State`, converted from its attributes. Rows are samples. None means that a quantity is unknown.
 #[derive(FromPyObject)]
 pub(crate) struct StateArrays<'py> {
     angular_rate: PyReadonlyArray2<'py, f64>,
@@ -149,7 +150,7 @@ impl StateArrays<'_> {
             surroundings.time_s = Some(time_s[i]);
             surroundings.angular_acceleration = acceleration.map(|values| values[i].into());
             surroundings.temperature_difference_k = temperature_degc.map(|degc| degc[i] - REFERENCE_TEMPERATURE_DEGC);
-            // A quaternion that is zero or not finite is treated as unknown.
+            // A quaternion that is zero or not finite counts as unknown.
             surroundings.rotation_world_from_body = rotation.and_then(|wxyz| so3::from_wxyz(wxyz[i]));
             surroundings.stand = stand_rad.map(|angle| StandState {
                 angle_rad: angle[i].into(),
@@ -189,7 +190,7 @@ pub(crate) fn effect_field<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let effect = find(name).to_python(py)?;
     let count = effect.parameters.len();
-    // This check verifies only that the shape parameter suits the effect, so the values are irrelevant.
+    // Only the match of effect and shape parameter is checked here, so the values have no influence.
     let checked = library::EffectValues::try_new(effect, &[0.0; MAX_PARAMETERS][..count], shape);
     checked.map_err(|error| Error::Input(error.to_string())).to_python(py)?;
     let states = state.states(py)?;

@@ -19,7 +19,7 @@ impl<T> ToPython<T> for Result<T, Error> {
 
 fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
     let class = match error {
-        // The cause is an exception of a Python function that the library had called.
+        // The cause is an exception of a Python function that the library called.
         Error::Caller(cause) => {
             return Ok(match cause.downcast_ref::<PyErr>() {
                 Some(exception) => exception.clone_ref(py),
@@ -29,7 +29,8 @@ fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
         Error::Input(_) | Error::Data(_) => "InputError",
         Error::NotEnoughMotion(_) => "NotEnoughMotionError",
         Error::Fit(_) => "FitError",
-        // Only a signal cancels a calculation, and then its exception is raised instead (see `interruptible`).
+        // Only a signal cancels a calculation. The exception of the signal is then raised instead (see
+        // `interruptible`).
         Error::Cancelled => "ImucalError",
     };
     let class = py.import("imucal.errors")?.getattr(class)?;

@@ -1,4 +1,4 @@
-//! Python bindings of the search for the missing effect.
+//! Python bindings of the search for missing effects.
 
 mod residuals;
 
@@ -32,7 +32,7 @@ pub(crate) struct EffectScore {
     rivals: Vec<String>,
 }
 
-/// A variation of a bias or a scale that no named effect describes; see `imucal::gap::GenericFinding`.
+/// A variation of a bias or a scale that no effect of the catalogue describes; see `imucal::gap::GenericFinding`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GenericFinding {
     block: &'static str,
@@ -45,7 +45,7 @@ pub(crate) struct GenericFinding {
     p_value: f64,
 }
 
-/// The part of the gap that the accepted effects do not explain; see `imucal::gap::Remainder`.
+/// The residuals that the accepted effects do not explain; see `imucal::gap::Remainder`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Remainder {
     kind: &'static str,
@@ -62,12 +62,13 @@ pub(crate) struct SessionStep {
     gyroscope_radps: Option<[f64; 3]>,
     p_value: f64,
     temperature_change_k: Option<f64>,
-    /// chi2 per degree of freedom of the control recordings without effects: as recorded, and with their own biases.
+    /// chi2 per degree of freedom of the control recordings without effects. The first value is with the biases of the
+    /// calibration, the second with biases estimated from the control recordings.
     chi2: (f64, f64),
 }
 
-/// Name of an effect. For each kind of residual, the rms of the residuals that the effect causes, divided by their
-/// standard deviations from noise. Share of the effect's chi2 that a refit of the base parameters removes.
+/// Name of an effect; for each kind of residual, the rms of the residuals that the effect causes, divided by their
+/// standard deviations from noise; and the share of the effect's chi2 that a refit of the base parameters removes.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Scores of all candidates, generic hypotheses and detection limits; see `imucal::gap::Search`.
@@ -76,8 +77,8 @@ pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
-    /// Name, log Bayes factor, increase of the log predictive density of held-out rests and moves, and its standard
-    /// deviation; all but the name in nats.
+    /// Name of an effect, its log Bayes factor, the increase of the log predictive density of held-out rests and moves,
+    /// and the standard deviation of this increase. All numbers are in nats.
     not_predictive: Vec<(String, f64, f64, f64)>,
     /// Name of an effect that is not observable, and the data that it requires.
     not_observable: Vec<(String, String)>,
@@ -89,9 +90,9 @@ pub(crate) struct Search {
     is_hand_moved: bool,
 }
 
-/// Name of a rejected effect, and the reason for its rejection. There are three kinds of reasons, and the other two are
-/// None: the message of the failed fit with the effect; chi2 per degree of freedom of unseen data without and with the
-/// effect; the p-value of the effect's parameters.
+/// Name of a rejected effect, and the reason for its rejection. There are three kinds of reasons: the message of the
+/// failed fit with the effect; chi2 per degree of freedom of unseen data without and with the effect; the p-value of
+/// the effect's parameters. The other two are None.
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.
@@ -109,15 +110,16 @@ pub(crate) struct GapAnalysis {
     /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
-    /// Name of an accepted effect, and the share of the gap that it closes in the norms at rest, in the gravity
-    /// directions after moves and in the mean rates at rest. A share is None if the residuals barely exceed noise.
+    /// Name of an accepted effect, and the share of the excess chi2 that it removes from the norms at rest, from the
+    /// gravity directions after moves and from the mean rates at rest. A share is None if the residuals hardly exceed
+    /// noise.
     shares: Vec<(String, [Option<f64>; 3])>,
     /// Name of an accepted effect, name of a rival, and estimated parameters of the rival in a fit in which it replaces
     /// the effect; None if this fit fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
-    /// Magnitude and standard deviation, rad/s, of the constant rate that the effect `earth_rate` has in the fit, if
-    /// this rate differs significantly from the Earth's rate; None otherwise.
+    /// Magnitude and standard deviation, rad/s, of the constant rate estimated for the effect `earth_rate`, if it is
+    /// not the Earth's rate; None otherwise.
     not_the_earth: Option<(f64, f64)>,
     not_confirmed: Vec<Py<EffectScore>>,
     /// Names of contradicted effects, and chi2 per degree of freedom of the control recordings without and with these
@@ -126,7 +128,7 @@ pub(crate) struct GapAnalysis {
     remainder: Py<Remainder>,
     /// Change of the biases since the calibration recordings; None if it is not significant.
     session: Option<Py<SessionStep>>,
-    /// Name of the figure of merit on unseen data, its value without and with effects, and its expected value from
+    /// Name of the figure of merit on unseen data, its values without and with effects, and its expected value from
     /// noise.
     unseen: (&'static str, f64, f64, f64),
     /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
@@ -233,7 +235,7 @@ impl Sets<'_> {
     }
 }
 
-/// Change of the biases between sessions, according to the fit without effects.
+/// Change of the biases between the sessions in the fit without effects.
 fn session_of(before: &library::Fit) -> Option<SessionStep> {
     let control = before.control.as_ref()?;
     let library::SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k } = control.step?;
@@ -241,8 +243,8 @@ fn session_of(before: &library::Fit) -> Option<SessionStep> {
     Some(SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k, chi2 })
 }
 
-/// A calibration for comparison, the local gravity for which it was made, m/s^2, and, if it has user-defined effects,
-/// the evaluation recordings corrected by it.
+/// A calibration for comparison, and the local gravity with which it was made, m/s^2. If the calibration has
+/// user-defined effects, the third entry contains the evaluation recordings corrected by it.
 type Given<'py> = (CalibrationArrays<'py>, f64, Option<Vec<RecordingColumns<'py>>>);
 
 /// Input of a search, read from the attributes of a Python object.
@@ -257,9 +259,9 @@ pub(crate) struct GapQuestion<'py> {
     given: Option<Given<'py>>,
 }
 
-/// Finds the missing effect. `stage(effects, candidates)` is called before each step. Before a fit, `effects` contains
-/// the names of the effects. Before a search, `candidates` is the number of candidates. Before the prediction of
-/// errors, both are None.
+/// Finds missing effects. `stage(effects, candidates)` is called before each step. Before a fit, `effects` contains the
+/// names of the effects. Before a search, `candidates` is the number of candidates. Before the prediction of errors,
+/// both are None.
 #[pyfunction]
 pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAny>) -> PyResult<GapResult> {
     let GapQuestion { recordings, control, options, candidates, user_effects, given } = question;
@@ -310,7 +312,7 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
 /// units; whether the fit used the rest.
 type RestTuple = (usize, usize, f64, [Option<f64>; 3], bool);
 
-/// Slips of the unit on its mount in one recording or, if there are no slips, play of the mount.
+/// Slips of the unit on its mount in one recording. If there are no slips, play of the mount.
 #[pyfunction]
 pub(crate) fn mount_faults(
     py: Python<'_>,
@@ -355,8 +357,8 @@ pub(crate) struct GapDesign {
     items: Py<PyArray1<usize>>,
 }
 
-/// Linearises the model without effects. The result has columns for the candidate effects and for the user fields in
-/// the options.
+/// Linearises the model without effects. The result has columns for the candidate effects and for the user-defined
+/// fields in the options.
 #[pyfunction]
 #[pyo3(signature = (recordings, options, candidates, is_hand_moved = None))]
 pub(crate) fn gap_design(

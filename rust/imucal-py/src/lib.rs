@@ -1,8 +1,8 @@
 //! `imucal._core`: Python bindings of the Rust library. They only convert types and contain no calculations.
 //!
-//! Arrays are passed as C-contiguous float64 without a copy and are verified in one place (`arrays`). The Python
-//! interpreter lock (GIL) is released during all calculations. Errors are converted to the classes of `imucal.errors`
-//! (`error`).
+//! Arrays are passed as C-contiguous float64 without a copy, and the module `arrays` verifies them. The Python
+//! interpreter lock (GIL) is released during all calculations. The module `error` converts errors to the classes of
+//! `imucal.errors`.
 
 mod arrays;
 mod calibration;
@@ -82,7 +82,7 @@ mod _core {
     #[pymodule_export]
     const MAX_PASSES: usize = imucal_core::effects::MAX_PASSES;
 
-    /// Default of the shortest duration of a rest, s.
+    /// Default of the minimum duration of a rest, s.
     #[pymodule_export]
     const MIN_REST_S: f64 = library::rests::MIN_REST_S;
 
@@ -129,7 +129,7 @@ mod _core {
         Outcome::new(py, outcome, diagnosis, &recordings, &options)
     }
 
-    /// Calibrates an accelerometer alone from its recordings, whose gyroscope columns are not used.
+    /// Calibrates an accelerometer from its recordings. The gyroscope columns are not used.
     #[pyfunction]
     fn calibrate_accelerometer(
         py: Python<'_>,
@@ -143,7 +143,8 @@ mod _core {
     }
 
     /// Calibrates an accelerometer from a table of mean readings. Returns the result, and the bias of the gyroscope
-    /// with its standard deviation, or None. `noise_mps2` is the noise of all means if the table contains no noise.
+    /// with its standard deviation (None without a gyroscope). `noise_mps2` is the noise of all means if the table
+    /// contains no noise.
     #[pyfunction]
     fn calibrate_means(
         py: Python<'_>,
@@ -158,8 +159,8 @@ mod _core {
         Ok((outcome, bias.map(|bias| (bias.value.into(), bias.std.into()))))
     }
 
-    /// Evaluates an accelerometer, `(sensitivity, bias)`, on recordings, whose gyroscope columns are not used.
-    /// `uncertainty` is the covariance of its nine parameters, by rows, and their body frame.
+    /// Evaluates an accelerometer, `(sensitivity, bias)`, on recordings. The gyroscope columns are not used.
+    /// `uncertainty` consists of the covariance of its nine parameters, by rows, and their body frame.
     #[pyfunction]
     fn evaluate_accelerometer(
         py: Python<'_>,
@@ -183,8 +184,8 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
-    /// Predicts, before any fit, the standard deviation of each parameter that the recordings of one unit determine,
-    /// and names the parameters that they do not determine.
+    /// Predicts, before any fit, the standard deviation of each parameter that the recordings of one unit determine.
+    /// Also names the parameters that the recordings do not determine.
     #[pyfunction]
     fn prospect(
         py: Python<'_>,
@@ -196,9 +197,9 @@ mod _core {
         Ok(interruptible(py, || library::calibrate::prospect(&recordings, &options))?.into())
     }
 
-    /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` are the
-    /// recordings after the caller's correction, because the library cannot correct user-defined effects.
-    /// `uncertainty` is the covariance of the parameters, by rows, and their body frame.
+    /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` contains the
+    /// recordings after correction by the caller, because the library cannot correct user-defined effects.
+    /// `uncertainty` consists of the covariance of the parameters, by rows, and their body frame.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,
@@ -234,7 +235,7 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
-    /// Refuses control recordings that are a part or an altered copy of a calibration recording. `rests` and
+    /// Raises an error if a control recording is a part or an altered copy of a calibration recording. `rests` and
     /// `control_rests` are the index ranges, first and end, of the rests of each recording.
     #[pyfunction]
     fn require_independent(
@@ -255,7 +256,8 @@ mod _core {
     }
 
     /// The reason for a poor verdict from the figures of merit of the `"calibration set"` or `"control set"`; None if
-    /// these figures do not make the verdict poor. An accelerometer alone (not `has_gyroscope`) needs no moves.
+    /// these figures do not make the verdict poor. An accelerometer without a gyroscope (not `has_gyroscope`) needs no
+    /// moves.
     #[pyfunction]
     #[pyo3(signature = (set, rests, moves, chi2_per_dof, has_gyroscope = true))]
     fn poor_figures(
@@ -275,7 +277,7 @@ mod _core {
         reason.map(|reason| reason.to_string())
     }
 
-    /// The finding about implausible temperatures of a recording; None if there are none.
+    /// The finding about implausible temperatures of a recording; None if all temperatures are plausible.
     #[pyfunction]
     fn check_temperature(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<Option<Py<PyAny>>> {
         let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
@@ -284,8 +286,7 @@ mod _core {
 
     /// Findings of all checks that need no fit, and the rests of the recording.
     ///
-    /// `grows` states that the recording is still being written. In this case, the recording is not reported as too
-    /// short.
+    /// `grows` states that the recording is still being written. It is then not reported as too short.
     #[pyfunction]
     #[pyo3(signature = (recording, gravity_mps2, min_rest_s, grows = false))]
     fn inspect(
@@ -317,7 +318,7 @@ mod _core {
         Inspection::new(py, findings, segments)
     }
 
-    /// Corrects raw samples, (N, 3) each. Returns `(angular_rate, specific_force)` in rad/s and m/s^2 in the body
+    /// Corrects raw samples, (N, 3) each. Returns `(angular_rate, specific_force)` in rad/s and m/s^2, in the body
     /// frame.
     #[pyfunction]
     fn correct<'py>(
@@ -356,8 +357,8 @@ mod _core {
         to_rows(py, corrected)
     }
 
-    /// Refuses a recording with negative counts that were read as unsigned numbers, because no correction can repair
-    /// them.
+    /// Raises an error for a recording with negative counts that were read as unsigned numbers, because no correction
+    /// can repair them.
     #[pyfunction]
     fn require_signed_counts(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<()> {
         let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
@@ -366,7 +367,7 @@ mod _core {
     }
 
     /// Corrects a recording with its time, temperature and angular acceleration. If the recording is a part of a longer
-    /// one, `start_s` is the time of the first sample of the longer recording.
+    /// recording, `start_s` is the time of the first sample of the longer recording.
     #[pyfunction]
     #[pyo3(signature = (calibration, recording, start_s = None))]
     fn correct_recording<'py>(
@@ -385,7 +386,7 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
-    /// Derivative of angular rate with respect to time, rad/s^2, (N, 3); no rows for a single sample.
+    /// Derivative of angular rate with respect to time, rad/s^2, (N, 3). It has no rows for a single sample.
     #[pyfunction]
     fn angular_acceleration<'py>(
         py: Python<'py>,
@@ -424,7 +425,7 @@ mod _core {
     }
 
     /// Integrates the angular rate to the rotation `[w, x, y, z]` from the body frame at the last sample to the body
-    /// frame at the first sample, `v_start = rotation * v_end`. `midpoint` omits the coning correction.
+    /// frame at the first sample: `v_start = rotation * v_end`. `midpoint` omits the coning correction.
     #[pyfunction]
     #[pyo3(signature = (time_s, angular_rate, midpoint=false))]
     fn integrate<'py>(

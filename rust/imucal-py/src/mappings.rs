@@ -1,5 +1,5 @@
-//! Conversion of parts of a result to mappings, which JSON documents contain without changes. Values that do not exist
-//! (NaN) become None.
+//! Conversion of parts of a result to mappings. JSON documents contain these mappings unchanged. A value that does not
+//! exist (NaN) becomes None.
 
 use imucal::Termination;
 use imucal::calibrate;
@@ -53,7 +53,7 @@ impl From<evaluate::Figures> for Figures {
     }
 }
 
-/// Goodness of fit of residuals relative to noise alone. All fields are None if no joint fit used the residuals.
+/// Goodness of fit of residuals, relative to noise. All fields are None if no joint fit used the residuals.
 #[derive(IntoPyObject)]
 pub(crate) struct Misfit {
     chi2: Option<f64>,
@@ -81,7 +81,7 @@ pub(crate) struct HeldParameter<'a> {
     estimate: f64,
     sigma: f64,
     prior_share: f64,
-    /// Difference between prior and recordings in standard deviations of this difference; None if the recordings barely
+    /// Difference between prior and recordings in standard deviations of this difference; None if the recordings hardly
     /// determine the parameter.
     contradiction: Option<f64>,
 }
@@ -184,7 +184,7 @@ impl<'a> Move<'a> {
     }
 }
 
-/// How the threshold of rest detection was chosen for one recording.
+/// The threshold of rest detection for one recording, and the range from which it was chosen.
 #[derive(IntoPyObject)]
 pub(crate) struct Threshold {
     factor: Option<f64>,
@@ -236,7 +236,7 @@ impl From<imucal::FitReport> for FitReport {
     }
 }
 
-/// Factors by which the joint fit increases the standard deviation of each kind of residual. A factor is 1 if noise
+/// Factors by which the joint fit increases the standard deviations of each kind of residual. A factor is 1 if noise
 /// explains the residuals.
 #[derive(IntoPyObject)]
 pub(crate) struct ResidualScales {

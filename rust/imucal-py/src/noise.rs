@@ -100,7 +100,8 @@ impl AxisNoise {
     }
 }
 
-/// Identifies the noise in the longest rest of a recording, with `threads` threads or on all processors.
+/// Identifies the noise in the longest rest of a recording. `threads` is the number of threads; None uses all
+/// processors.
 #[pyfunction]
 pub(crate) fn identify_noise(
     py: Python<'_>,
@@ -135,7 +136,7 @@ pub(crate) fn identify_noise(
     })
 }
 
-/// A single series, or a table with one series in each column, in any memory order.
+/// A single series, or a table in which each column is one series, in any memory order.
 #[derive(FromPyObject)]
 pub(crate) enum Series<'py> {
     One(PyReadonlyArray1<'py, f64>),

@@ -45,7 +45,7 @@ pub(crate) struct CalibrateOptions<'py> {
     /// Name of the parameter model.
     model: String,
     hold: Vec<HeldTuple>,
-    /// Standard deviations of the unit's profile, by group of parameters.
+    /// Standard deviations from the unit's profile, for each group of parameters.
     profile: Vec<(String, Vec<f64>)>,
     joint: bool,
     /// Bias instability and random walk of the accelerometer and of the gyroscope.
@@ -60,7 +60,7 @@ pub(crate) struct CalibrateOptions<'py> {
     max_iterations: u64,
 }
 
-/// Name, mean and standard deviation of a parameter or group to be held.
+/// Name, mean and standard deviation of the prior of a parameter or group.
 pub(crate) type HeldTuple = (String, Option<f64>, Option<f64>);
 
 pub(crate) fn priors(model: &str, hold: &[HeldTuple], profile: &[(String, Vec<f64>)]) -> Result<Priors, Error> {

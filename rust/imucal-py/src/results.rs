@@ -65,7 +65,7 @@ impl EffectEstimate {
     }
 }
 
-/// Triads and effects of a calibration, for functions that correct recordings with it.
+/// Triads and effects of a calibration, with which functions correct recordings.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Estimate {
     accel_sensitivity: Rows,
@@ -87,7 +87,7 @@ impl Estimate {
     }
 }
 
-/// Result of a calibration. For an accelerometer alone, all fields of the gyroscope are None.
+/// Result of a calibration. For an accelerometer without a gyroscope, all fields of the gyroscope are None.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Outcome {
     accel_sensitivity: Rows,
@@ -96,7 +96,7 @@ pub(crate) struct Outcome {
     gyro_bias: Option<Vector>,
     names: Vec<String>,
     covariance: Rows,
-    /// Evaluation of each rest, with its goodness of fit relative to noise alone.
+    /// Evaluation of each rest, with its goodness of fit relative to noise.
     rests: Vec<Fields>,
     moves: Vec<Fields>,
     /// Index ranges, first and end, of the rests of each recording.
@@ -115,23 +115,23 @@ pub(crate) struct Outcome {
     effects: Vec<Py<EffectEstimate>>,
     /// Held parameters with their priors and estimates; empty if none is held.
     held: Vec<Fields>,
-    /// Share of the variance of each parameter that comes from the priors; empty if no parameter is held.
+    /// Share of each parameter's variance that is due to the priors; empty if no parameter is held.
     prior_shares: Vec<f64>,
     /// Errors due to the uncertainty of the priors; None if no parameter is held.
     prior_cost: Option<Fields>,
     figures: Fields,
-    /// Verdict on the recordings of the calibration: good, incomplete or poor.
+    /// Verdict on the calibration recordings: good, incomplete or poor.
     verdict: &'static str,
     /// Reasons for this verdict; empty for a good one.
     reasons: Vec<String>,
-    /// Goodness of fit of each kind of residual relative to noise alone.
+    /// Goodness of fit of each kind of residual, relative to noise.
     residuals: Vec<Fields>,
     held_out: Option<Py<HeldOut>>,
     findings: Vec<Py<PyAny>>,
     diagnosis: Vec<Fields>,
 }
 
-/// Moves and rests, each predicted by a fit that did not use it (cross-validation).
+/// Cross-validation: moves and rests, each predicted by a fit without it.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct HeldOut {
     gravity_direction_rms_deg: f64,
@@ -218,7 +218,7 @@ impl Outcome {
         Self::of_accelerometer(py, o, &[table], options)
     }
 
-    /// Converts the outcome of a calibration of an accelerometer alone.
+    /// Converts the outcome of a calibration of an accelerometer without a gyroscope.
     pub(crate) fn of_accelerometer(
         py: Python<'_>,
         o: calibrate::AccelerometerOutcome,
@@ -268,7 +268,7 @@ impl Outcome {
     }
 }
 
-/// Gravity at the rests of one recording, as measured and as propagated from the first rest.
+/// Gravity at the rests of one recording, both as measured and as propagated from the first rest.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Carried {
     time_s: Vector,
@@ -293,13 +293,13 @@ impl Carried {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Evaluation {
     figures: Fields,
-    /// Figures of merit of the sensors with their nominal sensitivity, before calibration.
+    /// Figures of merit of the uncalibrated sensors with their nominal sensitivity.
     before: Fields,
     /// Verdict on the control recordings: good, incomplete or poor.
     verdict: &'static str,
     /// Reasons for this verdict; empty for a good one.
     reasons: Vec<String>,
-    /// Goodness of fit of each kind of residual relative to noise and the uncertainty of the calibration.
+    /// Goodness of fit of each kind of residual, relative to noise and the uncertainty of the calibration.
     residuals: Vec<Fields>,
     rests: Vec<Fields>,
     moves: Vec<Fields>,
@@ -327,14 +327,14 @@ impl Evaluation {
     }
 }
 
-/// Findings and rests of a recording, before any fit.
+/// Findings about a recording and its rests, before any fit.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Inspection {
     findings: Vec<Py<PyAny>>,
     /// Start and end of each rest, s, and the number of its epochs.
     rests: Vec<(f64, f64, usize)>,
     threshold: Option<Fields>,
-    /// Explanation of the chosen threshold, or the reason why there is no rest.
+    /// Explanation why the threshold was chosen, or why there is no rest.
     explanation: String,
 }
 
@@ -364,7 +364,7 @@ impl Inspection {
 pub(crate) struct Prospect {
     /// Predicted standard deviation of each parameter in its unit; None if it is not determined.
     predicted_sigma: Vec<Option<f64>>,
-    /// Names of the parameters that only the moves determine.
+    /// Names of the accelerometer parameters that the rests do not determine without the moves.
     through_moves: Vec<String>,
     missing: Option<String>,
 }

@@ -17,7 +17,8 @@ use crate::effects::EffectArrays;
 use crate::error::ToPython;
 use crate::interrupt::interruptible;
 
-/// Angles by which the three motors turn, rad, and the durations of the turn and of the hold after the turn, s.
+/// Angles by which the three motors turn, rad, the duration of the turn, s, and the duration of the hold after the
+/// turn, s.
 pub(crate) type StepTuple = ([f64; 3], f64, f64);
 
 /// A simulated run with its true values.
@@ -54,12 +55,12 @@ pub(crate) struct SetupArrays<'py> {
     added_force: Option<PyReadonlyArray2<'py, f64>>,
     added_rate: Option<PyReadonlyArray2<'py, f64>>,
     seed: u64,
-    /// Number of threads; None, or a missing attribute, uses all processors.
+    /// Number of threads. If it is None or the attribute is missing, all processors are used.
     #[pyo3(default)]
     threads: Option<NonZeroUsize>,
 }
 
-/// A motion. The attributes of the Python object determine which variant it is.
+/// A motion. The attributes of the Python object determine its variant.
 #[derive(FromPyObject)]
 pub(crate) enum Motion {
     Stand { steps: Vec<StepTuple>, stand: Stand },
@@ -204,7 +205,7 @@ pub(crate) fn gravity_mps2(latitude_deg: f64, height_m: f64) -> f64 {
     earth::gravity_mps2(latitude_deg.to_radians(), height_m)
 }
 
-/// Standard deviation of actual gravity about normal gravity, m/s^2.
+/// Standard deviation of the difference between actual and normal gravity, m/s^2.
 #[pyfunction]
 pub(crate) fn normal_gravity_sigma_mps2(height_is_known: bool) -> f64 {
     earth::normal_gravity_sigma_mps2(height_is_known)

@@ -11,8 +11,8 @@ use pyo3::prelude::*;
 use crate::arrays::{UserFieldArrays, rows};
 use crate::results::Estimate;
 
-/// A Python object with `names`, `fields(names, estimate)`, `corrected(estimate, of_control)` and
-/// `brief_means(before, after, of_control)`.
+/// A Python object with the attribute `names` and the methods `fields(names, estimate)`, `corrected(estimate,
+/// of_control)` and `brief_means(before, after, of_control)`.
 pub(crate) struct PythonEffects {
     names: Vec<String>,
     source: Py<PyAny>,
@@ -87,8 +87,8 @@ fn sampled(py: Python<'_>, fields: &[UserFieldArrays<'_>]) -> PyResult<Vec<Sampl
     fields.iter().map(of_field).collect()
 }
 
-/// The library's error that corresponds to an exception of a Python function. Exceptions of classes that the library
-/// does not know are passed through unchanged.
+/// The library's error that corresponds to an exception of a Python function. An exception of a class that the library
+/// does not know is passed through unchanged.
 pub(crate) fn library_error(py: Python<'_>, error: PyErr) -> Error {
     let message = error.value(py).to_string();
     let is = |name: &str| {

@@ -21,7 +21,7 @@ struct Channel {
     times_noise_after: Option<f64>,
 }
 
-/// A significant correlation of a channel with a regressor.
+/// A significant dependence of a channel on a regressor.
 #[derive(IntoPyObject)]
 struct Dependence {
     channel: &'static str,

@@ -15,10 +15,10 @@ use crate::rests::segment::Segments;
 use crate::rests::unit_rest::rests_of;
 use crate::verdict::{Reason, RecordingSet, Verdict};
 
-/// Evaluates an accelerometer on recordings that were not used to estimate it. Gyroscope columns are not used, so the
-/// result has no moves and no propagated gravity.
+/// Evaluates an accelerometer on recordings that were not used for its calibration. Gyroscope columns are not used, so
+/// the result has no moves and no propagated gravity.
 ///
-/// `uncertainty` is the uncertainty of the calibration. If it is `None`, the residuals are compared with noise alone.
+/// `uncertainty` is the uncertainty of the calibration. If it is `None`, the residuals are compared with noise only.
 /// `gravity_mps2` is the local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
 ///
 /// # Errors
@@ -31,7 +31,7 @@ pub fn evaluate_accelerometer(
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     let recordings: Vec<Recording<'_>> = recordings.iter().map(Recording::accelerometer_alone).collect();
-    // The gyroscope is not used below. The identity is a placeholder for it.
+    // The gyroscope is not used below, and the identity stands in its place.
     let calibration = Calibration::new(*accelerometer, Triad::identity());
     let nominal = as_it_comes(&calibration, &recordings);
     let before = judge(&nominal, None, &recordings, gravity_mps2, min_rest_s)?;

@@ -11,13 +11,13 @@ use crate::recording::Recording;
 use crate::rests::moves::{Ends, Move};
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// The usable rests and moves of control recordings, with the triads that are judged.
+/// The usable rests and moves of control recordings, and the triads that are evaluated.
 pub(super) struct Judged<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     pub(super) triads: [&'a Triad<f64>; 2],
     /// The rests that are used.
     pub(super) rests: Vec<&'a RestReport>,
-    /// All usable moves, with the directions of gravity at their ends and their rotations.
+    /// All usable moves, with the gravity directions at their ends and with their rotations.
     pub(super) moves: &'a [Move],
     pub(super) ends: &'a [Ends],
     pub(super) rotations: &'a [Matrix3<f64>],
@@ -25,8 +25,8 @@ pub(super) struct Judged<'a> {
 
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals (norms and directions). `changed` returns the triads after a change
-    /// by one standard deviation along each direction of the uncertainty of the calibration. `changed` is called only
-    /// if the p-value of the residuals under noise alone is below [`UNLIKELY`].
+    /// by one standard deviation along each direction of the uncertainty of the calibration. It is called only if noise
+    /// is an improbable cause of the residuals: their p-value is below [`UNLIKELY`].
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
@@ -73,8 +73,8 @@ impl Judged<'_> {
         }
     }
 
-    /// Change of |f| at each rest if `triad` replaces the accelerometer of the calibration, divided by the noise of
-    /// |f|.
+    /// Change of |f| at each rest if the accelerometer of the calibration is replaced by `triad`, divided by the noise
+    /// of |f|.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;
@@ -83,8 +83,8 @@ impl Judged<'_> {
         self.rests.iter().map(change).collect()
     }
 
-    /// Residuals of the moves, divided by their noise, for a changed accelerometer and for the rotations of the moves
-    /// by a changed gyroscope.
+    /// Residuals of the moves for a changed accelerometer and for rotations by a changed gyroscope. They are divided by
+    /// their noise.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();
@@ -103,12 +103,12 @@ impl Judged<'_> {
     }
 }
 
-/// Indices of the rests or moves, with `size` residuals each, that do not contradict all others. As in a calibration, a
+/// Indices of the rests or moves that do not contradict all others. Each has `size` residuals. As in a calibration, a
 /// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
-    // The scale prevents exclusions because of a large but uniform scatter. The median of chi2 is 0.455 for one
-    // residual and 1.386 for two.
+    // The scale prevents exclusions if the scatter is large but uniform. The median of chi2 is 0.455 for one residual
+    // and 1.386 for two.
     let expected = if size == 1 { 0.455 } else { 1.386 };
     let scale = (median(&mut chi2.clone()) / expected).max(1.0);
     let mut order: Vec<usize> = (0..chi2.len()).collect();
@@ -119,17 +119,17 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
 }
 
-/// p-value relative to noise alone below which the uncertainty of the calibration is taken into account. Above it,
-/// noise explains the residuals.
+/// p-value relative to noise above which noise explains the residuals. Below it, the uncertainty of the calibration is
+/// also considered.
 const UNLIKELY: f64 = 0.1;
 /// Maximum share of rests, or of moves, that are excluded as outliers. It equals `MAX_CONTRADICTING_SHARE` of a
 /// calibration.
 const MAX_OUTLIER_SHARE: f64 = 0.1;
-/// p-value below which a rest or move contradicts all others. It equals the significance level of the outlier detection
-/// in a joint fit.
+/// Maximum p-value of a rest or move that contradicts all others. It equals the significance level of the outlier
+/// detection in a joint fit.
 const OUTLIER_SIGNIFICANCE: f64 = 1e-5;
-/// Magnitude of gravity with which a change of the accelerometer's bias is converted to a change of the direction of
-/// gravity, m/s^2. Local gravity differs from this value by less than 1 %.
+/// Magnitude of gravity, m/s^2. It converts a change of the accelerometer's bias to a change of the gravity direction.
+/// Local gravity differs from it by less than 1 %.
 const GRAVITY_MPS2: f64 = imucal_core::STANDARD_GRAVITY_MPS2;
 
 #[cfg(test)]

@@ -1,13 +1,13 @@
-//! Errors of residuals on control recordings due to the uncertainty of the calibration.
+//! Errors of residuals on control recordings that are due to the uncertainty of the calibration.
 //!
 //! ```text
 //! r ~ N(0, N + D C D^T),     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^-1/2 r,  d = N^-1/2 D L,  v = d^T z
 //! ```
 //!
-//! N is the covariance of the noise, C = L L^T the covariance of the parameters of the calibration, and D the
+//! N is the covariance of the noise. C = L L^T is the covariance of the parameters of the calibration. D is the
 //! derivative of the residuals with respect to these parameters. A column of D L is the change of the residuals due to
-//! one column of L. This chi2 is needed because the residuals on a long control recording would otherwise exceed their
-//! noise merely because the calibration is from a short recording.
+//! one column of L. If the calibration is from a short recording, the residuals on a long control recording exceed
+//! their noise. This chi2 takes that into account.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -32,7 +32,7 @@ struct Change {
 
 impl Uncertainty {
     /// `covariance` is the covariance of the parameters in the order of [`crate::calibrate::parameter_names`], in the
-    /// body frame `frame`. Further rows and columns, for example for effects, are not used.
+    /// body frame `frame`. Further rows and columns, for example those of effects, are not used.
     ///
     /// # Errors
     /// [`Error::Input`] if the covariance has fewer than 21 rows or columns, or values that are not finite.
@@ -41,8 +41,8 @@ impl Uncertainty {
         if covariance.len() < BASE || !covariance[..BASE].iter().all(is_complete) {
             return Err(Error::Input(format!("the covariance of a calibration needs {BASE} rows and columns")));
         }
-        // The correlation matrix is decomposed instead of the covariance, because the units of the parameters differ by
-        // orders of magnitude.
+        // The units of the parameters differ by orders of magnitude. The correlation matrix is therefore decomposed
+        // instead of the covariance.
         let sigma: Vec<f64> = (0..BASE).map(|p| covariance[p][p].max(0.0).sqrt()).collect();
         let correlation = DMatrix::from_fn(BASE, BASE, |i, j| {
             let size = sigma[i] * sigma[j];
@@ -56,11 +56,11 @@ impl Uncertainty {
         Ok(Self { changes: (0..BASE).map(change).collect() })
     }
 
-    /// The uncertainty of an accelerometer alone. `covariance` is the covariance of its nine parameters in the body
-    /// frame `frame`.
+    /// The uncertainty of an accelerometer without a gyroscope. `covariance` is the covariance of its nine parameters
+    /// in the body frame `frame`.
     ///
     /// # Errors
-    /// As [`try_new`](Self::try_new), for nine rows and columns.
+    /// The errors of [`try_new`](Self::try_new), for nine rows and columns.
     pub fn of_accelerometer(covariance: &[Vec<f64>], frame: Frame) -> Result<Self, Error> {
         let nine = ACCEL.len();
         if covariance.len() != nine || covariance.iter().any(|row| row.len() != nine) {
@@ -71,8 +71,8 @@ impl Uncertainty {
         Self::try_new(&all, frame)
     }
 
-    /// Both triads, changed by one standard deviation along each direction. `corrected` states whether the samples are
-    /// already corrected by `calibration`.
+    /// Both triads after a change by one standard deviation along each direction. `corrected` states whether
+    /// `calibration` has already corrected the samples.
     pub(super) fn changed(&self, calibration: &Calibration<f64>, corrected: bool) -> Vec<[Triad<f64>; 2]> {
         let triad = |triad: &Triad<f64>, (sensitivity, bias): (Matrix3<f64>, Vector3<f64>)| {
             if corrected {
@@ -108,8 +108,8 @@ impl Change {
 }
 
 /// chi2 of residuals relative to noise and the uncertainty of the calibration. `z` are the residuals. Each entry of
-/// `changes` is the change of the residuals along one direction of the uncertainty. All are divided by the standard
-/// deviations of noise.
+/// `changes` is the change of the residuals along one direction of the uncertainty. Residuals and changes are divided
+/// by the standard deviations of noise.
 pub(super) fn chi2_with(z: &[f64], changes: &[Vec<f64>]) -> f64 {
     let z = DVector::from_column_slice(z);
     let d = DMatrix::from_fn(z.len(), changes.len(), |row, k| changes[k][row]);

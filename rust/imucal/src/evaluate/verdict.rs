@@ -1,4 +1,4 @@
-//! Reasons for the verdict on a calibration from its evaluation.
+//! Reasons for the verdict on a calibration that are derived from its evaluation.
 
 use imucal_core::sensor::Triad;
 
@@ -7,25 +7,25 @@ use crate::numerics::stats::{median, quantile};
 use crate::recording::Recording;
 use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, UncorrectedSamples};
 
-/// Limit of the standard deviation of the gravity direction after a move, from noise alone, deg. Above it a gyroscope
-/// is not judged, because noise would hide relevant errors of scale and alignment. Consumer sensors have about 0.1 deg.
+/// Maximum standard deviation of the gravity direction after a move from noise, deg, for a verdict on a gyroscope. With
+/// a larger value, noise would hide relevant errors of scale and alignment. Consumer sensors have about 0.1 deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
-/// Corrected rate above which a calibration is considered to have wrong units, deg/s. It is the range of the fastest
-/// MEMS gyroscopes on the market (ADXRS649).
+/// Corrected rate above which a calibration has wrong units, deg/s. It is the range of the fastest MEMS gyroscopes on
+/// the market (ADXRS649).
 const FASTEST_DEGPS: f64 = 20_000.0;
-/// Maximum share of samples that may exceed [`FASTEST_DEGPS`]. It is not zero because single wrong samples are no
-/// evidence against a calibration.
+/// Maximum share of samples above [`FASTEST_DEGPS`]. It is not zero, because single wrong samples are no evidence
+/// against a calibration.
 const MAX_FAST_SHARE: f64 = 1e-3;
-/// Minimum number of usable rests for judging an accelerometer alone. With both sensors, a single move, which has two
-/// rests, is sufficient as well.
+/// Minimum number of usable rests for a verdict on an accelerometer without a gyroscope. If there are both sensors, a
+/// single move is sufficient, because it has two rests.
 const MIN_RESTS: usize = 2;
-/// Ratio of the residuals with a calibration to the residuals without it. Above this ratio, the calibration is reported
-/// to make the unit worse. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal
-/// size, for example if the manufacturer has already calibrated the unit.
+/// Minimum ratio of the residuals with a calibration to the residuals without it, for a report that the calibration
+/// makes the unit worse. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal
+/// size. An example is a unit that the manufacturer has already calibrated.
 const WORSE: f64 = 1.1;
 
 impl Figures {
-    /// Whether these figures make the verdict poor. This is also the case if they are not sufficient for a verdict.
+    /// Whether these figures make the verdict poor. They also do if they are not sufficient for a verdict.
     pub fn is_poor(&self) -> bool {
         self.reason(RecordingSet::Calibration, Vec::new).is_some()
     }
@@ -39,8 +39,8 @@ impl Figures {
         self.reason_of_residuals(set, uncorrected)
     }
 
-    /// The reason why these figures of an accelerometer alone make a verdict poor; `None` if they do not. No moves are
-    /// needed.
+    /// The reason why these figures of an accelerometer without a gyroscope make a verdict poor; `None` if they do not.
+    /// No moves are needed.
     pub fn reason_of_accelerometer(&self, set: RecordingSet) -> Option<Reason> {
         if self.rests < MIN_RESTS {
             return Some(Reason::TooFewRests { set, rests: self.rests });
@@ -61,7 +61,7 @@ impl Figures {
     }
 }
 
-/// The reason for a poor verdict if noise hides the gravity direction after most moves; otherwise `None`.
+/// The reason for a poor verdict if noise hides the gravity direction after most moves; `None` otherwise.
 pub(crate) fn unknown_direction(set: RecordingSet, moves: &[MoveReport]) -> Option<Reason> {
     let used = moves.iter().filter(|m| m.excluded.is_none()).map(|m| m.direction_sigma_deg);
     let sigma_deg = median(&mut used.collect::<Vec<f64>>());
@@ -81,7 +81,7 @@ pub(super) fn impossible_rates(recordings: &[Recording<'_>], gyroscope: &Triad<f
     recordings.iter().filter_map(of_recording).collect()
 }
 
-/// The reasons if a calibration makes a unit worse, that is, if its residuals exceed both their noise and the residuals
+/// The reasons if a calibration makes a unit worse. It does if its residuals exceed both their noise and the residuals
 /// without calibration.
 pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason> {
     let reason = |after: &GroupMisfit| {
@@ -93,7 +93,7 @@ pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason
     after.iter().filter_map(reason).collect()
 }
 
-/// Samples, by recording, that were measured but could not be corrected.
+/// For each recording, the samples that were measured but could not be corrected.
 pub(super) fn uncorrected_samples(
     recordings: &[Recording<'_>],
     corrected: &[Recording<'_>],

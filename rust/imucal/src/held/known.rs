@@ -1,7 +1,7 @@
-//! Prior for calibrating the gyroscope of a unit whose accelerometer is already calibrated.
+//! Prior of an accelerometer that is already calibrated, for the calibration of the gyroscope of the same unit.
 //!
-//! The covariance of the nine parameters p is C = S V L V^T S, with the standard deviations in S and the correlations V
-//! L V^T. It defines nine uncorrelated combinations with a standard deviation of 1:
+//! The covariance of the nine parameters p is C = S V L V^T S. S contains the standard deviations, and V L V^T is the
+//! correlation matrix. C defines nine uncorrelated combinations with a standard deviation of 1:
 //!
 //! ```text
 //! h = L^-1/2 V^T S^-1 (p - value)

@@ -1,5 +1,5 @@
-//! Selection of the parameters to hold: models with fewer parameters, requests for single parameters, and the standard
-//! deviations of the priors.
+//! Selection of the parameters with a prior: models with fewer free parameters, requests for single parameters, and the
+//! standard deviations of the priors.
 
 use super::{GROUPS, HeldParameter, KnownAccelerometer, PriorSource, Quantity};
 use crate::error::Error;
@@ -10,8 +10,8 @@ use crate::parameters::{GYRO_BIAS, GYRO_SENSITIVITY};
 /// two cross-axis sensitivities.
 const ACCEL_MISALIGNMENT: f64 = 0.01;
 /// Default standard deviation of a misalignment of the gyroscope, rad. Datasheets specify cross-axis sensitivities of 2
-/// % (MPU-6050), 1.25 % (ICM-42688-P) and 1 % (BMI088). The body frame is fixed to the accelerometer. Half the
-/// difference of two cross-axis sensitivities of the accelerometer therefore adds to the misalignment of the gyroscope.
+/// % (MPU-6050), 1.25 % (ICM-42688-P) and 1 % (BMI088). The body frame is fixed to the accelerometer. The misalignment
+/// of the gyroscope therefore also contains half the difference of two cross-axis sensitivities of the accelerometer.
 const GYRO_MISALIGNMENT: f64 = 0.015;
 /// Default standard deviation of a scale as a fraction of the nominal scale. Datasheets specify 3 % (MPU-6050), 1 %
 /// (LSM6DSO, BMI088) and 0.5 % (ICM-42688-P).
@@ -23,15 +23,15 @@ const ACCEL_BIAS: f64 = 0.5;
 /// deg/s (ICM-42688-P, BMI088, LSM6DSO).
 const GYRO_BIAS_SIGMA: f64 = 0.35;
 
-/// Parameters that a calibration estimates without a prior.
+/// A choice of the parameters that a calibration estimates without a prior.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ParameterModel {
     /// All 21 parameters.
     #[default]
     Full,
-    /// Biases and scales are estimated. The misalignments of both sensors are held.
+    /// Biases and scales are estimated without a prior. The misalignments of both sensors have a prior.
     Orthogonal,
-    /// Biases are estimated. The misalignments and the scales of both sensors are held.
+    /// Biases are estimated without a prior. The misalignments and the scales of both sensors have a prior.
     Bias,
 }
 
@@ -59,7 +59,7 @@ impl ParameterModel {
         })
     }
 
-    /// Groups of parameters that the model holds.
+    /// Groups of parameters for which the model has a prior.
     fn groups(self) -> &'static [&'static str] {
         match self {
             Self::Full => &[],
@@ -69,14 +69,15 @@ impl ParameterModel {
     }
 }
 
-/// A request to hold one parameter, or all parameters of a group.
+/// A request for a prior of one parameter, or of all parameters of a group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hold {
-    /// Name of the parameter, such as `accel_misalignment_xy`, or of the group, such as `accel_misalignment`.
+    /// Name of the parameter (for example `accel_misalignment_xy`) or of the group (for example `accel_misalignment`).
     pub name: String,
-    /// Mean of the prior. `None` means the value of a perfect sensor: bias 0, scale 1, misalignment 0.
+    /// Mean of the prior. `None` means the value of a sensor without errors: bias 0, scale 1, misalignment 0.
     pub value: Option<f64>,
-    /// Standard deviation of the prior. `None` means the value of the unit's profile or, without one, the default.
+    /// Standard deviation of the prior. `None` means the value of the unit's profile. If there is no profile, it means
+    /// the default.
     pub sigma: Option<f64>,
 }
 
@@ -85,27 +86,28 @@ pub struct Hold {
 pub struct Priors {
     /// Parameters that are estimated without a prior.
     pub model: ParameterModel,
-    /// Parameters that are held in addition to those that the model holds. A request replaces the prior of the model
-    /// for that parameter.
+    /// Parameters with a prior in addition to those of the model. A request replaces the prior of the model for the
+    /// same parameter.
     pub hold: Vec<Hold>,
-    /// Standard deviations from the unit's profile: the name of each group, and either one value for all its parameters
-    /// or three values for x, y and z. Biases are in SI units, scales are relative, and misalignments are in rad.
+    /// Standard deviations from the unit's profile. Each entry has the name of a group, and one value for all its
+    /// parameters or three values for x, y and z. Biases are in SI units, scales are relative, and misalignments are in
+    /// rad.
     pub profile: Vec<(String, Vec<f64>)>,
-    /// An accelerometer that is already calibrated. It replaces all other priors of the accelerometer.
+    /// An accelerometer that is already calibrated. Its prior replaces all other priors of the accelerometer.
     pub accelerometer: Option<KnownAccelerometer>,
 }
 
-/// Nominal sensitivity of each sensor in raw units per SI unit, accelerometer first. It is 1 in SI units, and `None`
-/// for counts with unknown sensitivity.
+/// Nominal sensitivity of each sensor in raw units per SI unit, accelerometer first. It is 1 for readings in SI units,
+/// and `None` for counts with unknown sensitivity.
 pub(super) type Nominal = [Option<f64>; 2];
 
 /// A parameter that can be held.
 struct Holdable {
     name: String,
     group: &'static str,
-    /// Index of the axis of the parameter, for profiles with one value per axis.
+    /// Index of the axis of the parameter. It is used for profiles with one value per axis.
     axis: usize,
-    /// Value of a perfect sensor, and default standard deviation, in SI units.
+    /// Value for a sensor without errors, and default standard deviation, in SI units.
     standard: (f64, f64),
     kind: Kind,
 }
@@ -160,7 +162,7 @@ impl Priors {
     ///
     /// # Errors
     /// [`Error::Input`] for an unknown name (the message lists the known names), for values out of range, and if the
-    /// nominal sensitivity is needed but not known.
+    /// nominal sensitivity is needed but unknown.
     pub(crate) fn held(&self, nominal: Nominal) -> Result<Vec<HeldParameter>, Error> {
         if self.is_empty() {
             return Ok(Vec::new());
@@ -181,7 +183,7 @@ impl Priors {
         let requests: Vec<Option<&Hold>> = all
             .iter()
             .map(|p| {
-                // A request for the parameter takes precedence over a request for its group.
+                // A request for the parameter has priority over a request for its group.
                 let of = |name: &str| self.hold.iter().rev().find(|hold| hold.name == name);
                 of(&p.name).or_else(|| of(p.group))
             })
@@ -220,8 +222,8 @@ impl Priors {
         let given = request.and_then(|request| request.sigma);
         let (sigma_si, source) =
             of_profile.map_or((default, PriorSource::Default), |sigma| (sigma, PriorSource::Profile));
-        // The standard deviation of a bias is requested in the raw unit, but profile and default are in SI units and
-        // must be converted.
+        // A request gives the standard deviation of a bias in the raw unit. The profile and the default are in SI units
+        // and must be converted.
         let mut usual = Some(default);
         let (quantity, sigma) = match p.kind {
             Kind::Bias(parameter) => {

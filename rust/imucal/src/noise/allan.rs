@@ -4,8 +4,8 @@
 //! sigma^2(m) = 1 / (2 m^2 (N - 2m + 1))  sum over i of (p_(i+2m) - 2 p_(i+m) + p_i)^2,    p_i = x_1 + ... + x_i
 //! ```
 //!
-//! x are N rates at equal intervals minus their mean; the averaging time tau is m intervals. Sources: IEEE Std 1139,
-//! and IEEE Std 952 for inertial sensors.
+//! x are N rates at equal intervals, with their mean subtracted. The averaging time tau is m intervals. Sources: IEEE
+//! Std 1139, and IEEE Std 952 for inertial sensors.
 
 use std::num::NonZeroUsize;
 
@@ -13,23 +13,23 @@ use crate::error::Error;
 use crate::numerics::workers::in_order;
 
 /// Number of differences in a block. A block is processed for all averaging times before the next block, so that its
-/// data remain in the cache.
+/// data stay in the cache.
 const BLOCK: usize = 4096;
-/// Number of blocks in a job. The results of jobs are added in order, so the sum does not depend on the number of
-/// threads.
+/// Number of blocks in a job. The results of the jobs are added in a fixed order, so the sum does not depend on the
+/// number of threads.
 const BLOCKS_PER_JOB: usize = 64;
 /// Number of partial sums in [`block_sum`], which fill the vector registers.
 const LANES: usize = 8;
 
-/// Averaging factors 1, 2, 4, 8, ... up to half of `samples`, so that there are at least two means.
+/// Averaging factors 1, 2, 4, 8, ... up to half of `samples`. With this limit, there are at least two means.
 pub fn octave_factors(samples: usize) -> Vec<usize> {
     std::iter::successors(Some(1), |&m: &usize| m.checked_mul(2))
         .take_while(|m| m.saturating_mul(2) <= samples)
         .collect()
 }
 
-/// Averaging factors of about four for each octave, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13, 16, ..., up to half of
-/// `samples`: enough points for the slopes of a plot.
+/// Averaging factors with about four per octave: 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13, 16, ..., up to half of `samples`.
+/// This density shows the slopes in a plot.
 pub fn quarter_octave_factors(samples: usize) -> Vec<usize> {
     let mut factors: Vec<usize> = octave_factors(samples)
         .into_iter()
@@ -51,7 +51,7 @@ pub fn decade_factors(samples: usize) -> Vec<usize> {
 
 /// Overlapping Allan deviations of `values` at averaging times of `factors` samples, in the unit of the values.
 ///
-/// The values are not copied; their cumulative sums need one number per sample. The result does not depend on the
+/// The values are not copied. Their cumulative sums need one number per sample. The result does not depend on the
 /// number of `threads`.
 ///
 /// # Errors
@@ -77,7 +77,7 @@ pub fn overlapping_deviations(
     Ok(factors.iter().zip(squares).map(deviation).collect())
 }
 
-/// Cumulative sums p_0 = 0 to p_N. The mean is subtracted first, so that the sums and their rounding errors stay small.
+/// Cumulative sums p_0 = 0 to p_N. The mean is subtracted first, which keeps the sums and their rounding errors small.
 fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, Error> {
     let samples = values.len();
     let mean = values.clone().sum::<f64>() / samples.max(1) as f64;
@@ -99,7 +99,7 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
 
 /// The sum over i of the squared differences, for each factor.
 fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<f64> {
-    // Processing the factors in ascending order makes the best use of the cache.
+    // The factors are processed in ascending order, which makes the best use of the cache.
     let mut order: Vec<usize> = (0..factors.len()).collect();
     order.sort_unstable_by_key(|&k| factors[k]);
     let job_len = BLOCK * BLOCKS_PER_JOB;
@@ -124,7 +124,7 @@ fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<
     total
 }
 
-/// Sum of the squared second differences of one block. Several partial sums allow the compiler to use vector
+/// Sum of the squared second differences of one block. With several partial sums, the compiler can use vector
 /// instructions.
 fn block_sum(first: &[f64], second: &[f64], third: &[f64]) -> f64 {
     let (a, a_rest) = first.as_chunks::<LANES>();

@@ -1,4 +1,4 @@
-//! Noise of one axis: the estimates with their confidence bands, and the Allan deviations.
+//! Noise of one axis: the estimates with their confidence bands, and the Allan deviations of the samples.
 
 use std::num::NonZeroUsize;
 
@@ -13,18 +13,18 @@ use crate::error::Error;
 use crate::noise::allan::{overlapping_deviations, quarter_octave_factors};
 use crate::recording::Samples;
 
-/// Limit of the deviation of the power in an octave from the model, in standard deviations, above which the model does
-/// not fit. The false alarm rate per octave is about 1e-6.
+/// Maximum deviation of the power in an octave from the model, in standard deviations. With a larger deviation, the
+/// model does not fit. The false alarm rate per octave is about 1e-6.
 pub(super) const MISFIT: f64 = 5.0;
-/// Minimum increase of twice the log-likelihood for quantisation to be included in the model. In a record without
-/// quantisation, random variation reaches this increase with a probability of 0.001.
+/// Minimum increase of twice the log-likelihood for quantisation to be included in the model. Without quantisation,
+/// random variation reaches this increase with a probability of 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Numbers of octaves, counted down from half the sampling rate, that are omitted on trial if a filter has changed the
-/// noise. The cosines of a window of 32 values have wide side lobes, so power that is missing at high frequencies
-/// affects all cosines of a stage. Therefore complete stages of five octaves are omitted, together with the first
-/// octave of the next stage, whose values are still means of filtered noise.
+/// Numbers of octaves, counted down from half the sampling rate, that are omitted on trial. They are omitted if a
+/// filter has changed the noise. The cosines of a window of 32 values have wide side lobes, so power that is missing at
+/// high frequencies changes all cosines of a stage. Therefore complete stages of five octaves are omitted. The first
+/// octave of the next stage is also omitted, because its values are means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// Maximum size of a count, in standard deviations of the noise, at which the white noise is estimated. For larger
+/// Maximum size of a count for the white noise to be estimated, in standard deviations of the noise. With larger
 /// counts, rounding errors depend on the signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
 /// Minimum ratio of the duration of the record to the averaging time of an Allan deviation.
@@ -33,13 +33,13 @@ const LONGEST_SHARE: usize = 3;
 /// Estimate of one noise parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Maximum-likelihood estimate; `None` if this kind of noise is not significant in the record.
+    /// Maximum-likelihood estimate; `None` if the record contains no significant noise of this kind.
     pub value: Option<f64>,
     /// Standard deviation of the estimate.
     pub std: Option<f64>,
     /// Lower end of the 95 % confidence band; zero if there is no value.
     pub low: f64,
-    /// Upper end of the 95 % confidence band. If `value` is `None`, this end is an upper limit of the parameter. It is
+    /// Upper end of the 95 % confidence band. If `value` is `None`, it is an upper limit of the parameter. It is
     /// infinite for a constant axis.
     pub high: f64,
 }
@@ -55,7 +55,7 @@ pub struct AllanPoint {
     pub low: f64,
     /// Upper end of the 95 % confidence band.
     pub high: f64,
-    /// Equivalent degrees of freedom, calculated from the fitted model.
+    /// Equivalent degrees of freedom of the deviation, computed from the fitted model.
     pub dof: f64,
     /// Allan deviation of the fitted model, in the unit of the samples.
     pub model: f64,
@@ -72,22 +72,22 @@ pub struct AxisNoise {
     pub random_walk: Estimate,
     /// Quantisation Q of an integrated output, v s.
     pub quantisation: Estimate,
-    /// Size of a count of the converter, v: the smallest step between samples; zero for a constant axis.
+    /// Size of a count of the converter, v. It is the smallest step between samples, and zero for a constant axis.
     pub lsb: f64,
     /// Whether the white noise is less than half a count.
     pub is_below_lsb: bool,
-    /// Shortest period of the noise that was fitted, s. At shorter periods, the power deviates from the model, usually
-    /// because of a filter.
+    /// Shortest period of the fitted part of the noise, s. At shorter periods, the power deviates from the model,
+    /// usually because of a filter.
     pub shortest_period_s: f64,
     /// Largest deviation of the power in an octave from the model, in standard deviations.
     pub misfit: f64,
-    /// Allan deviations at averaging times that double from point to point.
+    /// Allan deviations at averaging times that double from one point to the next.
     pub allan: Vec<AllanPoint>,
 }
 
 impl AxisNoise {
-    /// Identifies the noise in one column of the samples of a rest, and the steps and drifts of its mean. `blocks` are
-    /// the [`Blocks`] for this number of samples.
+    /// Identifies the noise in one column of the samples of a rest, and the steps and drifts of the mean of this
+    /// column. `blocks` are the [`Blocks`] for this number of samples.
     pub(super) fn identify(
         rows: Samples<'_>,
         axis: usize,
@@ -106,7 +106,7 @@ impl AxisNoise {
         let is_below_lsb = is_constant || counts < lsb;
 
         let estimates: [Estimate; KINDS] = std::array::from_fn(|kind| {
-            // Converts a parameter per sample to a parameter per second.
+            // Factor that converts a parameter per sample to a parameter per second.
             let unit = match kind {
                 WHITE => rate_hz.sqrt().recip(),
                 FLICKER => 1.0,
@@ -123,7 +123,7 @@ impl AxisNoise {
             }
         });
         // A drift increases the deviation of the powers from the noise model. `Model::of` may then omit so many octaves
-        // that the drift can no longer be detected. Therefore the search for drifts omits at most the smaller number in
+        // that the drift cannot be detected. The search for drifts therefore omits at most the smaller number in
         // `FILTERED`.
         let filtered = model.filtered.min(FILTERED[0]);
         let noise = NoiseModel { kinds: model.kinds, rounding: model.rounding, filtered };
@@ -147,8 +147,8 @@ impl AxisNoise {
 }
 
 impl Estimate {
-    /// Estimate without a value, for cases in which the value would be meaningless. The upper end of the band is
-    /// increased by `least` (root sum square).
+    /// Estimate without a value, for a value that would be meaningless. The upper end of the band is increased by
+    /// `least` (root sum square).
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }
@@ -165,8 +165,8 @@ struct Model {
 }
 
 impl Model {
-    /// Model with white noise, bias instability and random walk. Quantisation is added if it is significant. The
-    /// highest octaves are omitted if the model then agrees with all remaining octaves.
+    /// Model with white noise, bias instability and random walk. Quantisation is included if it is significant. The
+    /// highest octaves are omitted if the model then agrees with all other octaves.
     fn of(powers: &[Power], rounding: f64) -> Self {
         let whole = Self::above(powers, rounding, 0);
         if whole.misfit.abs() <= MISFIT {
@@ -218,8 +218,7 @@ fn fitted(powers: &[Power], filtered: u32) -> Vec<Power> {
     powers.iter().filter(|power| power.octave() >= filtered).copied().collect()
 }
 
-/// Smallest difference between consecutive values that is larger than floating-point rounding; zero for constant
-/// values.
+/// Smallest difference between consecutive values that is not floating-point rounding; zero for constant values.
 fn smallest_step(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let (low, high) = values.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
     let rounding = 1e-9 * (high - low).max(low.abs() * 1e-6);
@@ -254,13 +253,13 @@ fn allan_points(
     Ok(factors.iter().zip(deviations).map(point).collect())
 }
 
-/// Quantile of chi-square. From 100 degrees of freedom on, the approximation by Wilson and Hilferty has an error of
-/// 1e-5.
+/// Quantile of chi-square. At 100 degrees of freedom and above, the approximation by Wilson and Hilferty is used, with
+/// an error of 1e-5.
 fn chi_square_quantile(dof: f64, probability: f64) -> f64 {
     if let (true, Ok(distribution)) = (dof < 100.0, ChiSquared::new(dof)) {
         return distribution.inverse_cdf(probability);
     }
-    // 1.959964 is the 97.5 % quantile of the normal distribution; the bands have a level of 95 %.
+    // The bands have a level of 95 %, so the 97.5 % quantile of the normal distribution is used: 1.959964.
     let normal = if probability > 0.5 { 1.959_963_985 } else { -1.959_963_985 };
     let ninth = 2.0 / (9.0 * dof);
     dof * (1.0 - ninth + normal * ninth.sqrt()).powi(3)

@@ -1,17 +1,18 @@
-//! Power spectrum of a record by cosine transforms, in which power-law noise is uncorrelated: `docs/model.md` (31).
+//! Power spectrum of a record by cosine transforms. Power-law noise is uncorrelated in this spectrum: `docs/model.md`
+//! (31).
 //!
 //! ```text
 //! z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
 //! ```
 //!
-//! The windows have W consecutive values y. For white noise, for a random walk, and for block means of either, the z_j
-//! of a window are exactly independent. A Fourier transform would leak the difference between the ends of a random walk
-//! into all frequencies. For flicker noise, the z_j are only nearly independent, but the variances computed here are
-//! exact.
+//! The windows have W consecutive values y. The z_j of a window are exactly independent for white noise, for a random
+//! walk, and for block means of either. In a Fourier transform, the difference between the ends of a random walk would
+//! leak into all frequencies. For flicker noise, the z_j are only nearly independent, but the variances computed here
+//! are exact.
 //!
 //! A long record is processed in stages. The first stage has windows of 32 samples. The next stage has windows of 32
-//! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In each other
-//! stage the powers of all windows are averaged.
+//! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In every other
+//! stage, the powers are averaged over all windows.
 
 use std::f64::consts::PI;
 
@@ -21,25 +22,25 @@ use crate::cancellation::checkpoint;
 const WINDOW: usize = 32;
 const HALF: usize = WINDOW / 2;
 const LAST_WINDOW: usize = 2048;
-/// Number of windows between two checks for a cancellation. Processing them takes less than a millisecond.
+/// Number of windows between two checks for a cancellation. So many windows take less than a millisecond.
 const WINDOWS_PER_CHECKPOINT: usize = 1024;
 /// Relative width of the frequency bands over which the powers of the last window are averaged.
 const POOLED_SHARE: f64 = 0.03;
 
-/// A mean power of the spectrum. Multiplied by `dof` and divided by the power of the model, it has a chi-square
+/// A mean power of the spectrum. `dof` times this power, divided by the power of the model, has a chi-square
 /// distribution with `dof` degrees of freedom.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Power {
     pub(super) value: f64,
     pub(super) dof: f64,
-    /// Expected power of each kind of noise if the parameter of this kind is one.
+    /// Expected power of each kind of noise with a parameter of one.
     pub(super) expected: PerKind,
     /// Frequency in periods per sample.
     pub(super) frequency: f64,
 }
 
 impl Power {
-    /// Octave of the frequency below half the sampling rate; 0 is the highest octave.
+    /// Number of octaves by which the frequency is below half the sampling rate, rounded down; 0 in the highest octave.
     pub(super) fn octave(&self) -> u32 {
         (-(2.0 * self.frequency).log2()).floor().max(0.0) as u32
     }
@@ -60,7 +61,7 @@ struct Stage {
 }
 
 impl Layout {
-    /// Stages for a record of `samples` samples.
+    /// The stages of the transform for a record of `samples` samples.
     pub(super) fn new(samples: usize) -> Self {
         let mut stages = Vec::new();
         let (mut left, mut length) = (samples, 1.0);
@@ -73,8 +74,7 @@ impl Layout {
         Self { stages }
     }
 
-    /// Powers of the spectrum of a record. The record must have the number of samples for which this layout was
-    /// created.
+    /// Powers of the spectrum of a record. The number of samples must be that for which this layout was created.
     pub(super) fn powers(&self, values: impl Iterator<Item = f64>) -> Vec<Power> {
         let mut powers = Vec::new();
         let Some((last, before)) = self.stages.split_last() else {
@@ -106,7 +106,7 @@ impl Stage {
     }
 }
 
-/// The powers of one window: the squares of its cosines, averaged over frequency bands of the relative width
+/// The powers of one window. They are the squares of its cosines, averaged over frequency bands of the relative width
 /// [`POOLED_SHARE`]. `length` is the number of samples in each value of the window.
 pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<Power> {
     let width = squares.len() + 1;
@@ -127,8 +127,8 @@ pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<
     powers
 }
 
-/// `E z_j^2 = c_0 + 2/W sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))`, a = pi j / W, for j = 1 to W - 1.
-/// c_d is the covariance of means over `length` samples at a distance of d means. A constant in c cancels.
+/// `E z_j^2 = c_0 + 2/W sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with a = pi j / W, for j = 1 to W -
+/// 1. c_d is the covariance of means over `length` samples at a distance of d means. A constant in c has no influence.
 pub(super) fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
     let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
     let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();
@@ -167,7 +167,7 @@ fn squared_cosines(window: &[f64]) -> Vec<f64> {
 }
 
 /// Table of the cosines for a window of 32 values, indexed by the position in the first half of the window. For even j,
-/// the transform uses the sum of the first half and the mirrored second half; for odd j, their difference.
+/// the transform uses the sum of the first half and the mirrored second half. For odd j, it uses their difference.
 struct Tables {
     even: [[f64; HALF]; HALF],
     odd: [[f64; HALF]; HALF],
@@ -206,7 +206,7 @@ impl Tables {
             }
             for k in 0..HALF {
                 sums[2 * k] += odd[k] * odd[k];
-                // The last even index, j = 32, is skipped because all its cosines are zero.
+                // The last even index, j = 32, is skipped, because all its cosines are zero.
                 if k < HALF - 1 {
                     sums[2 * k + 1] += even[k] * even[k];
                 }

@@ -1,5 +1,5 @@
-//! Detection of steps and drifts of the mean of a unit at rest, which are distinguished from random noise by their
-//! likelihood: `docs/model.md` (36).
+//! Detection of steps and drifts of the mean of a unit at rest. The likelihood distinguishes them from random noise:
+//! `docs/model.md` (36).
 //!
 //! ```text
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
@@ -7,10 +7,10 @@
 //!
 //! z are the cosines of W block means, in which white noise and a random walk are uncorrelated. A component is a step
 //! at a time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power
-//! spectrum of a random walk. However, the signs of the cosines of a step follow from the time of the step, whereas the
-//! signs of the cosines of a random walk are random. Components are added one at a time. The component that is added
-//! has the largest gain of twice the log-likelihood minus its penalty, after amplitudes and noise parameters are
-//! estimated again. If no gain exceeds its penalty, noise explains the record.
+//! spectrum of a random walk. However, the time of a step determines the signs of its cosines, whereas the signs of the
+//! cosines of a random walk are random. Components are added one at a time. After a component is added, the amplitudes
+//! and the noise parameters are estimated again. The added component has the largest gain of twice the log-likelihood
+//! minus its penalty. If no gain exceeds its penalty, noise explains the record.
 
 mod search;
 
@@ -21,29 +21,29 @@ use search::Search;
 use super::cosines::expected_powers;
 use super::power_law::{KINDS, PerKind};
 
-/// Maximum number of blocks. With more blocks, the time of a step is more accurate, but the computing time grows with
-/// the square of the number.
+/// Maximum number of blocks. More blocks would make the time of a step more accurate, but the computing time grows with
+/// the square of their number.
 const MAX_BLOCKS: usize = 1024;
-/// Minimum number of blocks. With fewer, steps cannot be distinguished from noise, so the search is omitted.
+/// Minimum number of blocks. With fewer blocks, steps cannot be distinguished from noise, so there is no search.
 const MIN_BLOCKS: usize = 64;
-/// Ratios of the time constant of a warm-up to the duration of the record. The last ratio represents a change at a
-/// constant rate.
+/// Ratios of the time constant of a warm-up to the duration of the record. The last ratio is for a change at a constant
+/// rate.
 const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LINEAR];
 /// Ratio of the time constant to the duration of the record at which the rate of change is practically constant.
 const LINEAR: f64 = 1e3;
-/// Maximum duration of a change that counts as a step, s. A unit settles within this time after a bump, and no unit
-/// warms up so fast.
+/// Maximum duration of a change that counts as a step, s. After a bump, a unit settles within this time. No unit warms
+/// up so fast.
 pub(super) const ABRUPT_S: f64 = 10.0;
-/// Maximum duration of a change that counts as a step, in blocks. Changes this short cannot be resolved by the blocks.
-/// The longer of this duration and `ABRUPT_S` applies.
+/// Maximum duration of a change that counts as a step, in blocks. The blocks cannot resolve such a short change. The
+/// longer of this duration and `ABRUPT_S` is used.
 const ABRUPT_BLOCKS: usize = 2;
 
 /// Shape of a component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
-    /// A step that occurs `fraction` of a block after the start of block `first`.
+    /// A step. It occurs `fraction` of a block after the start of block `first`.
     Step { first: usize, fraction: f64 },
-    /// A change at a constant rate that starts at block `first` and takes `blocks` blocks.
+    /// A change at a constant rate. It starts at block `first` and takes `blocks` blocks.
     Ramp { first: usize, blocks: usize },
     /// Exponential approach to a final value. The time constant is in blocks.
     WarmUp { time_constant: f64 },
@@ -61,7 +61,7 @@ pub(super) struct Component {
     pub(super) gain: f64,
 }
 
-/// Blocks of a record of a given length, with their expected powers, shared by all axes.
+/// Blocks of a record of a given length, with their expected powers. All axes use the same blocks.
 pub(super) struct Blocks {
     /// Number of samples in a block.
     pub(super) samples: usize,
@@ -99,7 +99,7 @@ impl Blocks {
         };
         let warm_up = |share: &f64| {
             let time_constant = share * count as f64;
-            // The shape is scaled to increase from 0 to 1, so that its amplitude is the change over the record.
+            // The shape increases from 0 to 1, so its amplitude is the change over the record.
             let end = 1.0 - (-(count as f64) / time_constant).exp();
             let values = (0..count).map(|t| (1.0 - (-(t as f64 + 0.5) / time_constant).exp()) / end);
             (Shape::WarmUp { time_constant }, blocks.cosines(&values.collect::<Vec<_>>()))
@@ -109,8 +109,8 @@ impl Blocks {
         Some(blocks)
     }
 
-    /// Steps and drifts of a record, in the order of their gain. The record must have the number of samples for which
-    /// the blocks were created. `rate_hz`, the sampling rate, is needed to compare durations with `ABRUPT_S`.
+    /// Steps and drifts of a record, in the order of their gain. The number of samples must be that for which the
+    /// blocks were created. Durations are compared with `ABRUPT_S` by means of the sampling rate `rate_hz`.
     pub(super) fn components(
         &self,
         values: impl Iterator<Item = f64>,
@@ -138,8 +138,8 @@ impl Blocks {
         let scale = (2.0 / width as f64).sqrt();
         (1..width)
             .map(|j| {
-                // The table contains sines in steps of pi / (2 W). The cosine of an angle is the sine that is W steps
-                // further.
+                // The table contains sines in steps of pi / (2 W). The cosine of an angle is the sine W steps further
+                // in the table.
                 let mut at = (j + width) % (4 * width);
                 let mut sum = 0.0;
                 for value in window {
@@ -151,7 +151,7 @@ impl Blocks {
             .collect()
     }
 
-    /// Element j of the cosine transform of a change from 0 to 1 that starts at block `first` and takes `blocks`
+    /// Element j of the cosine transform of a change from 0 to 1. The change starts at block `first` and takes `blocks`
     /// blocks.
     fn change(&self, j: usize, first: usize, blocks: usize) -> f64 {
         let width = self.count;
@@ -160,7 +160,7 @@ impl Blocks {
         if blocks <= 1 {
             return -scale * self.sines[(2 * j * first) % (4 * width)] / (2.0 * half_sine);
         }
-        // The sum of the sines of steps at `first`, `first + 1`, ... is a difference of cosines.
+        // The sum of the sines of steps at `first`, `first + 1`, ... equals a difference of cosines.
         let cosine = |half_steps: usize| self.sines[(j * half_steps + width) % (4 * width)];
         let difference = cosine(2 * first - 1) - cosine(2 * (first + blocks) - 1);
         -scale * difference / (4.0 * half_sine * half_sine * blocks as f64)
@@ -181,8 +181,8 @@ impl Blocks {
         }
     }
 
-    /// All shapes that the search tries: a step at every block, and ramps at positions spaced by a quarter of their
-    /// length.
+    /// All shapes that the search tries: a step at every block, and ramps. The positions of ramps are a quarter of
+    /// their length apart.
     fn shapes(&self, rate_hz: f64) -> Vec<Shape> {
         let mut shapes: Vec<Shape> = (1..self.count).map(|first| Shape::Step { first, fraction: 0.0 }).collect();
         let mut blocks = self.abrupt_blocks(rate_hz) * 2;
@@ -195,7 +195,7 @@ impl Blocks {
         shapes
     }
 
-    /// Number of blocks within which a change counts as a step.
+    /// Maximum number of blocks of a change that counts as a step.
     fn abrupt_blocks(&self, rate_hz: f64) -> usize {
         ((ABRUPT_S * rate_hz / self.samples as f64) as usize).max(ABRUPT_BLOCKS)
     }
@@ -207,7 +207,7 @@ impl Shape {
         matches!(self, Self::Step { .. })
     }
 
-    /// Whether a warm-up with this time constant, in blocks, has a constant rate over `blocks` blocks.
+    /// Whether a warm-up with this time constant, in blocks, has a practically constant rate over `blocks` blocks.
     pub(super) fn is_linear(time_constant: f64, blocks: usize) -> bool {
         time_constant > 0.5 * LINEAR * blocks as f64
     }

@@ -6,26 +6,25 @@
 //!
 //! theta is estimated by Fisher scoring with the constraint theta >= 0. For each value of theta_k, the deviance is
 //! minimised over the other parameters. The confidence band of theta_k contains all values at which this minimum
-//! exceeds the global minimum by no more than the 95 % quantile of chi-square with one degree of freedom. Such bands
-//! remain valid with few degrees of freedom, for which the distribution of an estimate is far from normal.
+//! exceeds the global minimum by at most the 95 % quantile of chi-square with one degree of freedom. Such bands remain
+//! valid with few degrees of freedom, where the distribution of an estimate is far from normal.
 
 use nalgebra::{Matrix4, Vector4};
 
 use super::cosines::Power;
 use super::power_law::{KINDS, PerKind, dot};
 
-/// 95 % quantile of the chi-square distribution with one degree of freedom. It defines the confidence bands.
+/// 95 % quantile of the chi-square distribution with one degree of freedom. The confidence bands are defined by it.
 const BAND: f64 = 3.841_458_820_694_124;
 /// Maximum number of iterations of Fisher scoring.
 const ITERATIONS: usize = 60;
-/// Maximum number of bisections for the end of a band. It is also the maximum number of times that a scoring step is
-/// halved.
+/// Maximum number of bisections for the end of a band, and maximum number of times that a scoring step is halved.
 const HALVINGS: usize = 40;
 
 /// The powers of the spectrum of one axis, and the kinds of noise in the model.
 pub(super) struct Likelihood<'a> {
     pub(super) powers: &'a [Power],
-    /// Variance of the rounding to counts, which is white and known.
+    /// Variance of the rounding to counts. It is white and known.
     pub(super) rounding: f64,
     /// Kinds of noise in the model.
     pub(super) kinds: [bool; KINDS],
@@ -60,8 +59,8 @@ impl Likelihood<'_> {
         self.maximize(self.start(), None, Domain::Physical)
     }
 
-    /// Standard deviations of the parameters, from the Fisher information at `theta`; zero for kinds that are not in
-    /// the model.
+    /// Standard deviations of the parameters, computed from the Fisher information at `theta`; zero for kinds that are
+    /// not in the model.
     pub(super) fn standard_deviations(&self, theta: &PerKind) -> PerKind {
         let (_, information) = self.slope(theta);
         let (matrix, scale) = scaled(&information, &self.kinds);
@@ -73,7 +72,8 @@ impl Likelihood<'_> {
         )
     }
 
-    /// Deviation of the sum of the selected powers from the model, as a standard normal variable (Wilson and Hilferty).
+    /// Deviation of the sum of the selected powers from the model. It is given as a standard normal variable (Wilson
+    /// and Hilferty).
     pub(super) fn excess(&self, theta: &PerKind, of: impl Fn(&Power) -> bool) -> f64 {
         let (mut chi2, mut dof) = (0.0, 0.0);
         for power in self.powers.iter().filter(|power| of(power)) {
@@ -86,17 +86,17 @@ impl Likelihood<'_> {
 
     /// 95 % confidence band of one parameter.
     ///
-    /// The result is the union of two bands. For the first band, the parameters of the other kinds of noise are
-    /// constrained to be non-negative. For the second band, they may be negative. The second band is needed if one of
-    /// the other kinds of noise is absent: its constrained estimate cannot be below the true value of zero, so the
-    /// first band is too narrow.
+    /// The result is the union of two bands. In the first band, the parameters of the other kinds of noise must not be
+    /// negative. In the second band, they may be negative. The second band is needed if one of the other kinds of noise
+    /// is absent. The constrained estimate of this kind cannot be below the true value of zero, so the first band is
+    /// too narrow.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);
         let bands = [(Domain::Physical, best), (Domain::Free, &free)].map(|(domain, peak)| {
             let excess = |value: f64| {
-                // The start must lie inside the domain, because the gradient does not exist where the expected value of
-                // a power is zero.
+                // At a power with an expected value of zero, the gradient does not exist. The start must therefore be
+                // inside the domain.
                 let start = std::array::from_fn(|k| if k == kind { value } else { best.theta[k].max(1e-3 * std[k]) });
                 self.maximize(start, Some(kind), domain).deviance - peak.deviance - BAND
             };
@@ -105,7 +105,7 @@ impl Likelihood<'_> {
         Band { low: bands[0].low.min(bands[1].low), high: bands[0].high.max(bands[1].high) }
     }
 
-    /// The two zeros of `excess`, which is negative at `peak`. The lower end of the band is at least zero.
+    /// The two zeros of `excess`, which is negative at `peak`. The lower end of the band is not below zero.
     fn crossings(&self, peak: f64, std: f64, excess: impl Fn(f64) -> f64) -> Band {
         let bisect = |mut inside: f64, mut outside: f64| {
             for _ in 0..HALVINGS {
@@ -136,8 +136,8 @@ impl Likelihood<'_> {
         dot(theta, &power.expected) + self.rounding * power.expected[super::power_law::WHITE]
     }
 
-    /// Start value of each kind of noise: one tenth of the smallest ratio of a power to its expected value for a unit
-    /// parameter of this kind.
+    /// Start value of each kind of noise. It is a tenth of the smallest ratio of a power to the expected power for a
+    /// parameter of one.
     fn start(&self) -> PerKind {
         let least = |kind: usize| {
             let ratios = self.powers.iter().map(|power| power.value / power.expected[kind]);
@@ -161,7 +161,7 @@ impl Likelihood<'_> {
         sum
     }
 
-    /// Half the negative gradient of the deviance, and half its expected Hessian, which is the Fisher information.
+    /// Half the negative gradient of the deviance, and half the expected Hessian, which is the Fisher information.
     fn slope(&self, theta: &PerKind) -> (Vector4<f64>, Matrix4<f64>) {
         let (mut slope, mut information) = (Vector4::zeros(), Matrix4::zeros());
         for power in self.powers {
@@ -173,7 +173,8 @@ impl Likelihood<'_> {
         (slope, information)
     }
 
-    /// Fisher scoring; steps are halved until the deviance decreases. The parameter `held` keeps its start value.
+    /// Fisher scoring, in which steps are halved until the deviance decreases. The parameter `held` keeps its start
+    /// value.
     fn maximize(&self, start: PerKind, held: Option<usize>, domain: Domain) -> Fit {
         let mut best = Fit { theta: start, deviance: self.deviance(&start) };
         for _ in 0..ITERATIONS {
@@ -209,9 +210,8 @@ impl Likelihood<'_> {
 }
 
 /// Fisher information of the estimated parameters, scaled so that all diagonal entries are one, and the scale factors.
-/// Scaling is needed because the parameter of a random walk is smaller than the parameter of white noise by ten orders
-/// of magnitude. Rows and columns of parameters that are held constant are replaced by rows and columns of the identity
-/// matrix.
+/// The parameter of a random walk is smaller than that of white noise by ten orders of magnitude, so scaling is needed.
+/// The rows and columns of constant parameters are replaced by those of the identity matrix.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

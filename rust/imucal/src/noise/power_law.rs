@@ -1,8 +1,8 @@
 //! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
-//! Let x be the samples at unit rate, and p their cumulative sums. In general p has no stationary covariance, but its
-//! second differences have one. The function s(k) is chosen so that the assumption `E p_i p_j = s(i - j)` gives the
-//! correct covariance of every second difference of p.
+//! Let x be the samples at unit rate, and p their cumulative sums. In general, p has no stationary covariance, but its
+//! second differences have one. The function s(k) is chosen so that `E p_i p_j = s(i - j)` gives the correct covariance
+//! of every second difference of p.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2
@@ -12,8 +12,8 @@
 //! quantisation  x = (1 - z^-1) n            s(k) = 1 for k = 0, else 0
 //! ```
 //!
-//! The covariances of differences are exact, even for processes whose own covariance does not exist, such as flicker
-//! noise.
+//! The covariances of differences are exact, also for processes such as flicker noise that have no covariance
+//! themselves.
 
 use std::f64::consts::{LN_2, PI};
 
@@ -46,7 +46,7 @@ fn odd_harmonic(j: f64) -> f64 {
         return (1..=j as u32).map(|i| 1.0 / f64::from(2 * i - 1)).sum();
     }
     let square = 1.0 / (j * j);
-    // The first omitted term of the series is below 1e-13.
+    // The first omitted term of the series is smaller than 1e-13.
     0.5 * (j.ln() + EULER + 2.0 * LN_2) + square * (1.0 / 48.0 + square * (-7.0 / 1920.0 + square * 31.0 / 16128.0))
 }
 
@@ -65,8 +65,8 @@ pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// Covariance of two differences at a distance of `lag` samples. Each is the difference between two consecutive means
-/// over `factor` samples.
+/// Covariance of two differences at a distance of `lag` samples. Each difference is that of two consecutive means over
+/// `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
     combine(&[(1.0, at(-2.0)), (-4.0, at(-1.0)), (6.0, at(0.0)), (-4.0, at(1.0)), (1.0, at(2.0))], factor * factor)
@@ -84,11 +84,10 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// ```
 ///
 /// c is the covariance of differences between consecutive means. For factors of 128 and above, only every (factor /
-/// 64)-th difference is used. The omitted differences are so strongly correlated with the used differences that they
-/// add no information.
+/// 64)-th difference is used. The other differences are so strongly correlated with these that they add no information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
-    /// Distance, in windows, beyond which differences count as independent. Their covariance decreases with the square
+    /// Distance beyond which differences count as independent, in windows. Their covariance decreases with the square
     /// of the distance.
     const WINDOWS: usize = 24;
     let stride = (factor / PER_WINDOW).max(1);

@@ -1,4 +1,4 @@
-//! Steps and drifts of both sensors. Components of several axes that occur at the same time are combined into one step.
+//! Steps and drifts of both sensors. Components of several axes at the same time are combined into one step.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -10,9 +10,9 @@ use crate::check::{CHANNELS, unit_name};
 use crate::finding::{Finding, Place, general};
 use crate::recording::Recording;
 
-/// Margin that is cut out on both sides of a step, s. The unit may still move within this time.
+/// Margin that is cut out before and after a step, s. The unit may still move within this margin.
 const MARGIN_S: f64 = 1.0;
-/// Number of blocks on both sides of a step that are searched for the exact sample of the step.
+/// Number of blocks before and after a step in which the exact sample of the step is searched for.
 const NEAR_BLOCKS: usize = 8;
 
 /// A step of the mean of a unit at rest, for example after a bump against the table.
@@ -22,7 +22,7 @@ pub struct Step {
     pub time_s: f64,
     /// Index of the first sample after the step, in the recording.
     pub sample: usize,
-    /// Size of the step in each axis in which it is significant.
+    /// Size of the step in each axis in which the step is significant.
     pub axes: Vec<Departure>,
 }
 
@@ -48,12 +48,12 @@ pub struct Departure {
     pub size: f64,
     /// Standard deviation of the size.
     pub std: f64,
-    /// Increase of twice the log-likelihood over a model with random noise.
+    /// Increase of twice the log-likelihood compared with a model of random noise only.
     pub gain: f64,
 }
 
-/// Steps and drifts in the samples `rest` of a recording, from the components of the six axes. `block` is the number of
-/// samples in a block.
+/// Steps and drifts in the samples `rest` of a recording. They are computed from the components of the six axes.
+/// `block` is the number of samples in a block.
 pub(super) fn gather(
     recording: &Recording<'_>,
     rest: &Range<usize>,
@@ -114,8 +114,7 @@ pub(super) fn gather(
     (steps, drifts)
 }
 
-/// The sample at which the means of the samples before and after differ most significantly, near the start of block
-/// `first`.
+/// The sample near the start of block `first` at which the means before and after it differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;
@@ -154,8 +153,7 @@ pub(super) fn longest_without(recording: &Recording<'_>, rest: &Range<usize>, st
     best
 }
 
-/// The finding about one step. `used` is the part without steps to which the analysis is restricted, if steps are cut
-/// out.
+/// The finding about one step. If steps are cut out, `used` is the part without steps that is analysed.
 pub(super) fn finding(recording: &Recording<'_>, step: &Step, used: Option<&Range<usize>>) -> Finding {
     let largest = step.axes.iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
     let sizes: Vec<String> = step.axes.iter().map(|axis| shown(recording, axis)).collect();
@@ -225,7 +223,7 @@ fn unit_of(recording: &Recording<'_>, channel: usize) -> &'static str {
     }
 }
 
-/// Axis, size and standard deviation in the units of datasheets.
+/// Axis, size and standard deviation of a change, in the units of datasheets.
 fn shown(recording: &Recording<'_>, axis: &Departure) -> String {
     let (factor, unit) = match unit_of(recording, axis.channel) {
         "m/s^2" => (1e3 / STANDARD_GRAVITY_MPS2, "mg"),

@@ -1,11 +1,11 @@
-//! The longest contiguous stretch of a recording with lost or repeated samples.
+//! The longest interval of a recording in which almost no samples are lost or repeated.
 //!
 //! ```text
 //! e_k = t_k - t_0 - k T,    E_k = min over the next second of e_m, m >= k
 //! ```
 //!
-//! T is the mean time step of regular samples. A late time stamp raises one e_k and does not change the lower envelope
-//! E; lost samples raise E permanently, by one T for each. Late samples are therefore not counted as missing.
+//! T is the mean time step of regular samples. A late time stamp increases one e_k, but not the lower envelope E. Lost
+//! samples increase E permanently, by T for each sample. Late samples are therefore not counted as missing.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -13,12 +13,12 @@ use std::ops::Range;
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Maximum share of lost or repeated samples in the stretch. A larger share would change the power spectrum at high
+/// Maximum share of lost or repeated samples in the interval. A larger share would change the power spectrum at high
 /// frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
-/// Minimum rise of the envelope that counts as lost samples, in time steps. One lost sample raises the envelope by 1.
+/// Minimum increase of the envelope for lost samples, in time steps. One lost sample increases the envelope by 1.
 const LOST: f64 = 0.6;
-/// Length of the window of the envelope, s: the longest delay of a time stamp that does not count as lost samples.
+/// Length of the window of the envelope, s. A time stamp may be late by this time without counting as lost samples.
 const WINDOW_S: f64 = 1.0;
 /// Minimum number of samples in the window of the envelope.
 const FEWEST_IN_WINDOW: usize = 16;
@@ -35,16 +35,15 @@ pub(super) struct Stretch {
     pub(super) places: usize,
 }
 
-/// The longest stretch. `has_repeats` states whether equal consecutive rows count as repeated samples. Otherwise they
-/// count as a coincidence.
+/// The longest interval. `has_repeats` states whether equal consecutive rows are repeated samples or a coincidence.
 pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     let faults = faults(recording, has_repeats);
     let (lost, repeated) = faults.iter().fold((0, 0), |(lost, repeated), fault| match fault.is_lost {
         true => (lost + fault.count, repeated),
         false => (lost, repeated + fault.count),
     });
-    // The faults divide the recording into groups of samples. The longest sequence of groups with few faults inside is
-    // selected.
+    // The faults divide the recording into groups of samples. The longest sequence of groups with few faults between
+    // them is selected.
     let ends: Vec<usize> = faults.iter().map(|fault| fault.sample).chain([recording.len()]).collect();
     let mut best = 0..0;
     let (mut first, mut inside) = (0, 0);
@@ -112,7 +111,7 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
     faults
 }
 
-/// Sliding-window minimum of a sequence. The window at an element contains this element and the next ones.
+/// Sliding-window minimum of a sequence. The window of an element consists of this element and the following ones.
 struct Envelope {
     window: usize,
     /// Candidates for the minimum as (index, value), in ascending order of both.
@@ -144,7 +143,7 @@ impl Envelope {
         }
     }
 
-    /// Rises of the envelope between consecutive elements, each with the index of the second element.
+    /// Increases of the envelope between consecutive elements, each with the index of the second element.
     fn rises(mut self) -> impl Iterator<Item = (usize, f64)> {
         while let Some(&(index, _)) = self.queue.back() {
             let start = self.minima.len();

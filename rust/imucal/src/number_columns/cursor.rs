@@ -1,8 +1,8 @@
-//! The fields of a text table, read one after the other, and numbers that are rounded correctly.
+//! The fields of a text table, which are read one after the other, and correctly rounded numbers.
 
 use super::NotPlain;
 
-/// Up to this integer, float64 represents every integer exactly.
+/// Largest integer up to which float64 represents every integer exactly.
 const LARGEST_EXACT: u64 = 1 << 53;
 /// Powers of ten that a float64 represents exactly.
 const POWERS: [f64; 23] = [
@@ -40,11 +40,11 @@ pub(super) struct Cursor<'a> {
 
 impl Cursor<'_> {
     fn peek(&self) -> u8 {
-        // The end of the text is reported as a zero byte, which occurs in no line.
+        // The end of the text is read as a zero byte, which no line contains.
         self.text.get(self.at).copied().unwrap_or(0)
     }
 
-    /// Skips a line end, if there is one at the cursor, and returns whether there was.
+    /// Skips a line end at the cursor, if there is one. Returns whether there was a line end.
     pub(super) fn line_end(&mut self) -> bool {
         let length = match self.peek() {
             b'\n' => 1,
@@ -82,7 +82,7 @@ impl Cursor<'_> {
         if separator == b' ' && self.at == start { Err(NotPlain) } else { Ok(()) }
     }
 
-    /// Reads the digits at the cursor, appends them to `mantissa` and returns their number.
+    /// Reads the digits at the cursor and appends them to `mantissa`. Returns the number of digits.
     fn digits(&mut self, mantissa: &mut u64) -> usize {
         let start = self.at;
         while let Some(eight) =
@@ -137,7 +137,7 @@ impl Cursor<'_> {
         parsed.ok().filter(|value: &f64| value.is_finite()).map(Number::Real).ok_or(NotPlain)
     }
 
-    /// Reads an exponent such as `e-12`.
+    /// Reads an exponent, for example `e-12`.
     fn exponent(&mut self) -> Result<i64, NotPlain> {
         self.at += 1;
         let negative = self.peek() == b'-';
@@ -151,13 +151,13 @@ impl Cursor<'_> {
     }
 }
 
-/// The number that eight bytes represent, if all of them are digits. All eight are processed together.
+/// The number that eight bytes represent; `None` if not all of them are digits. All eight bytes are processed together.
 fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     const HIGH: u64 = 0xf0f0_f0f0_f0f0_f0f0;
     const ZEROS: u64 = 0x3030_3030_3030_3030;
     let chunk = u64::from_le_bytes(bytes);
     let is_digits = chunk & HIGH == ZEROS && chunk.wrapping_add(0x0606_0606_0606_0606) & HIGH == ZEROS;
-    // Digits are combined to pairs, and the four pairs are then added with their weights. The first digit is in the
+    // The digits are combined to pairs, and then the four pairs are added with their weights. The first digit is in the
     // lowest byte.
     let pairs = chunk.wrapping_sub(ZEROS);
     let pairs = pairs.wrapping_mul(10).wrapping_add(pairs >> 8);
@@ -166,20 +166,19 @@ fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     is_digits.then_some(first_and_third.wrapping_add(second_and_fourth) >> 32)
 }
 
-/// mantissa * 10^exponent, correctly rounded; `None` for exponents that need a more general algorithm.
+/// mantissa * 10^exponent, correctly rounded; `None` if the exponent needs a more general algorithm.
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation)] // Each cast is exact, see below.
 fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     let index = usize::try_from(exponent.unsigned_abs()).ok()?;
     if mantissa <= LARGEST_EXACT {
-        // Both operands are exact, so the result is rounded only once.
+        // Both operands are exact, so there is only one rounding.
         let power = POWERS.get(index)?;
         return Some(if exponent < 0 { mantissa as f64 / power } else { mantissa as f64 * power });
     }
     if exponent >= 0 || index > LARGEST_DIVISOR {
         return None;
     }
-    // The quotient has at least 64 bits, of which 53 are kept. The dropped bits and the remainder determine the
-    // rounding.
+    // The quotient has at least 64 bits, of which 53 are kept. The other bits and the remainder determine the rounding.
     let divisor = 10_u128.pow(index as u32);
     let dividend = u128::from(mantissa) << 64;
     let (quotient, remainder) = (dividend / divisor, dividend % divisor);
@@ -187,7 +186,7 @@ fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     let (kept, half) = (quotient >> excess, 1 << (excess - 1));
     let cut = quotient & ((1 << excess) - 1);
     let is_up = cut > half || (cut == half && (remainder > 0 || kept & 1 == 1));
-    // The significand is at most 2^53 and therefore exact, and so is the power of two.
+    // The significand is at most 2^53 and therefore exact. The power of two is also exact.
     let significand = (kept + u128::from(is_up)) as f64;
     Some(significand * f64::from_bits((1023 + u64::from(excess) - 64) << 52))
 }

@@ -1,4 +1,4 @@
-//! Memory aligned to cache lines, so that no SIMD register is loaded from two cache lines.
+//! Memory aligned to cache lines. No SIMD register is then loaded from two cache lines.
 
 use std::ops::{Deref, DerefMut};
 
@@ -7,7 +7,7 @@ pub(crate) const WIDEST: usize = 8;
 /// Size of a cache line of current processors, bytes.
 const CACHE_LINE_BYTES: usize = 64;
 
-/// A list of numbers that starts at a cache line and whose length is a multiple of [`WIDEST`].
+/// A list of numbers that starts at a cache line. Its length is a multiple of [`WIDEST`].
 #[derive(Default)]
 pub(crate) struct Aligned {
     /// Storage. Up to [`WIDEST`] - 1 values before the first cache-line boundary are unused.
@@ -50,7 +50,7 @@ impl Aligned {
 }
 
 impl Clone for Aligned {
-    /// Aligns the copy again, because a plain copy of the buffer may have a different position relative to cache lines.
+    /// Aligns the copy again. A plain copy of the buffer may have a different position relative to cache lines.
     fn clone(&self) -> Self {
         let mut copy = Self::zeros(self.len);
         copy.copy_from_slice(self);

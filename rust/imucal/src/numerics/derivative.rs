@@ -10,7 +10,7 @@
 //! The noise of the derivative decreases with the power 3/2 of the box width, and the truncation error of motion
 //! increases with the fourth power. Boxes are therefore widened as long as noise explains the change of the derivative
 //! (after Lepski, Theory of Probability and its Applications 35, 1991, 454-466). The chosen width is one step below the
-//! widest accepted width. At the chosen width, the truncation error is an eighth of that at the widest.
+//! widest accepted width. Its truncation error is an eighth of that at the widest accepted width.
 
 mod stencil;
 
@@ -23,38 +23,36 @@ use stencil::{BOXES, Stencil, Steps, Sums};
 
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// Width of the narrowest box that is tried, s. If the sampling interval is longer, the narrowest box contains one
-/// sample. With narrower boxes, noise exceeds any truncation error.
+/// Width of the narrowest trial box, s. If the sampling interval is longer, the narrowest box contains one sample. With
+/// narrower boxes, noise exceeds any truncation error.
 const NARROWEST_S: f64 = 2e-3;
-/// Width of the widest box that is tried, s. Over five wider boxes, a polynomial of fourth degree no longer describes a
-/// motion.
+/// Width of the widest trial box, s. Over five wider boxes, a polynomial of fourth degree does not describe a motion.
 const WIDEST_S: f64 = 0.1;
-/// Ratio of consecutive widths. With 1.7, the truncation error changes by a factor of eight.
+/// Ratio of consecutive trial widths. With 1.7, the truncation error changes by a factor of eight.
 const WIDER: f64 = 1.7;
-/// Minimum number of samples for choosing the width from the data. With fewer samples, noise and motion cannot be
+/// Minimum number of samples for the width to be chosen from the data. With fewer samples, noise and motion cannot be
 /// separated, and the narrowest stencil is used.
 const FEWEST: usize = 4 * BOXES;
-/// Number of fourth differences from which the noise is estimated. With this number, the estimate is accurate to one
-/// per cent.
+/// Number of fourth differences from which the noise is estimated. The estimate then has an accuracy of one per cent.
 const ENOUGH: usize = 100_000;
 
-/// A differentiation rule for given times.
+/// A differentiation rule for data at given times.
 pub(crate) struct Derivative<'a> {
     /// Distinct times, s.
     time_s: Cow<'a, [f64]>,
-    /// For each sample, its index among the distinct times. Only the first of several samples with the same time is
-    /// used. Empty if all times are distinct.
+    /// For each sample, its index among the distinct times. If several samples have the same time, only the first of
+    /// them is used. Empty if all times are distinct.
     places: Vec<usize>,
     stencil: Stencil,
 }
 
-/// Box width as a number of samples. It is determined on first use and then kept.
+/// Box width as a number of samples. It is determined when first needed and then kept.
 #[derive(Default)]
 pub(crate) struct Width(OnceLock<usize>);
 
 impl Width {
-    /// Returns the differentiation rule with the widest boxes that the motion permits. `values` is evaluated only on
-    /// the first call, to determine this width.
+    /// Returns the differentiation rule with the widest boxes that the motion permits. `values` is evaluated only in
+    /// the first call, which determines the width.
     pub(crate) fn derivative<'a>(
         &self,
         time_s: &'a [f64],
@@ -70,7 +68,7 @@ impl Width {
 }
 
 impl<'a> Derivative<'a> {
-    /// Differentiation rule without smoothing: the polynomials pass through neighbouring samples.
+    /// Differentiation rule without smoothing. The polynomials pass through neighbouring samples.
     pub(crate) fn narrow(time_s: &'a [f64]) -> Self {
         let is_again = |k: usize| k > 0 && time_s[k] == time_s[k - 1];
         let (mut distinct, mut places) = (Cow::Borrowed(time_s), Vec::new());
@@ -117,7 +115,7 @@ impl<'a> Derivative<'a> {
         }
     }
 
-    /// The derivative of `values` at each time, per second. The result is empty if there is only one distinct time.
+    /// The derivative of `values` at each time, per second. The result is empty if there are no two distinct times.
     pub(crate) fn of(&self, values: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let distinct = self.distinct(values);
         if distinct.len() < 2 {
@@ -136,8 +134,8 @@ impl<'a> Derivative<'a> {
     }
 }
 
-/// Standard deviation of the white noise of each axis, from fourth divided differences, which are insensitive to smooth
-/// motion.
+/// Standard deviation of the white noise of each axis. It is computed from fourth divided differences, to which smooth
+/// motion hardly contributes.
 fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
     let apart = (values.len() / ENOUGH).max(1);
     let of_even = steps.are_even.then(|| weights_of_noise(&[0.0, 1.0, 2.0, 3.0, 4.0]));
@@ -156,7 +154,7 @@ fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> 
     })
 }
 
-/// Weights of the values at times `t` in their fourth divided difference, normalised to a sum of squares of one.
+/// Weights of the values at the times `t` in their fourth divided difference. The sum of the squared weights is one.
 fn weights_of_noise(t: &[f64]) -> [f64; BOXES] {
     let others = |j: usize| (0..BOXES).filter(move |i| *i != j);
     let weights: [f64; BOXES] = std::array::from_fn(|j| others(j).map(|i| t[j] - t[i]).product::<f64>().recip());

@@ -1,4 +1,4 @@
-//! Report of a fit: how it ended, and whether its result is an optimum.
+//! Report of a fit: the reason for its end, and whether its result is an optimum.
 //!
 //! The gradient test uses the decrease of chi2 that the linear model at the result predicts for an undamped step,
 //!
@@ -6,28 +6,27 @@
 //! |P r|^2,   P the projection onto the columns of the Jacobian J of the whitened residuals r
 //! ```
 //!
-//! This decrease does not depend on the units of the parameters. A parameter that is one standard deviation from its
-//! optimum contributes one.
+//! This decrease does not depend on the units of the parameters. A parameter at a distance of one standard deviation
+//! from its optimum contributes one.
 
 use faer::Mat;
 
 use crate::numerics::lsq::{Solution, Termination, singular_of_triangle};
 
-/// Limit of the gradient test: largest predicted decrease of chi2 at which a fit counts as converged. If chi2 per
-/// degree of freedom exceeds one, the decrease is divided by it. At this limit, every parameter is within a tenth of a
-/// standard deviation of its optimum in the linear model. This distance increases the rms error of a parameter by half
-/// a per cent.
+/// Maximum predicted decrease of chi2 at which a fit counts as converged. If chi2 per degree of freedom exceeds one,
+/// the decrease is divided by it. At this limit, every parameter of the linear model is within a tenth of a standard
+/// deviation of its optimum. Such a distance increases the rms error of a parameter by half a per cent.
 const LARGEST_DECREASE: f64 = 1e-2;
 
 /// Quality of a fit, and the reason for its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitReport {
-    /// Sum of squares of the residuals, after each residual is divided by the standard deviation of its noise.
+    /// Sum of the squared residuals. Each residual is divided by the standard deviation of its noise.
     pub chi2: f64,
     /// Number of residuals minus number of parameters.
     pub degrees_of_freedom: usize,
-    /// Factor by which the standard deviations of the parameters are increased. It exceeds 1 only if the residuals are
-    /// significantly larger than their noise, which is tested at three standard deviations of chi2.
+    /// Factor by which the standard deviations of the parameters are increased. It exceeds 1 only if chi2 is
+    /// significantly larger than noise explains, by at least three of its standard deviations.
     pub inflation: f64,
     /// Number of iterations of the solver.
     pub iterations: u64,
@@ -41,8 +40,8 @@ impl FitReport {
     /// The report of one minimisation.
     pub(crate) fn of(solution: &Solution) -> Self {
         let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
-        // chi2 / dof has a standard deviation of sqrt(2 / dof). If every value above one inflated the standard
-        // deviations of the parameters, these would be too large on average.
+        // chi2 / dof has a standard deviation of sqrt(2 / dof). If every value above one increased the standard
+        // deviations of the parameters, they would be too large on average.
         let reduced = solution.chi2 / degrees_of_freedom.max(1) as f64;
         let predicted_decrease = predicted_decrease(&solution.residuals, &solution.jacobian);
         let passes = predicted_decrease <= LARGEST_DECREASE * reduced.max(1.0);
@@ -58,7 +57,7 @@ impl FitReport {
             termination: match solution.termination {
                 Termination::NotFinite => Termination::NotFinite,
                 _ if passes => Termination::Converged,
-                // The steps became negligible only because of the damping.
+                // The steps are negligible only because of the damping.
                 Termination::Converged => Termination::Stalled,
                 other => other,
             },
@@ -97,15 +96,15 @@ impl FitReport {
     }
 }
 
-/// Largest chi2 per degree of freedom that counts as consistent with noise: three standard deviations above one.
+/// Maximum chi2 per degree of freedom that is consistent with noise. It is three standard deviations above one.
 pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
     1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
 
 /// Decrease of chi2, `|P r|^2`, that the linear model predicts.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
-    /// Minimum ratio of a singular value to the largest singular value. A direction with a smaller ratio is not
-    /// determined and does not contribute to the gradient.
+    /// Minimum ratio of a singular value to the largest singular value. In a direction with a smaller ratio, the
+    /// parameters are not determined, and the direction does not contribute to the gradient.
     const DETERMINED: f64 = 1e-12;
     let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
         return f64::INFINITY;

@@ -4,13 +4,13 @@ use pulp::{Simd, WithSimd};
 
 use crate::numerics::instructions::Instructions;
 
-/// Replaces each square `x^2` by `exp(-x^2 / 2)` with a relative error of at most 4e-16. Results below 1e-300 are not
-/// accurate, but remain below 1e-300.
+/// Replaces each square `x^2` by `exp(-x^2 / 2)` with a relative error of at most 4e-16. A result below 1e-300 is not
+/// accurate, but it remains below 1e-300.
 pub(crate) fn gaussian_kernels(squares: &mut [f64]) {
     Instructions::Best.run(Kernels(squares));
 }
 
-/// The squares to replace, processed with the widest vector instructions of the processor.
+/// The squares to be replaced. They are processed with the widest vector instructions of the processor.
 struct Kernels<'a>(&'a mut [f64]);
 
 impl WithSimd for Kernels<'_> {
@@ -28,7 +28,7 @@ impl WithSimd for Kernels<'_> {
 fn exp(x: f64) -> f64 {
     /// Lower limit of x. For smaller x, the exponent of a double cannot represent 2^n, so x is set to this limit.
     const LEAST: f64 = -700.0;
-    /// 1.5 * 2^52. If it is added to a number, the lowest bits of the sum contain the number rounded to the nearest
+    /// 1.5 * 2^52. If a number is added to it, the lowest bits of the sum contain the number rounded to the nearest
     /// integer.
     const ROUNDS: f64 = 6_755_399_441_055_744.0;
     /// ln 2 as the sum of two numbers. The first number has so few digits that its product with n is exact.
@@ -54,7 +54,8 @@ fn exp(x: f64) -> f64 {
     let r = (x - n * LN_2[0]) - n * LN_2[1];
     let sum = TAYLOR.iter().fold(0.0, |sum, coefficient| sum * r + coefficient);
     let exp_r = 1.0 + (r + r * r * sum);
-    // The lowest bits of `rounded` are n. Adding them to the exponent bits of a number multiplies the number by 2^n.
+    // The lowest bits of `rounded` are the integer n. Adding n to the exponent bits of a number multiplies the number
+    // by 2^n.
     f64::from_bits(exp_r.to_bits().wrapping_add(rounded.to_bits() << 52))
 }
 

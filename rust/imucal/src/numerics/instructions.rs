@@ -1,8 +1,9 @@
-//! The vector instructions of the kernels. The crate `pulp` selects the widest ones of the processor at run time.
+//! Vector instructions of the kernels. The crate `pulp` selects the widest instructions of the processor at run time.
 //!
 //! The environment variable `IMUCAL_VECTOR_BITS` selects another width, so that a test can compare the results of
-//! different processors: `512` as with AVX-512, `256` as with AVX2, `64` as without vectors. The variable is read once.
-//! A processor without AVX-512 needs the feature `emulate-avx512` for `512`, which makes the library larger by half.
+//! different processors. `512` selects the width of AVX-512, `256` that of AVX2, and `64` no vectors. The variable is
+//! read once. For `512`, a processor without AVX-512 needs the feature `emulate-avx512`, which makes the library larger
+//! by half.
 
 use std::sync::OnceLock;
 
@@ -12,7 +13,7 @@ use pulp::{Arch, Simd, WithSimd};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Instructions {
-    /// The widest vectors of this processor, unless the environment selects other ones.
+    /// The widest vectors of this processor, unless the environment variable selects others.
     Best,
     /// 512-bit vectors.
     #[cfg(target_arch = "x86_64")]
@@ -37,7 +38,8 @@ impl Instructions {
         all
     }
 
-    /// Runs `work` with these instructions. If the processor lacks them, the best available instructions are used.
+    /// Runs `work` with these instructions. If the processor does not have them, the best available instructions are
+    /// used.
     #[inline(always)]
     pub(crate) fn run<W: WithSimd>(self, work: W) -> W::Output {
         match if self == Self::Best { selected() } else { self } {
@@ -57,7 +59,7 @@ impl Instructions {
     }
 }
 
-/// The instructions that the environment selects.
+/// The instructions that the environment variable selects.
 fn selected() -> Instructions {
     static SELECTED: OnceLock<Instructions> = OnceLock::new();
     *SELECTED.get_or_init(|| match std::env::var("IMUCAL_VECTOR_BITS").as_deref() {
@@ -77,18 +79,19 @@ fn without_avx512<W: WithSimd>(work: W) -> W::Output {
     Arch::new().dispatch(work)
 }
 
-/// Runs `work` with arrays of eight numbers in place of registers. Every number is computed by the same operations in
+/// Runs `work` with arrays of eight numbers instead of registers. Every number is computed by the same operations in
 /// the same order as with AVX-512.
 #[cfg(all(target_arch = "x86_64", feature = "emulate-avx512"))]
 fn without_avx512<W: WithSimd>(work: W) -> W::Output {
     match pulp::x86::V3::try_new() {
-        // The loops over the arrays are compiled with fused multiply-add, without which each one would be a call.
+        // The loops over the arrays are compiled with fused multiply-add instructions. Otherwise, each multiply-add
+        // would be a function call.
         Some(simd) => Simd::vectorize(simd, InArrays(work)),
         None => work.with_simd(pulp::Scalar512b),
     }
 }
 
-/// Runs its work with arrays, whatever the instructions are.
+/// Runs its work with arrays for any instructions.
 #[cfg(all(target_arch = "x86_64", feature = "emulate-avx512"))]
 struct InArrays<W>(W);
 

@@ -1,9 +1,9 @@
 //! Nonlinear least squares: minimum of |r(p)|^2 by the Levenberg-Marquardt method with an analytic Jacobian.
 //!
 //! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
-//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`, by QR of `[R; sqrt(lambda) D]`,
-//! where R comes from the QR of J. D contains the largest column norms of J so far, so the result does not depend on
-//! the units of the parameters.
+//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. It is computed by QR of `[R;
+//! sqrt(lambda) D]`, where R is from the QR of J. D contains the largest column norms of J so far, so the result does
+//! not depend on the units of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -25,15 +25,15 @@ pub(crate) trait Residuals {
 pub enum Termination {
     /// The gradient test is passed ([`FitReport`](crate::numerics::fit_report::FitReport)).
     Converged,
-    /// No step decreases chi2, or the steps have become negligible, but the gradient test is not passed.
+    /// No step decreases chi2, or the steps are negligible, but the gradient test is not passed.
     Stalled,
     /// The iteration limit was reached, and the gradient test is not passed.
     IterationLimit,
     /// A residual is not finite.
     NotFinite,
-    /// The weights of the residuals had not settled in the last repetition of the fit.
+    /// The weights of the residuals had not converged in the last repetition of the fit.
     WeightsNotSettled,
-    /// The field of a user-defined effect, which depends on the calibration, still changed in the last repetition.
+    /// The field of a user-defined effect still changed in the last repetition. The field depends on the calibration.
     FieldsNotSettled,
 }
 
@@ -50,7 +50,7 @@ pub(crate) struct Solution {
     pub(crate) chi2: f64,
     /// Number of iterations.
     pub(crate) iterations: u64,
-    /// Reason for the end, before the gradient test.
+    /// Reason for the end of the fit, before the gradient test.
     pub(crate) termination: Termination,
 }
 
@@ -69,14 +69,14 @@ impl Solution {
 }
 
 /// Convergence tolerance of a final result: relative length of a step, with step and parameters scaled by D. If the
-/// model is adequate, the remaining error is smaller than the last step by orders of magnitude.
+/// model describes the data, the remaining error is smaller than the last step by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
 /// Convergence tolerance of a start value: relative length of a step.
 pub(crate) const ROUGH: f64 = 1e-3;
-/// Maximum number of iterations of a fit, chosen far above the number that a convergent fit needs.
+/// Maximum number of iterations of a fit. It is far above the number that a convergent fit needs.
 pub(crate) const ITERATION_LIMIT: u64 = 200;
-/// Maximum damping lambda, at which a fit ends as stalled. With larger values, a step is smaller than the rounding
-/// errors of the parameters.
+/// Maximum damping lambda. If it is reached, the fit ends as stalled. With a larger value, a step would be smaller than
+/// the rounding errors of the parameters.
 const MAX_DAMPING: f64 = 1e16;
 
 /// Minimises the sum of squared residuals from `start` until the relative length of a step is below `tolerance`.
@@ -84,7 +84,7 @@ pub(crate) fn minimize<R: Residuals>(problem: &R, start: &[f64], tolerance: f64)
     minimize_within(problem, start, tolerance, ITERATION_LIMIT)
 }
 
-/// As [`minimize`], with at most `iterations` iterations.
+/// Minimises like [`minimize`], with at most `iterations` iterations.
 pub(crate) fn minimize_within<R: Residuals>(
     problem: &R,
     start: &[f64],
@@ -109,14 +109,14 @@ pub(crate) fn minimize_within<R: Residuals>(
     })
 }
 
-/// Covariance `(J^T J)^-1` of the parameters for whitened residuals, by QR of the column-scaled Jacobian.
+/// Covariance `(J^T J)^-1` of the parameters for whitened residuals. It is computed by QR of the Jacobian with scaled
+/// columns.
 ///
-/// The Jacobian must have full rank; callers check it. For a rank-deficient Jacobian, the entries of the result are not
-/// finite.
+/// The Jacobian must have full rank, which callers check. With a lower rank, the entries of the result are not finite.
 pub(crate) fn covariance(jacobian: &Mat<f64>) -> Mat<f64> {
     let n = jacobian.ncols();
     let scale = column_norms(jacobian);
-    // If J has fewer rows than columns, rows of zeros make R square.
+    // If J has fewer rows than columns, rows of zeros are added, so that R is square.
     let rows = jacobian.nrows();
     let scaled = Mat::from_fn(rows.max(n), n, |i, j| if i < rows { jacobian[(i, j)] / scale[j] } else { 0.0 });
     let qr = scaled.qr();
@@ -134,7 +134,7 @@ pub(crate) fn gain(jacobian: &Mat<f64>) -> Mat<f64> {
     covariance(jacobian) * jacobian.transpose()
 }
 
-/// Leverages of the residuals: the diagonal of the projection `J (J^T J)^-1 J^T`. Columns of zeros are ignored.
+/// Leverages of the residuals: the diagonal of the projection `J (J^T J)^-1 J^T`. Columns that are zero are ignored.
 pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
     let (rows, norms) = (jacobian.nrows(), column_norms(jacobian));
     let own: Vec<usize> =
@@ -143,19 +143,19 @@ pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
         return vec![1.0; rows];
     }
     let mut q = Mat::from_fn(rows, own.len(), |i, j| jacobian[(i, own[j])] / norms[own[j]]);
-    // Q is computed as J R^-1, which is several times faster than forming it from the Householder reflectors.
+    // Q is computed as J R^-1. This is several times faster than computing it from the Householder reflectors.
     q.qr().thin_R().transpose().solve_lower_triangular_in_place(q.transpose_mut());
     let mut leverages = vec![0.0; rows];
     for j in 0..own.len() {
         leverages.iter_mut().zip(q.col_as_slice(j)).for_each(|(sum, value)| *sum += value * value);
     }
-    // With nearly dependent columns, rounding errors could lead to leverages above one.
+    // With nearly dependent columns, rounding errors could give leverages above one.
     leverages.iter().map(|leverage| leverage.min(1.0)).collect()
 }
 
 /// Singular values (descending) and right singular vectors (columns) of `matrix`, which may have any shape.
 ///
-/// They are computed by the SVD of R from the QR decomposition. If the SVD does not converge, the eigenvectors of R^T R
+/// They are computed by an SVD of R from the QR decomposition. If the SVD does not converge, the eigenvectors of R^T R
 /// are used.
 pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error> {
     let n = matrix.ncols();
@@ -174,8 +174,8 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
     Ok((values, Mat::from_fn(n, n, |i, j| eigen.U()[(i, n - 1 - j)])))
 }
 
-/// The columns of the Jacobian are scaled to unit length. Returns the components of the residuals along the left
-/// singular vectors of the scaled Jacobian, and its singular values. `None` if these are not finite.
+/// Scales the columns of the Jacobian to unit length. Returns the components of the residuals along the left singular
+/// vectors of the scaled Jacobian, and its singular values. `None` if these are not finite.
 pub(crate) fn singular_of_triangle(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
     let (n, norms) = (jacobian.ncols(), column_norms(jacobian));
     let rows = jacobian.nrows();
@@ -233,7 +233,7 @@ impl LevenbergMarquardt {
     /// The damped step, and the decrease of chi2 that the linear model predicts for it.
     fn step(&self) -> (Vec<f64>, f64) {
         let n = self.scale.len();
-        // With the residuals as an additional column, R contains Q^T r, and Q is not needed.
+        // The residuals are an additional column, so R contains Q^T r, and Q is not needed.
         let both = faer::concat![[self.jacobian, self.residuals]];
         let qr = both.qr();
         let r = qr.thin_R();
@@ -298,7 +298,7 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let negligible = self.length(&step) <= self.tolerance * self.length(&current);
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
         if negligible {
-            // The residuals are not evaluated again, because they would change only by rounding errors.
+            // The residuals would change only by rounding errors, so they are not evaluated again.
             self.termination = Some(Termination::Converged);
             return Ok((state.param(trial).cost(self.chi2), None));
         }
@@ -309,9 +309,10 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         })?;
         let chi2 = sum_of_squares(&self.trial_residuals);
         let ratio = (self.chi2 - chi2) / predicted;
-        // Comparisons with NaN are false, so a step with residuals that are not finite is rejected.
+        // Comparisons with NaN are false. A step with residuals that are not finite is therefore rejected.
         let accepted = chi2 < self.chi2;
-        // Nielsen's update of lambda (IMM-REP-1999-05): a smooth function of the gain ratio without tuning thresholds.
+        // Nielsen's update of lambda (IMM-REP-1999-05). It is a smooth function of the gain ratio and needs no
+        // thresholds.
         if accepted {
             std::mem::swap(&mut self.residuals, &mut self.trial_residuals);
             std::mem::swap(&mut self.jacobian, &mut self.trial_jacobian);

@@ -5,19 +5,18 @@ use faer::Mat;
 use crate::numerics::lsq;
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// Score above which an item is an outlier, in robust standard deviations. With normally distributed errors, the score
-/// of a valid item exceeds this threshold with a probability of about 1e-6.
+/// Minimum score of an outlier, in robust standard deviations. With normally distributed errors, the score of a valid
+/// item exceeds it with a probability of about 1e-6.
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move: the norm of its residuals in a fit without this rest or move, in standard deviations of
-/// these residuals. Each rest or move has `size` consecutive rows.
+/// Score of each rest or move: the norm of its residuals in a fit without it, in standard deviations of these
+/// residuals. Each rest or move has `size` consecutive rows.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
         .map(|item| {
             let rows = item * size..(item + 1) * size;
-            // A leverage near one means that the fit follows the residual regardless of its value, so the residual is
-            // not judged.
+            // With a leverage near one, the fit reproduces any value of the measurement, so the residual is not tested.
             rows.map(|row| {
                 let free = (1.0 - hat_rows[row]).max(0.0);
                 if free > 0.05 { residuals[(row, 0)].powi(2) / free } else { 0.0 }
@@ -28,18 +27,18 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The item with the largest score if it is an outlier. Scores are compared with the limit after division by a scale.
-/// The scale is the median score divided by its expected median for normally distributed errors, and at least one.
+/// The item with the largest score; `None` if it is not an outlier. Scores are divided by a scale and then compared
+/// with the limit. The scale is the median score divided by its expected median for normally distributed errors, and at
+/// least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
-    // Median of the score for normal errors: |z| for one residual, the square root of chi2 for two.
+    // Median of the score for normal errors. The score is |z| for one residual, and the square root of chi2 for two.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };
     let scale = (median(&mut scores.to_vec()) / median_of_clean).max(1.0);
     let worst = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
     (scores[worst] > LIMIT * scale).then_some(worst)
 }
 
-/// Whether one more rest or move may be excluded. At most a fifth of all may be excluded, and at least `least` must
-/// remain.
+/// Whether one more rest or move may be excluded. At most a fifth may be excluded, and at least `least` must remain.
 pub(crate) fn may_exclude(used: &[bool], least: usize) -> bool {
     let kept = used.iter().filter(|&&kept| kept).count();
     kept > least && used.len() - kept < used.len() / 5

@@ -13,7 +13,7 @@ pub fn p_value(statistic: f64, dof: usize) -> f64 {
     p_value_of(statistic, dof as f64)
 }
 
-/// As [`p_value`], for a number of degrees of freedom that need not be an integer.
+/// The function [`p_value`] for a number of degrees of freedom that need not be an integer.
 pub(crate) fn p_value_of(statistic: f64, dof: f64) -> f64 {
     ChiSquared::new(dof).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
 }
@@ -21,12 +21,13 @@ pub(crate) fn p_value_of(statistic: f64, dof: f64) -> f64 {
 /// Median of the absolute value of a standard normal variable.
 pub(crate) const MEDIAN_SIZE: f64 = 0.674_489_75;
 
-/// Median of the values; NaN for an empty slice. Reorders the slice.
+/// Median of the values; NaN for an empty slice. The order of the slice changes.
 pub(crate) fn median(values: &mut [f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// The `q` quantile of the values (0 to 1, linear interpolation); NaN for an empty slice. Reorders the slice.
+/// The `q` quantile of the values (0 to 1, linear interpolation); NaN for an empty slice. The order of the slice
+/// changes.
 pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     if values.is_empty() {
         return f64::NAN;
@@ -37,16 +38,16 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     between(low, smallest(above), position - below as f64)
 }
 
-/// [`quantile`] of `count` values that are computed when needed and not stored. NaN values are ignored. `write(k, to)`
-/// writes the values from index `k` on.
+/// The [`quantile`] of `count` values that are computed when needed and not stored. NaN values are ignored. `write(k,
+/// to)` writes the values from index `k` on to `to`.
 ///
-/// An evenly spaced sample of the values gives two limits between which the quantile lies with high probability. Only
-/// values between these limits are stored. If the quantile is outside the limits, all values are stored (after Floyd
-/// and Rivest, Communications of the ACM 18, 1975, 165-172).
+/// An evenly spaced sample of the values gives two limits. The quantile is between them with high probability, so only
+/// the values between them are stored. If the quantile is outside the limits, all values are stored (after Floyd and
+/// Rivest, Communications of the ACM 18, 1975, 165-172).
 pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
     // Number of values below which all values are stored, because this is faster.
     const FEWEST: usize = 2000;
-    // Number of values from which storing all of them must be avoided.
+    // Number of values above which storing all of them must be avoided.
     const MANY: usize = 100_000;
     let of_all = || {
         let mut all = vec![f64::NAN; count];
@@ -68,8 +69,8 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
         return of_all();
     }
     // Distance of the two limits from the quantile of the sample, in standard deviations of the rank. With 2.5, about
-    // one quantile in a hundred lies outside the limits. Wider limits are slower on average, because more values are
-    // stored between them. For long records, storing all values must be avoided, so the limits are wider.
+    // one quantile in a hundred is outside the limits. Wider limits are slower on average, because more values between
+    // them are stored. For long records, the limits are wider, because storing all values must be avoided.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();
@@ -83,7 +84,7 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if rank < below || rank + 1 >= up_to_high {
         return of_all();
     }
-    // `low` is the value at the rank of the quantile, `high` the value at the next rank.
+    // `low` is the value at the rank of the quantile, and `high` is the value at the next rank.
     let (low, high) = match rank.checked_sub(up_to_low) {
         _ if rank + 1 < up_to_low => (low, low),
         None => (low, smallest(&inside).min(high)),
@@ -106,7 +107,7 @@ fn smallest(values: &[f64]) -> f64 {
     values.iter().fold(f64::INFINITY, |smallest, &v| if v < smallest { v } else { smallest })
 }
 
-/// Numbers of values below, between and above the two limits. Values equal to a limit are only counted and not stored,
+/// Numbers of values below, between and above the two limits. Values equal to a limit are counted but not stored,
 /// because nearly all time steps of a regular clock are equal.
 struct Census {
     /// Number of values below the lower limit.
@@ -121,7 +122,7 @@ struct Census {
     inside: Vec<f64>,
 }
 
-/// Computes the [`Census`] with the widest vector instructions of the processor.
+/// Computation of the [`Census`] with the widest vector instructions of the processor.
 struct Counting<'a, W> {
     count: usize,
     write: &'a W,
@@ -154,7 +155,7 @@ impl<W: Fn(usize, &mut [f64])> WithSimd for Counting<'_, W> {
             census.up_to_high += up_to_high as usize;
             census.all += all as usize;
             if below_high > up_to_low {
-                // The loop has no branch for each value, because the processor would predict such a branch poorly.
+                // The loop has no branch for each value, because the processor would often mispredict such a branch.
                 let (mut inside, mut kept) = ([0.0; PART], 0);
                 for few in values.chunks_exact(FEW) {
                     if few.iter().fold(false, |any, v| any | ((*v > low) & (*v < high))) {
@@ -191,7 +192,8 @@ pub(crate) struct RandomEffectsMean {
     pub(crate) mean: f64,
     /// Weight of each value. The weights sum to one.
     pub(crate) weights: Vec<f64>,
-    /// Estimated variance of the true values about their mean, without the variances of the measured values.
+    /// Estimated variance of the true values about their mean. It does not contain the variances of the measured
+    /// values.
     pub(crate) between: f64,
 }
 
@@ -219,7 +221,7 @@ fn weighted_sum(weights: &[f64], values: &[f64]) -> f64 {
     weights.iter().zip(values).map(|(w, x)| w * x).sum()
 }
 
-/// Scalar product. It is accumulated in four independent sums, because each addition to a single sum would wait for the
+/// Scalar product. There are four independent sums, because with a single sum, each addition would wait for the
 /// previous addition.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));

@@ -6,8 +6,8 @@ use pulp::Simd;
 
 use crate::numerics::aligned::WIDEST;
 
-/// The upper triangle of a symmetric matrix, or only its first rows. Each row is padded to complete SIMD registers.
-/// Values to the left of the diagonal are stored but not used.
+/// The upper triangle of a symmetric matrix, or only its first rows. Each row is padded to complete SIMD registers. The
+/// values to the left of the diagonal are stored but not used.
 #[derive(Clone)]
 pub(crate) struct SymmetricMatrix {
     /// Number of columns.
@@ -57,7 +57,8 @@ impl SymmetricMatrix {
         &mut self.numbers[i * self.width + j]
     }
 
-    /// The submatrix with the rows and columns `own`, in the given order. Rows that are not stored are zero.
+    /// The submatrix with the rows and columns `own` in the given order. Rows of this matrix that are not stored are
+    /// zero.
     pub(crate) fn part(&self, own: &[Range<usize>]) -> Self {
         let size = own.iter().map(Range::len).sum::<usize>();
         let width = size.next_multiple_of(WIDEST);
@@ -72,8 +73,8 @@ impl SymmetricMatrix {
         Self { size, width, numbers }
     }
 
-    /// Sets row `row` and all following rows to a weighted sum of other matrices. `others` contains pairs of weight and
-    /// matrix.
+    /// Sets row `row` and all following rows to a weighted sum of other matrices. `others` contains the weight and the
+    /// matrix of each term.
     #[inline(always)]
     pub(crate) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>, row: usize) {
         let own = row * self.width..;
@@ -95,8 +96,9 @@ impl SymmetricMatrix {
     ///    C  ->           C - B^T A^-1 B
     /// ```
     ///
-    /// Several blocks may be swept one after the other. Returns the logarithm of the determinant of A or, if other
-    /// blocks were swept before, of the Schur complement of A. Returns `None` if the block is not positive definite.
+    /// Several blocks may be swept one after the other. Returns the logarithm of the determinant of A. If other blocks
+    /// were swept before, it is the determinant of the Schur complement of A. Returns `None` if the block is not
+    /// positive definite.
     #[inline(always)]
     pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;
@@ -124,9 +126,9 @@ impl SymmetricMatrix {
         Some(log_determinant.logarithm())
     }
 
-    /// As [`sweep`](Self::sweep) of the first `known` rows, for which the result `swept` is already known. `whole`
-    /// contains these rows before the sweep. `places` are the columns of `whole` that correspond to the columns of this
-    /// matrix after the first `known` columns.
+    /// The [`sweep`](Self::sweep) of the first `known` rows, if its result `swept` is already known for these rows.
+    /// `whole` contains the rows before the sweep. `places` are the columns of `whole` that correspond to the columns
+    /// of this matrix after the first `known` columns.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,
@@ -151,7 +153,7 @@ impl SymmetricMatrix {
         top.copy_from_slice(&swept.numbers[..known * width]);
     }
 
-    /// `v^T A v` and the trace of `A B`, where A is this matrix, v is `vector` and B is `other`.
+    /// The product `v^T A v` and the trace of `A B`. A is this matrix, v is `vector`, and B is `other`.
     #[inline(always)]
     pub(crate) fn between<S: Simd>(&self, simd: S, vector: &[f64], other: &Self) -> [f64; 2] {
         let zero = simd.splat_f64s(0.0);
@@ -184,8 +186,8 @@ impl SymmetricMatrix {
     }
 }
 
-/// Logarithm of a product of pivots. Several pivots are multiplied before a logarithm is taken, because a logarithm
-/// costs as much as the update of a row.
+/// Logarithm of a product of pivots. A logarithm takes as long as the update of a row, so several pivots are multiplied
+/// before a logarithm is computed.
 struct LogDeterminant {
     /// Product of the pivots since the last logarithm.
     product: f64,
@@ -194,7 +196,7 @@ struct LogDeterminant {
 }
 
 impl LogDeterminant {
-    /// Limit of the product, and of its reciprocal, at which a logarithm is taken. It is far from overflow and
+    /// Limit of the product, and of its reciprocal, at which a logarithm is computed. It is far from overflow and
     /// underflow.
     const LARGE: f64 = 1e100;
 
@@ -202,7 +204,7 @@ impl LogDeterminant {
         Self { product: 1.0, logarithm: 0.0 }
     }
 
-    /// Multiplies the determinant by a pivot, and returns the reciprocal of the pivot. `None` if the pivot is not
+    /// Multiplies the determinant by a pivot. Returns the reciprocal of the pivot, or `None` if the pivot is not
     /// positive.
     #[inline(always)]
     fn times(&mut self, pivot: f64) -> Option<f64> {

@@ -8,25 +8,25 @@ use std::thread::{self, Thread};
 
 use crate::cancellation::{Cancellation, POLL_INTERVAL, checkpoint};
 
-/// Minimum number of samples for which several threads are used. A pass over fewer samples takes about as long as
-/// starting the threads.
+/// Minimum number of samples for several threads to be used. A pass over fewer samples takes about as long as the start
+/// of the threads.
 const WORTH_THREADS: usize = 500_000;
 
-/// Number of threads for a pass over `samples` samples: the number of processors, or one if several threads would not
-/// be faster.
+/// Number of threads for a pass over `samples` samples. It is the number of processors, or one if several threads would
+/// not be faster.
 pub(crate) fn threads_for(samples: usize) -> usize {
     if samples < WORTH_THREADS { 1 } else { processors() }
 }
 
-/// Number of threads that can run in parallel. The system is queried once, because the query takes as long as a short
-/// pass.
+/// Number of threads that can run in parallel. The system is queried only once, because the query takes as long as a
+/// short pass.
 pub(crate) fn processors() -> usize {
     static COUNT: OnceLock<usize> = OnceLock::new();
     *COUNT.get_or_init(|| thread::available_parallelism().map_or(1, NonZeroUsize::get))
 }
 
-/// Results of `work` for all indices below `count`, in the order of the indices. A cancelled calculation ends before
-/// the next index.
+/// Results of `work` for all indices below `count`, in the order of the indices. If the calculation is cancelled, it
+/// ends before the next index.
 pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
     if threads <= 1 {
         let one = |index| {
@@ -40,8 +40,8 @@ pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usiz
     made.into_iter().flatten().collect()
 }
 
-/// Processes each job once, on up to `threads` threads and in any order. The jobs must not depend on each other. A
-/// cancelled calculation ends before the next job.
+/// Processes each job once, on up to `threads` threads and in any order. The jobs must not depend on each other. If the
+/// calculation is cancelled, it ends before the next job.
 pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) + Sync) {
     let threads = threads.min(jobs.len());
     let queue = Mutex::new(jobs.into_iter());
@@ -77,7 +77,7 @@ pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) 
     });
 }
 
-/// Marks a worker thread as finished when it returns or panics, and wakes the thread that waits for it.
+/// Marks a worker thread as finished when the thread returns or panics. It also wakes the thread that waits for it.
 struct Done<'a> {
     working: &'a AtomicUsize,
     caller: &'a Thread,

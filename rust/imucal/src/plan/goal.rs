@@ -4,38 +4,37 @@ use faer::Mat;
 
 use super::predict::{covariance, log_determinant};
 
-/// Order p of the p-norm that approximates the maximum. The p-norm is used because, unlike the maximum, it is smooth.
+/// Order p of the p-norm, which approximates the maximum. Unlike the maximum, the p-norm is smooth.
 const NORM_ORDER: f64 = 8.0;
 
 /// Goal of an optimal program.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Goal {
-    /// The most information on all parameters (D-optimality) in a given time.
+    /// The most information about all parameters (D-optimality) in a given time.
     MostIn {
         /// Maximum duration of the program, s.
         duration_s: f64,
     },
     /// Target standard deviations in the shortest time.
     ShortestTo {
-        /// Target of each parameter, in the order of [`Sensors`](super::Sensors) and in SI units; infinite for no
-        /// target.
+        /// Target of each parameter, in the order of [`Sensors`](super::Sensors) and in SI units. It is infinite for a
+        /// parameter without a target.
         sigma: Vec<f64>,
     },
 }
 
 impl Goal {
-    /// Cost of a program, for comparison with other programs; a lower cost is better. `None` if the information is
-    /// singular.
+    /// Cost of a program; a program with a lower cost is better. `None` if the information is singular.
     pub(super) fn cost(&self, information: &Mat<f64>, prior: &[f64], duration_s: f64) -> Option<f64> {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),
             Self::ShortestTo { .. } => {
-                // The p-norm approximates the largest ratio of a variance to its target. It also decreases if any other
-                // ratio decreases.
+                // The p-norm approximates the largest ratio of a variance to its target. It also decreases when one of
+                // the other ratios decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
-                // A variance is inversely proportional to the duration of the program. With weight 2, missing a target
-                // costs more than the time needed to reach it. With weight 1/2, a variance below the target reduces the
+                // A variance is inversely proportional to the duration of the program. With weight 2, a missed target
+                // costs more than the time needed to reach it. With weight 1/2, a variance below its target reduces the
                 // cost by less than the additional time increases it.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
@@ -43,7 +42,7 @@ impl Goal {
         }
     }
 
-    /// Largest ratio of a variance to its target. A ratio above 1 means that the goal is not reached.
+    /// Largest ratio of a variance to its target. If it is above 1, the goal is not reached.
     pub(super) fn worst(&self, information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
         Some(self.shares(information, prior)?.into_iter().fold(0.0, f64::max))
     }

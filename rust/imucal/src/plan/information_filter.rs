@@ -1,31 +1,31 @@
-//! Information filter along a run. The state consists of the direction of gravity (two angles) at the current time and
-//! of all parameters.
+//! Information filter along a run. The state consists of the current gravity direction (two angles) and of all
+//! parameters.
 //!
 //! ```text
 //! measurement   y = A d + B theta + noise
 //! propagation   d' = d - C theta + noise of covariance Q;   d is then eliminated
 //! ```
 //!
-//! The direction at a rest is directly coupled only to the previous and the next direction. Directions are therefore
-//! eliminated one after the other, and the computing time is proportional to the number of rests.
+//! The gravity direction at a rest is directly coupled only to the previous and the next direction. Directions are
+//! therefore eliminated one after the other, and the computing time is proportional to the number of rests.
 
 use faer::Mat;
 use nalgebra::Matrix2;
 
 use super::DIRECTION;
 
-/// Normal matrix of the current direction of gravity (first two rows) and of the parameters.
+/// Normal matrix of the current gravity direction (first two rows) and of the parameters.
 #[derive(Clone)]
 pub(super) struct InformationFilter {
     width: usize,
-    /// Entries row by row; only the upper triangle is used.
+    /// Entries row by row. Only the upper triangle is used.
     matrix: Vec<f64>,
 }
 
 /// Propagation of the direction of gravity over an interval.
 #[derive(Clone)]
 pub(super) struct Propagation {
-    /// Derivative of both angles of the direction with respect to the parameters.
+    /// Derivatives of both angles of the gravity direction with respect to the parameters.
     pub(super) jacobian: [Vec<f64>; 2],
     /// Covariance of the noise of both angles, rad^2.
     pub(super) covariance: Matrix2<f64>,
@@ -39,8 +39,8 @@ impl InformationFilter {
     }
 
     /// Adds a measurement with the given weight. `row` contains the derivatives divided by the standard deviation of
-    /// the measurement, first with respect to the two angles of the direction of gravity, then with respect to the
-    /// parameters.
+    /// the measurement. The derivatives with respect to the two angles of the gravity direction come first, followed by
+    /// those with respect to the parameters.
     pub(super) fn add_row(&mut self, row: &[f64], weight: f64) {
         for (i, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
             let factor = weight * value;
@@ -51,7 +51,7 @@ impl InformationFilter {
         }
     }
 
-    /// Propagates the direction of gravity over an interval and eliminates the direction at the start of the interval.
+    /// Propagates the gravity direction over an interval, and eliminates the direction at the start of the interval.
     pub(super) fn propagate(&mut self, step: &Propagation) {
         let width = self.width;
         let weight = inverse(&step.covariance);
@@ -88,7 +88,7 @@ impl InformationFilter {
         (self.matrix[0], self.matrix[1], self.matrix[width + 1]) = (next[(0, 0)], next[(0, 1)], next[(1, 1)]);
     }
 
-    /// Information on the parameters, with the last direction eliminated.
+    /// Information about the parameters, after the last gravity direction is eliminated.
     pub(super) fn information(&self) -> Mat<f64> {
         let (width, n) = (self.width, self.width - DIRECTION);
         let left = inverse(&Matrix2::new(self.matrix[0], self.matrix[1], self.matrix[1], self.matrix[width + 1]));
@@ -101,8 +101,7 @@ impl InformationFilter {
     }
 }
 
-/// Inverse of a symmetric 2x2 matrix. The inverse of a singular matrix, which contains no information yet, is set to
-/// zero.
+/// Inverse of a symmetric 2x2 matrix. A singular matrix contains no information yet, and its inverse is set to zero.
 fn inverse(matrix: &Matrix2<f64>) -> Matrix2<f64> {
     let determinant = matrix.determinant();
     if determinant == 0.0 {

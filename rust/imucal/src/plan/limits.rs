@@ -7,9 +7,9 @@ use nalgebra::Vector3;
 use crate::error::Error;
 use crate::simulate::profile::PEAK_ACCELERATION;
 
-/// Minimum number of poses in a program. The nine parameters of the accelerometer need ten rests.
+/// Minimum number of poses in a program. Ten rests are needed for the nine parameters of the accelerometer.
 pub(super) const FEWEST_POSES: usize = 10;
-/// Shortest duration of a move that rest detection can distinguish from the adjacent rests, s.
+/// Shortest move that rest detection can distinguish from the adjacent rests, s.
 const SHORTEST_MOVE_S: f64 = 0.3;
 /// Resolution of the times in a program, s.
 pub(super) const TICK_S: f64 = 0.01;
@@ -21,13 +21,13 @@ pub struct Axis {
     pub max_rate_radps: f64,
     /// Maximum acceleration, rad/s^2.
     pub max_acceleration_radps2: f64,
-    /// Minimum and maximum angle relative to the start, rad, not reduced to one revolution. They are given by end stops
-    /// or by the length of the cable. `None` if there is no limit.
+    /// Minimum and maximum angle relative to the start, rad, not reduced to one revolution. End stops or the length of
+    /// the cable determine them. `None` if there is no limit.
     pub range_rad: Option<[f64; 2]>,
 }
 
-/// A forbidden zone: a box in the space of the motor angles, repeated every revolution. `None` stands for any angle of
-/// a motor.
+/// A forbidden zone: a box in the space of the motor angles. It is repeated every revolution. `None` means that the
+/// zone contains all angles of a motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zone {
     /// Lower and upper angle of each motor, rad.
@@ -37,11 +37,11 @@ pub struct Zone {
 /// Limits of a stand, or of a person who moves the unit by hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
-    /// Limits of each motor, outermost motor first. `None` for a motor that is missing and remains at zero.
+    /// Limits of each motor, outermost motor first; `None` for a missing motor, whose angle stays at zero.
     pub axes: [Option<Axis>; 3],
-    /// Time after a turn during which the stand vibrates and samples are not used, s.
+    /// Time after a turn in which the stand vibrates, s. Samples within this time are not used.
     pub settle_s: f64,
-    /// Minimum duration of a rest for rest detection, s.
+    /// Minimum duration of a rest that rest detection requires, s.
     pub min_rest_s: f64,
     /// Minimum duration of a turn, s.
     pub min_move_s: f64,
@@ -49,15 +49,15 @@ pub struct Limits {
     pub forbidden: Vec<Zone>,
     /// Resolution of the poses, rad.
     pub pose_step_rad: f64,
-    /// Maximum number of turns, which limits the effort of a person who moves the unit by hand.
+    /// Maximum number of turns. It limits the effort of a person who moves the unit by hand.
     pub most_moves: usize,
-    /// Whether a person holds the unit, which then trembles at rest.
+    /// Whether a person holds the unit. If so, the unit trembles at rest.
     pub in_hand: bool,
 }
 
 impl Limits {
     /// Limits of the paper's stand: three motors without end stops at 120 deg/s. The paper does not state the
-    /// acceleration. It is set to the value that the random program of the paper needs for a turn of 240 deg in 2 s.
+    /// acceleration. It is assumed to be that which the random program of the paper needs for a turn of 240 deg in 2 s.
     pub fn paper() -> Self {
         let axis = Axis {
             max_rate_radps: 120_f64.to_radians(),
@@ -76,7 +76,7 @@ impl Limits {
         }
     }
 
-    /// Verifies that all limits can be used.
+    /// Returns an error if a limit cannot be used.
     pub(super) fn check(&self) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("limits of the stand: {message}")));
         if self.axes.iter().all(Option::is_none) {
@@ -141,7 +141,7 @@ impl Limits {
         let step = self.pose_step_rad;
         match axis.range_rad {
             None => (angle_rad / step).round() * step,
-            // Rounds to multiples of the step that lie within the end stops.
+            // Rounds to multiples of the step that are within the end stops.
             Some([low, high]) => ((angle_rad.clamp(low, high) / step).round() * step)
                 .clamp((low / step - 1e-9).ceil() * step, (high / step + 1e-9).floor() * step),
         }
@@ -172,8 +172,8 @@ pub(super) fn whole_ticks(time_s: f64) -> f64 {
 impl Zone {
     /// Whether the straight path between two sets of motor angles touches the zone.
     fn is_crossed(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-        // Intervals of the path, as shares of its length, in which all motors so far are inside the zone. A motor that
-        // makes several revolutions is inside several times.
+        // Intervals of the path, as shares of its length, in which all motors processed so far are inside the zone. A
+        // motor that makes several revolutions is inside several times.
         let mut inside = vec![[0.0, 1.0]];
         for motor in 0..3 {
             let Some([low, high]) = self.angle_rad[motor] else { continue };

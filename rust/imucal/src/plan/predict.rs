@@ -12,15 +12,16 @@ use crate::simulate::Motion;
 /// Predicted accuracy of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
-    /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: 21 parameters of the triads, then
-    /// the parameters of the effects. A parameter that the motion does not determine has the standard deviation of its
-    /// prior, a tenth of its size.
+    /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: first the 21 parameters of the
+    /// triads, then the parameters of the effects. If the motion does not determine a parameter, its standard deviation
+    /// is that of its prior, a tenth of its size.
     pub sigma: Vec<f64>,
     /// Number of rests that are long enough for rest detection.
     pub rests: usize,
 }
 
-/// Predicts the standard deviations of the joint fit after these motions of one unit, each in a separate recording.
+/// Predicts the standard deviations of the joint fit for the given motions of one unit. Each motion is a separate
+/// recording.
 ///
 /// * `min_rest_s`: minimum duration of a rest for rest detection, s.
 /// * `settle_s`: time after each move in which samples are not used, s.
@@ -75,7 +76,7 @@ struct RestSpan {
 }
 
 /// The rests that are long enough for rest detection. The time `EDGE_S` is removed only from ends of a rest that are
-/// adjacent to a move.
+/// next to a move.
 fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     let duration_s = motion.duration_s();
     let span = |(start_s, end_s): (f64, f64)| {
@@ -86,7 +87,8 @@ fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     motion.rests().into_iter().map(span).filter(|rest| rest.used_s >= min_rest_s).collect()
 }
 
-/// Inverse of the information with the prior precision `prior` on its diagonal; `None` if it is not positive definite.
+/// Inverse of the information matrix plus the prior precision `prior` on its diagonal; `None` if the sum is not
+/// positive definite.
 pub(super) fn covariance(information: &Mat<f64>, prior: &[f64]) -> Option<Mat<f64>> {
     let n = prior.len();
     let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + prior[p]).sqrt()).collect();
@@ -95,8 +97,8 @@ pub(super) fn covariance(information: &Mat<f64>, prior: &[f64]) -> Option<Mat<f6
     Some(Mat::from_fn(n, n, |i, j| solved[(i, j)] / (size[i] * size[j])))
 }
 
-/// Logarithm of the determinant of the information with the prior precision `prior` on its diagonal; `None` if it is
-/// not positive definite.
+/// Logarithm of the determinant of the information matrix plus the prior precision `prior` on its diagonal; `None` if
+/// the sum is not positive definite.
 pub(super) fn log_determinant(information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
     let n = prior.len();
     let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + prior[p]).sqrt()).collect();

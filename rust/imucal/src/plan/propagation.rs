@@ -1,5 +1,4 @@
-//! Representation of a run as a sequence of rests and moves, with the information from each rest and the propagation
-//! through each move.
+//! A run as a sequence of rests and moves. A rest gives information, and a move propagates the gravity direction.
 
 use nalgebra::Matrix2;
 
@@ -11,23 +10,23 @@ use crate::simulate::Moment;
 pub(super) const EDGE_S: f64 = 0.01;
 /// Length of a block over which forces inside a move are averaged, s. It equals the block length of the joint fit.
 const BLOCK_S: f64 = 0.04;
-/// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the direction of gravity is
+/// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the gravity direction is
 /// treated as constant.
 const HELD_S: f64 = 0.2;
 /// Number of integration steps in a move. With this number, the midpoint rule has a relative error of 1e-3 in the
 /// information.
 const STEPS: usize = 32;
 
-/// Information from a rest: derivatives of the mean force and of the mean rate over one second, divided by the standard
-/// deviations of these means.
+/// Information from a rest: derivatives of the mean force and of the mean rate over one second. They are divided by the
+/// standard deviations of these means.
 #[derive(Clone)]
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
     rate: [Vec<f64>; 3],
-    /// Variances of the rounding errors of the mean force and of the mean rate. Each is divided by the variance, due to
-    /// white noise, of the mean over one second.
+    /// Variances of the rounding errors of the mean force and of the mean rate. Each is divided by the white-noise
+    /// variance of the mean over one second.
     rounding: [f64; 2],
-    /// Propagation of the direction of gravity over half an interval of a hand-held rest; `None` on a stand.
+    /// Propagation of the gravity direction over half an interval of a hand-held rest; `None` for a rest on a stand.
     half_interval: Option<Propagation>,
 }
 
@@ -40,13 +39,13 @@ pub(super) struct MoveInformation {
 #[derive(Clone)]
 struct Section {
     propagation: Propagation,
-    /// Derivatives of the forces inside the move, divided by the standard deviations of the forces. They are added
-    /// after the propagation. `None` if forces inside moves are not used.
+    /// Derivatives of the forces inside the move, divided by the standard deviations of the forces. They are added to
+    /// the filter after the propagation. `None` if forces inside moves are not used.
     force: Option<[Vec<f64>; 3]>,
 }
 
 impl RestInformation {
-    /// Information from a rest at `time_s`. If `in_hand` is set, the unit trembles, so its mean rate contains no
+    /// Information from a rest at `time_s`. If `in_hand` is set, the unit trembles. Its mean rate then contains no
     /// information about the bias.
     pub(super) fn new(sensors: &Sensors, moment: &Moment, time_s: f64, in_hand: bool) -> Self {
         let scaled = |rows: [Vec<f64>; 3], variance: f64| {
@@ -62,7 +61,7 @@ impl RestInformation {
     }
 
     /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The gyroscope has the
-    /// same reading at all rests, so they share one rounding error.
+    /// same reading at all rests, so all rests have the same rounding error.
     pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
             let [force, rate] = self.rounding;
@@ -80,8 +79,8 @@ impl RestInformation {
 }
 
 impl MoveInformation {
-    /// Move that starts at `start_s` and takes `duration_s`. `at` returns the motion as a function of time; the unit is
-    /// at rest before and after the move. The first `settle_s` of the next rest are not used.
+    /// Information of a move that starts at `start_s` and takes `duration_s`. `at` returns the motion as a function of
+    /// time. The unit is at rest before and after the move. The first `settle_s` of the next rest are not used.
     pub(super) fn new(
         sensors: &Sensors,
         start_s: f64,
@@ -109,8 +108,8 @@ impl MoveInformation {
                 parts.push((at(end_s), end_s, EDGE_S + settle_s));
             }
             let propagation = propagation_over(sensors, parts, sensors.moving_variance);
-            // The force is evaluated at the middle of its block. The difference from the mean over the block has a
-            // negligible influence on the information.
+            // The force is evaluated at the middle of its block. Its difference from the mean over the block hardly
+            // changes the information.
             let force = inside.then(|| {
                 let middle_s = first_s + block_s / 2.0;
                 let sigma = (sensors.force_variance / block_s).sqrt();
@@ -123,7 +122,7 @@ impl MoveInformation {
         Self { sections }
     }
 
-    /// Propagates the direction of gravity through the move.
+    /// Propagates the gravity direction of the filter through the move.
     pub(super) fn propagate(&self, filter: &mut InformationFilter) {
         for Section { propagation, force } in &self.sections {
             filter.propagate(propagation);
@@ -132,8 +131,8 @@ impl MoveInformation {
     }
 }
 
-/// Propagation by the gyroscope over several intervals. Each interval is given by the motion at its middle, the time of
-/// its middle, s, and its duration, s.
+/// Propagation with the gyroscope over several intervals. For each interval, the motion at its middle, the time of its
+/// middle, s, and its duration, s, are given.
 fn propagation_over(
     sensors: &Sensors,
     parts: impl IntoIterator<Item = (Moment, f64, f64)>,

@@ -1,7 +1,7 @@
 //! Search for the best program by simulated annealing. Each proposal changes one pose, hold or turn.
 //!
 //! A better program is always accepted. A slightly worse program is accepted with a probability that decreases during
-//! the search. Accepting worse programs allows the search to reach better programs that differ in several poses.
+//! the search. The search can thus reach better programs that differ in several poses.
 
 use std::f64::consts::{PI, TAU};
 
@@ -22,16 +22,17 @@ use crate::simulate::Program;
 /// Initial numbers of poses, one for each start of the search. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
 /// Divisor of the number of proposals. Each start of the search gets the number of proposals divided by this value, and
-/// the start with the best result gets all remaining proposals.
+/// Divisor of the number of proposals. Each start of the search has the number of proposals divided by this value. The
+/// start with the best result then has all remaining proposals.
 const SHARE_OF_START: usize = 16;
-/// Annealing temperature at the start of the search. The cost of a program is a logarithm. An increase of the cost by
-/// this temperature is accepted with a probability of about one third.
+/// Annealing temperature at the start of the search. The cost of a program is a logarithm, so the temperature has no
+/// unit. An increase of the cost by this temperature is accepted with a probability of about one third.
 const WARM: f64 = 0.006;
-/// Annealing temperature at the end of the search, at which practically no program with a higher cost is accepted.
+/// Annealing temperature at the end of the search. A program with a higher cost is then practically never accepted.
 const COLD: f64 = 0.00006;
-/// Maximum number of random poses that are tried to find one that the stand can reach.
+/// Maximum number of random poses that are tried to find a pose that the stand can reach.
 const ATTEMPTS: usize = 200;
-/// Number of bisection steps to find the shortest holds that reach the goal.
+/// Number of bisection steps for the shortest holds that reach the goal.
 const HALVINGS: usize = 30;
 
 /// Goal and length of a search.
@@ -115,7 +116,7 @@ struct Annealing<'a> {
 }
 
 impl Annealing<'_> {
-    /// A program with random poses. It has fewer poses than requested if the time is too short.
+    /// A program with random poses. If the time is too short, it has fewer poses than requested.
     fn start(&mut self, poses: usize) -> Option<Trial> {
         let mut count = poses.max(FEWEST_POSES);
         loop {
@@ -171,7 +172,7 @@ impl Annealing<'_> {
     /// A changed program; `None` if the stand cannot run it.
     fn propose(&mut self, trial: &Trial) -> Option<Trial> {
         let count = trial.poses.len();
-        // The first pose is the start position of the motors and cannot be changed.
+        // The first pose is the start position of the motors, so it is not changed.
         let k = self.random.random_range(1..count);
         match self.random.random_range(0..100) {
             0..40 => {
@@ -184,8 +185,8 @@ impl Annealing<'_> {
                 self.scene.with_pose(trial, k, pose)
             }
             47..55 => {
-                // The turn before pose k is changed to the opposite direction: one motor angle of this pose and of all
-                // following poses is changed by a full revolution.
+                // The turn before pose k changes its direction: the angle of one motor changes by a full revolution in
+                // this pose and in all following poses.
                 let (motor, turn) =
                     (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
                 let mut poses = trial.poses.clone();
@@ -226,7 +227,8 @@ impl Annealing<'_> {
         }
     }
 
-    /// Scales the holds to the shortest holds that reach the goal. Returns the program and whether the goal is reached.
+    /// Scales the holds to the shortest duration that reaches the goal. Returns the program and whether the goal is
+    /// reached.
     fn just_enough(&self, trial: Trial) -> (Trial, bool) {
         let scene = self.scene;
         let shortest = scene.shortest_hold_s();
@@ -236,7 +238,7 @@ impl Annealing<'_> {
             let worst = scene.goal.worst(&scaled.information(scene), &scene.prior)?;
             Some((scaled, worst))
         };
-        // Holds are extended by at most a factor of ten. If the goal needs longer holds, additional poses are more
+        // Holds are extended by at most a factor of ten. If longer holds are needed, additional poses are more
         // efficient.
         let (mut low, mut high) = (0.1_f64, 10.0_f64);
         match with(high) {
@@ -256,7 +258,7 @@ impl Annealing<'_> {
     }
 
     fn normal(&mut self) -> f64 {
-        // The random number is limited, so that changes of the program remain small.
+        // The random number is limited to keep changes of the program small.
         self.random.sample::<f64, _>(StandardNormal).clamp(-PI, PI)
     }
 }

@@ -1,7 +1,7 @@
 //! Linearised sensors: rows of derivatives of the readings with respect to the parameters.
 //!
 //! The parameters have the order of the joint fit: accelerometer bias (3), accelerometer sensitivity (6, symmetric
-//! frame), gyroscope bias (3), gyroscope sensitivity (9, row by row), then the parameters of the effects.
+//! frame), gyroscope bias (3), gyroscope sensitivity (9, row by row), and then the parameters of the effects.
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor as Kind, State, Surroundings};
 use nalgebra::{Matrix3, Vector3};
@@ -15,40 +15,40 @@ use crate::rounding::Rounding;
 use crate::simulate::{Converter, Moment, Sensor, Unit};
 use crate::two_stage::observability::FARTHEST;
 
-/// Maximum share of the gyroscope's range that a plan uses. The rest is a margin for noise and for overshoot of the
-/// motors.
+/// Maximum share of the gyroscope's range that a plan uses. The other part is a margin for noise and for overshoot of
+/// the motors.
 const NEAR_RAILS: f64 = 0.95;
-/// Assumed value of an effect's time constant, as a share of the duration of the run.
+/// Assumed time constant of an effect, as a share of the duration of the run.
 const SHAPE_SHARE: f64 = 0.3;
 
-/// Model of a unit for planning: sensitivities, white noise, and the effects to be estimated.
+/// Model of a unit for planning: the sensitivities, the white noise, and the effects to be estimated.
 #[derive(Clone, Debug)]
 pub struct Sensors {
     accelerometer: Matrix3<f64>,
     gyroscope: Matrix3<f64>,
     gyroscope_bias: Vector3<f64>,
     from_gyroscope: Matrix3<f64>,
-    /// Variance of the mean of the accelerometer over one second, (m/s^2)^2.
+    /// Variance of the mean accelerometer reading over one second, (m/s^2)^2.
     pub(super) force_variance: f64,
-    /// Variance of the mean of the gyroscope over one second at rest, (rad/s)^2.
+    /// Variance of the mean gyroscope reading over one second at rest, (rad/s)^2.
     pub(super) rate_variance: f64,
-    /// Variance of the mean of the gyroscope over one second during a move, (rad/s)^2.
+    /// Variance of the mean gyroscope reading over one second during a move, (rad/s)^2.
     pub(super) moving_variance: f64,
     /// Variance of the rounding error of the mean force of a rest, (m/s^2)^2.
     pub(super) force_rounding: f64,
-    /// Variance of the rounding error of the mean rate, (rad/s)^2. All rests share this error.
+    /// Variance of the rounding error of the mean rate, (rad/s)^2. All rests have the same rounding error.
     pub(super) rate_rounding: f64,
     gyroscope_range: f64,
     gravity_mps2: f64,
     effects: Vec<&'static Effect<f64>>,
     held: Vec<HeldParameter>,
-    /// Approximate duration of the run, s, for effects that depend on time.
+    /// Approximate duration of the run, s. It is used for effects that depend on time.
     pub(super) run_s: f64,
 }
 
-/// Variance of the rounding error of the mean of a rest, SI unit squared (model.md (37)).
+/// Variance of the rounding error of the mean of a rest, squared SI unit (model.md (37)).
 fn rounding_error(sensor: &Sensor, rate_hz: f64) -> f64 {
-    // The noise bandwidth of a second-order filter is 1.11 times its bandwidth, on both sides of zero frequency.
+    // The noise bandwidth of a second-order filter is 1.11 times its bandwidth, on each side of zero frequency.
     let passed_hz = sensor.low_pass.map_or(rate_hz, |low_pass| rate_hz.min(2.0 * 1.11 * low_pass.bandwidth_hz));
     let noise = sensor.noise_density * passed_hz.sqrt();
     let rounding = sensor.converter.and_then(|converter| Rounding::of_noise(converter.lsb, noise));
@@ -85,8 +85,8 @@ impl Sensors {
     /// Adds effects to the estimated parameters. `run_s` is the approximate duration of the run, s.
     ///
     /// # Errors
-    /// [`Error::Input`] for unknown effects, for effects on the encoders, and for effects of temperature, which no
-    /// motion makes observable.
+    /// [`Error::Input`] for unknown effects, for effects on the encoders, and for temperature effects, because no
+    /// motion makes them observable.
     pub fn with_effects(mut self, names: &[String], run_s: f64) -> Result<Self, Error> {
         for name in names {
             let Some(effect) = Effect::<f64>::find(name) else {
@@ -109,7 +109,7 @@ impl Sensors {
         Ok(self)
     }
 
-    /// Adds priors of parameters, as in the joint fit.
+    /// Adds priors of parameters. They have the same form as in the joint fit.
     ///
     /// # Errors
     /// [`Error::Input`] for unknown names and invalid priors.
@@ -123,7 +123,8 @@ impl Sensors {
         BASE + self.effects.iter().map(|effect| effect.plain).sum::<usize>()
     }
 
-    /// Names and SI units of the effects' parameters, in their order after the 21 parameters of the triads.
+    /// Names and SI units of the effects' parameters. They are in the order in which they follow the 21 parameters of
+    /// the triads.
     pub fn effect_parameters(&self) -> Vec<(String, &'static str)> {
         let named = |effect: &&'static Effect<f64>| {
             let name = effect.name;
@@ -132,9 +133,9 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Prior precision (inverse variance) of each parameter. A parameter with a user-defined prior has the precision of
-    /// that prior. The prior standard deviation of all other parameters is a tenth of their size, or ten typical sizes
-    /// for an effect.
+    /// Prior precision (inverse variance) of each parameter. If the user gave a prior for a parameter, it has the
+    /// precision of this prior. For all other parameters, the prior standard deviation is a tenth of their size, or ten
+    /// typical sizes for an effect.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));
@@ -146,14 +147,14 @@ impl Sensors {
         let effects =
             self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
         let widest = base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2));
-        // The priors are linearised at the parameters of a perfect sensor. This is accurate enough, because their
-        // derivatives barely depend on the parameters.
+        // The priors are linearised at the parameters of a sensor without errors. This is accurate enough, because
+        // their derivatives hardly depend on the parameters.
         let perfect: [f64; BASE] = std::array::from_fn(|p| if [3, 4, 5, 12, 16, 20].contains(&p) { 1.0 } else { 0.0 });
         let held = precisions(&self.held, &perfect).map(|(precision, _)| precision);
         widest.zip(held.into_iter().chain(std::iter::repeat(0.0))).map(|(widest, held)| widest.max(held)).collect()
     }
 
-    /// Whether forces inside moves are used. As in the joint fit, effects of angular acceleration need them.
+    /// Whether forces inside moves are used. Effects of angular acceleration need these forces, as in the joint fit.
     pub(super) fn uses_forces_in_moves(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::AngularAcceleration))
     }
@@ -163,8 +164,8 @@ impl Sensors {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
     }
 
-    /// Ratio of the reading at this body rate to the usable range of the gyroscope. A ratio above 1 means that the rate
-    /// is too fast.
+    /// Ratio of the reading at this body rate to the usable range of the gyroscope. If it is above 1, the rate is too
+    /// fast.
     pub(super) fn too_fast(&self, rate: &Vector3<f64>) -> f64 {
         let reading = self.gyroscope * rate;
         let share = |axis: usize| {
@@ -173,8 +174,8 @@ impl Sensors {
         (0..3).map(share).fold(0.0, f64::max)
     }
 
-    /// Derivatives of the three accelerometer readings, m/s^2, one row each. They are not yet divided by the standard
-    /// deviation of the readings.
+    /// Derivatives of the three accelerometer readings, m/s^2, one row for each reading. They are not yet divided by
+    /// the standard deviations of the readings.
     pub(super) fn force_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
         let to_world = moment.rotation_world_from_body.to_rotation_matrix();
         let [x, y, z] = [0, 1, 2].map(|row| to_world.matrix().row(row).transpose());
@@ -197,8 +198,8 @@ impl Sensors {
         rows
     }
 
-    /// Derivatives of the three gyroscope readings at rest, rad/s, one row each. They are not yet divided by the
-    /// standard deviation of the readings.
+    /// Derivatives of the three gyroscope readings at rest, rad/s, one row for each reading. They are not yet divided
+    /// by the standard deviations of the readings.
     pub(super) fn rate_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
         let mut rows: [Vec<f64>; 3] = std::array::from_fn(|i| {
             let mut row = vec![0.0; DIRECTION + self.parameters()];
@@ -212,7 +213,7 @@ impl Sensors {
         rows
     }
 
-    /// Adds the propagation over an interval of `duration_s` around `time_s`: the derivatives of the angles with
+    /// Adds the propagation over an interval of `duration_s` around `time_s`. The derivatives of both angles with
     /// respect to the parameters are added to `by`. Returns the gains of both angles for white noise of the gyroscope.
     pub(super) fn add_propagation(
         &self,
@@ -240,7 +241,7 @@ impl Sensors {
         seen
     }
 
-    /// Calls `take` for every column of the effects on a sensor, with the index of its parameter.
+    /// Calls `take` with every column of the effects on a sensor, and with the index of its parameter.
     fn effect_columns(&self, sensor: Kind, moment: &Moment, time_s: f64, mut take: impl FnMut(usize, Vector3<f64>)) {
         let mut place = BASE;
         for effect in &self.effects {

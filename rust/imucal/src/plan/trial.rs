@@ -1,5 +1,5 @@
-//! A trial program. Its rests and moves are stored separately, so that after a change only the affected rests and moves
-//! are computed again.
+//! A trial program. Its rests and moves are stored separately. After a change, only the affected rests and moves are
+//! computed again.
 
 use std::rc::Rc;
 
@@ -14,16 +14,16 @@ use crate::error::Error;
 use crate::simulate::profile::MotorState;
 use crate::simulate::{Moment, Program, Step};
 
-/// Minimum angle, rad, by which at least one motor turns between two consecutive poses. Poses closer together yield
+/// Minimum angle by which at least one motor turns between two consecutive poses, rad. Two closer poses would give
 /// nearly equal measurements.
 const LEAST_TURN_RAD: f64 = 0.17;
-/// Margin of a planned rest above the minimum duration, s. It is needed because rest detection has a time resolution of
-/// one block.
+/// Margin of a planned rest above the minimum duration, s. It is needed because the time resolution of rest detection
+/// is one block.
 const SPARE_S: f64 = 0.2;
 /// Number of instants at which the rate during a move is compared with the range of the gyroscope.
 const RATE_INSTANTS: usize = 24;
 
-/// Data that all trial programs of a search share.
+/// Data of a search that all of its trial programs use.
 pub(super) struct Scene<'a> {
     pub(super) sensors: &'a Sensors,
     pub(super) limits: &'a Limits,
@@ -32,7 +32,7 @@ pub(super) struct Scene<'a> {
     pub(super) prior: Vec<f64>,
 }
 
-/// A program: poses, the duration of each hold, and the rests and moves with their information.
+/// A program: its poses, the duration of each hold, and the information of its rests and moves.
 #[derive(Clone)]
 pub(super) struct Trial {
     pub(super) poses: Vec<Vector3<f64>>,
@@ -64,7 +64,7 @@ impl Scene<'_> {
         self.with_cost(trial)
     }
 
-    /// The program with a different pose `k`; `None` if the stand cannot reach it.
+    /// The program with another pose `k`; `None` if the stand cannot reach this pose.
     pub(super) fn with_pose(&self, trial: &Trial, k: usize, pose: Vector3<f64>) -> Option<Trial> {
         let mut changed = trial.clone();
         changed.poses[k] = pose;
@@ -75,7 +75,7 @@ impl Scene<'_> {
         self.with_cost(changed)
     }
 
-    /// The program with other durations of its holds; `None` if it then takes too long.
+    /// The program with other durations of its holds; `None` if the program is then too long.
     pub(super) fn with_holds(&self, trial: &Trial, holds_s: Vec<f64>) -> Option<Trial> {
         self.with_cost(Trial { holds_s, ..trial.clone() })
     }
@@ -85,7 +85,7 @@ impl Scene<'_> {
         Rc::new(RestInformation::new(self.sensors, &moment, time_s, self.limits.in_hand))
     }
 
-    /// The fastest move between two poses and its duration, s; `None` if the limits forbid the move.
+    /// The fastest move between two poses, with its duration, s; `None` if the limits forbid the move.
     fn leg(&self, from: &Vector3<f64>, to: &Vector3<f64>, start_s: f64) -> Option<(f64, Rc<MoveInformation>)> {
         let turn = to - from;
         if turn.amax() < LEAST_TURN_RAD || !self.limits.allow(from, to) {
@@ -96,14 +96,14 @@ impl Scene<'_> {
             let share = (k as f64 + 0.5) / RATE_INSTANTS as f64;
             self.sensors.too_fast(&moment(from, &turn, move_s, share * move_s).angular_rate)
         };
-        // All rates are inversely proportional to the duration of the move. The duration is therefore increased by the
+        // All rates are inversely proportional to the duration of the move. The duration is therefore multiplied by the
         // largest ratio of a rate to the range of the gyroscope.
         move_s = whole_ticks(move_s * (0..RATE_INSTANTS).map(look).fold(1.0, f64::max));
         let at = |time_s: f64| moment(from, &turn, move_s, time_s - start_s);
         Some((move_s, Rc::new(MoveInformation::new(self.sensors, start_s, move_s, self.limits.settle_s, at))))
     }
 
-    /// Calculates the cost of the program; `None` if it takes too long or its information is singular.
+    /// Computes the cost of the program; `None` if the program is too long or its information is singular.
     fn with_cost(&self, mut trial: Trial) -> Option<Trial> {
         if let Goal::MostIn { duration_s } = self.goal {
             trial.fill(*duration_s, self.shortest_hold_s())?;
@@ -116,7 +116,7 @@ impl Scene<'_> {
         trial.cost.is_finite().then_some(trial)
     }
 
-    /// Computes all rests and moves again, for the times at which they occur in the program.
+    /// Computes all rests and moves again at the times at which they occur in the program.
     fn in_time(&self, trial: &mut Trial) -> Option<()> {
         let mut time_s = 0.0;
         for k in 0..trial.poses.len() {
@@ -140,7 +140,8 @@ impl Trial {
         self.holds_s.iter().chain(&self.moves_s).sum()
     }
 
-    /// Distributes the available time, minus the duration of the moves, among the holds; `None` if it is too short.
+    /// Distributes the available time among the holds; `None` if it is too short. The available time does not include
+    /// the moves.
     fn fill(&mut self, duration_s: f64, shortest_s: f64) -> Option<()> {
         let count = self.holds_s.len() as f64;
         let spare_s = duration_s - self.moves_s.iter().sum::<f64>() - shortest_s * count;
@@ -167,7 +168,7 @@ impl Trial {
         filter.information()
     }
 
-    /// The program with times rounded to [`TICK_S`], up or down.
+    /// The program with times rounded up or down to multiples of [`TICK_S`].
     pub(super) fn program(&self, up: bool) -> Result<Program, Error> {
         let ticks = |hold_s: f64| if up { whole_ticks(hold_s) } else { (hold_s / TICK_S + 1e-6).floor() * TICK_S };
         let mut steps = vec![Step::hold(ticks(self.holds_s[0]))];

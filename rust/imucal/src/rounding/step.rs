@@ -1,25 +1,24 @@
-//! Quantisation step (LSB) of one axis, determined only from its values.
+//! Quantisation step (LSB) of one axis. It is determined from the values of the axis only.
 //!
 //! Values may be counts, counts times a scale, or such products rounded to float32 or to the decimals of a text file.
 //! If a recording was corrected for misalignment, each axis is a combination of the counts of three axes. Such an axis
-//! has no step, or a step that is far below the noise.
+//! has no step, or its step is far below the noise.
 
 use crate::recording::Samples;
 
 /// Maximum number of samples that are examined.
 const MOST_SAMPLES: usize = 200_000;
-/// Relative accuracy of float32. Differences below this fraction of the largest value are attributed to the number
-/// format.
+/// Relative accuracy of float32. Differences below this fraction of the largest value are due to the number format.
 const FLOAT32: f64 = 3e-7;
-/// Largest distance between two neighbouring levels, in steps, that is compared with multiples of the step.
+/// Maximum distance between two neighbouring levels that is compared with multiples of the step, in steps.
 const FAR: f64 = 20.5;
-/// Maximum deviation of a distance from a multiple of the step, in steps. A text file with few decimals makes the
-/// distances uneven.
+/// Maximum deviation of a distance from a multiple of the step, in steps. In a text file with few decimals, the
+/// distances are uneven.
 const UNEVEN: f64 = 0.25;
 /// Minimum share of the distances between neighbouring levels that are multiples of the step.
 const REGULAR: f64 = 0.9;
-/// Minimum share of the distances between neighbouring levels that do not exceed [`FAR`]. For continuous values, most
-/// distances are much larger than the smallest one.
+/// Minimum share of the distances between neighbouring levels that are at most [`FAR`]. For continuous values, most
+/// distances are much larger than the smallest distance.
 const NEAR: f64 = 0.5;
 
 /// The step of an axis; `None` if the values have no step.

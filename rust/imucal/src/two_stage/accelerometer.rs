@@ -23,8 +23,8 @@ use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
 use crate::two_stage::observability::{self, LARGEST_SHIFT, REST_ERROR_MPS2};
 
-/// Maximum ratio of the noise of a rest mean to the smallest radius of a valid ellipsoid. The ratio is 0.001 for a
-/// noisy sensor, and about 0.5 if all rests have one pose and the ellipsoid is fitted to their noise.
+/// Maximum ratio of the noise of a rest mean to the smallest radius of a valid ellipsoid. For a noisy sensor, the ratio
+/// is 0.001. If all rests have one pose, the ellipsoid is fitted to their noise, and the ratio is about 0.5.
 const NOISE_OVER_SIZE: f64 = 0.02;
 
 /// Result of the accelerometer fit.
@@ -32,24 +32,25 @@ const NOISE_OVER_SIZE: f64 = 0.02;
 pub(crate) struct AccelerometerFit {
     /// The fitted accelerometer.
     pub(crate) triad: Triad<f64>,
-    /// For each rest, whether the fit uses it. Rests that are not used are outliers.
+    /// For each rest, whether the fit uses it. Rests that the fit does not use are outliers.
     pub(crate) used: Vec<bool>,
-    /// Derivative of the parameters with respect to the error of |f| at each rest in m/s^2, 9 x number of rests. The
-    /// columns of unused rests are zero.
+    /// Derivative of the parameters with respect to the error of |f| at each rest in m/s^2; 9 x number of rests. The
+    /// columns of rests that are not used are zero.
     pub(crate) gain: Mat<f64>,
-    /// Derivative of the parameters with respect to the error of each prior, in standard deviations of the prior, 9 x
+    /// Derivative of the parameters with respect to the error of each prior, in standard deviations of the prior; 9 x
     /// number of priors.
     pub(crate) prior_gain: Mat<f64>,
     pub(crate) report: FitReport,
-    /// Whether the rests alone determine all parameters without a prior. If not, the moves determine the remaining
-    /// parameters.
+    /// Whether the rests determine all parameters without a prior and without the moves. If not, the moves determine
+    /// the other parameters.
     pub(crate) is_determined: bool,
 }
 
 /// Fits the nine parameters. Rests that contradict all others are excluded one by one (model.md (14)).
 ///
-/// `nominal` is the start value if the rests do not determine an ellipsoid. If it is `None`, recordings in SI units
-/// (`raw_is_si`) start from the identity. The rests need not determine the parameters in `held`, which have a prior.
+/// `nominal` is the start value if the rests do not determine an ellipsoid. If it is `None`, the fit of recordings in
+/// SI units (`raw_is_si`) starts from the identity. Parameters in `held` have a prior, so the rests need not determine
+/// them.
 ///
 /// # Errors
 /// * [`Error::NotEnoughMotion`] if the rests do not determine the parameters.
@@ -62,8 +63,8 @@ pub(crate) fn fit(
     held: &StageRows<'_>,
 ) -> Result<AccelerometerFit, Error> {
     let means: Vec<Vector3<f64>> = rests.iter().map(|rest| rest.specific_force.mean).collect();
-    // With priors, no ellipsoid is fitted, because an ellipsoid through poses that do not determine all parameters may
-    // be far from the truth.
+    // If there are priors, no ellipsoid is fitted. The poses may not determine all parameters, and an ellipsoid through
+    // them may then be far from the truth.
     let found = if held.count() == 0 {
         ellipsoid::fit(&means, gravity_mps2)?
     } else {
@@ -86,12 +87,12 @@ pub(crate) fn fit(
     fit_from(rests, gravity_mps2, &start, held, true)
 }
 
-/// Fits the accelerometer to rests that do not determine some of its parameters. Undetermined parameters keep the
-/// values of `start`, and all others are fitted. For this purpose every parameter has a prior with a standard deviation
-/// of a hundredth of its size. This prior changes the determined parameters by much less than their standard deviation.
+/// Fits the accelerometer to rests that do not determine some of its parameters. These parameters keep the values of
+/// `start`, and all others are fitted. For this purpose, every parameter has a prior with a standard deviation of a
+/// hundredth of its size. This prior changes a determined parameter by much less than its standard deviation.
 ///
-/// All rests are used, because a few rests on the faces of a box are not enough to detect a wrong rest. The joint fit
-/// excludes outliers.
+/// All rests are used. With a few rests on the faces of a box, a wrong rest cannot be detected. The joint fit excludes
+/// outliers.
 ///
 /// # Errors
 /// [`Error::Fit`] if the result is not finite.
@@ -105,7 +106,7 @@ pub(crate) fn fit_near(rests: &[&Rest], gravity_mps2: f64, start: &Triad<f64>) -
     fit_from(rests, gravity_mps2, &start, &StageRows::new(&near, ACCEL), false)
 }
 
-/// The fit from a start value. `is_determined` states whether the rests alone determine all parameters without a prior.
+/// The fit from a start value. `is_determined` states whether the rests determine all parameters without a prior.
 fn fit_from(
     rests: &[&Rest],
     gravity_mps2: f64,
@@ -133,7 +134,7 @@ fn fit_from(
 }
 
 /// Whether the ellipsoid is much larger than the noise of the means. If all rests have one pose, the means also
-/// determine an ellipsoid, but the size of this ellipsoid equals the size of the noise.
+/// determine an ellipsoid, but its size is that of the noise.
 fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.whole_variance().max().sqrt()).collect();
     let noise = stats::median(&mut noise);
@@ -145,8 +146,8 @@ fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64, held: 
     let parameters = parameters_of(start);
     let triad = triad_of(&parameters)?;
     let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
-    // Columns of the sensitivity are in units of the mean scale. Columns of the bias are in units of the reading at 1
-    // g.
+    // The columns of the sensitivity are in units of the mean scale. The columns of the bias are in units of the
+    // reading at 1 g.
     let scale = start.sensitivity.trace() / 3.0;
     let unit = |j: usize| if j < 3 { gravity_mps2 * scale } else { scale };
     let (mut residuals, mut priors) = (Mat::zeros(held.count(), 1), Mat::zeros(held.count(), 9));
@@ -178,8 +179,8 @@ fn finish(
     let prior_gain = Mat::from_fn(9, row_gain.ncols() - first, |i, row| row_gain[(i, first + row)]);
     let mut report = FitReport::of(solution);
     if !is_determined {
-        // The prior determines some parameters instead of the rests. The sum of the leverages of the rests is the
-        // number of parameters that the rests determine.
+        // Some parameters are determined by the prior instead of the rests. The sum of the leverages of the rests is
+        // the number of parameters that the rests determine.
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }
@@ -216,7 +217,7 @@ pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64
     (norm, gradient)
 }
 
-/// The residuals of the used rests, with the weights of the start value.
+/// The residuals of the used rests. Their weights are those of the start value.
 struct Norms<'a> {
     means: Vec<Vector3<f64>>,
     sigma: Vec<f64>,

@@ -1,4 +1,4 @@
-//! Algebraic ellipsoid fit: start value of the accelerometer (model.md (3), (4)).
+//! Algebraic ellipsoid fit. It gives the start value of the accelerometer (model.md (3), (4)).
 //!
 //! At rest |T^-1 (a - b)| = g. The means a of the rests therefore lie on an ellipsoid, whose equation is linear in ten
 //! unknowns:
@@ -24,18 +24,18 @@ pub(crate) struct Start {
     pub(crate) bias: Vector3<f64>,
 }
 
-/// Minimum ratio of a singular value to the largest one for a sphere to be determined. If all means lie in one plane,
-/// the smallest singular value is zero without noise, and its ratio is below this limit with noise.
+/// Minimum ratio of a singular value to the largest one for a sphere to be determined. If all means are in one plane,
+/// the smallest singular value is zero without noise. With noise, its ratio is below this limit.
 const LEAST_SINGULAR: f64 = 1e-3;
 
-/// The ellipsoid through `means` (one per rest, any raw unit), or the sphere if the means determine no ellipsoid.
+/// The ellipsoid through `means` (one for each rest, in any raw unit), or a sphere if the means determine no ellipsoid.
 ///
-/// Returns `None` if the means do not determine a sphere, that is, if they lie in one plane.
+/// Returns `None` if the means are in one plane, because they then determine no sphere.
 ///
 /// # Errors
 /// [`Error::Fit`] if the singular value decomposition fails.
 pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
-    // The points are centred and scaled, so that all columns of the design are of order one in any raw unit, including
+    // The points are centred and scaled. All columns of the design are then of order one in any raw unit, also for
     // counts with an offset.
     let Some((centre, size)) = extent(means).filter(|_| means.len() >= 4) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
@@ -49,8 +49,8 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// The sphere through `means` with the centre closest to their midpoint (minimum-norm solution). This solution exists
-/// even if the poses do not determine a unique sphere. Returns `None` for a single pose.
+/// The sphere through `means` whose centre is closest to their midpoint (minimum-norm solution). It exists even if the
+/// poses do not determine a unique sphere. Returns `None` for a single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
@@ -70,7 +70,7 @@ pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Resu
     Ok((radius > 0.0).then(|| Start { sensitivity, bias: centre + bias * size }))
 }
 
-/// Midpoint and half of the largest width of the box around the means; `None` if this width is zero.
+/// Midpoint of the box around the means, and half of its largest width; `None` if this width is zero.
 fn extent(means: &[Vector3<f64>]) -> Option<(Vector3<f64>, f64)> {
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for mean in means {
@@ -113,7 +113,7 @@ fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     Ok(square_root(&(w_inverse * scale)).map(|sensitivity| Start { sensitivity, bias }))
 }
 
-/// The sphere through points, from an equation that is linear in b and r^2 - |b|^2: |a|^2 = 2 a . b + (r^2 - |b|^2).
+/// The sphere through points, from the equation |a|^2 = 2 a . b + (r^2 - |b|^2). It is linear in b and in r^2 - |b|^2.
 fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     let design = Mat::from_fn(points.len(), 4, |k, j| if j < 3 { 2.0 * points[k][j] } else { 1.0 });
     let (values, _) = lsq::singular(&design)?;

@@ -1,14 +1,14 @@
-//! The gyroscope in the two-stage fit: bias from the rests, sensitivity from the moves between them (model.md (7),
-//! (8)).
+//! The gyroscope in the two-stage fit. The bias is estimated from the rests, and the sensitivity from the moves between
+//! them (model.md (7), (8)).
 //!
 //! ```text
 //! r_k = E_k (R_k^T u_k - u_(k+1)) / sigma_k
 //! ```
 //!
-//! u_k and u_(k+1) are the directions of gravity at the rests before and after move k. R_k is the rotation over the
-//! move, integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). The
-//! component along u_(k+1) is omitted, because a rotation about gravity is not observable. The nine entries of T are
-//! ordered by rows, `T_xx, T_xy, ... T_zz`.
+//! u_k and u_(k+1) are the gravity directions at the rests before and after move k. R_k is the rotation over the move,
+//! integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). The component
+//! along u_(k+1) is omitted, because a rotation about gravity is not observable. The nine entries of T are ordered by
+//! rows, `T_xx, T_xy, ... T_zz`.
 
 mod bias;
 
@@ -40,12 +40,12 @@ pub(crate) use bias::{GyroscopeBias, bias_from_rests};
 pub(crate) struct GyroscopeFit {
     /// The fitted gyroscope.
     pub(crate) triad: Triad<f64>,
-    /// For each move, whether the fit uses it. Moves that are not used are outliers.
+    /// For each move, whether the fit uses it. Moves that the fit does not use are outliers.
     pub(crate) used: Vec<bool>,
     /// Preintegrated rotation and Jacobian integrals of each move at the solution.
     pub(crate) preintegrated: Vec<Preintegrated>,
-    /// Derivative of the entries of T with respect to the error of each residual in rad, 9 x 2 moves. The columns of
-    /// unused moves are zero.
+    /// Derivative of the entries of T with respect to the error of each residual in rad; 9 x 2 moves. The columns of
+    /// moves that are not used are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
@@ -68,7 +68,7 @@ struct Linearised {
 
 /// Rms direction error below which a fit is close to the global minimum, rad.
 const CLOSE_RAD: f64 = 0.05;
-/// Maximum second-order error at which a preintegration is reused for a slightly different gyroscope, as a fraction of
+/// Maximum second-order error for a preintegration to be reused with a slightly different gyroscope, as a fraction of
 /// the standard deviation of a move. If the error is larger, the samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
@@ -83,8 +83,8 @@ impl<'a> PreintegratedMoves<'a> {
         Self { segments, bias, held, last: RefCell::new(None) }
     }
 
-    /// A first estimate by a fit from the start value with the smallest misfit. If the residuals of this fit are large,
-    /// fits from the other start values are tried, too.
+    /// A first estimate. The fit starts from the start value with the smallest misfit. If its residuals are large, fits
+    /// from the other start values are also tried.
     ///
     /// # Errors
     /// [`Error::Fit`] if no start value leads to a finite result.
@@ -111,15 +111,15 @@ impl<'a> PreintegratedMoves<'a> {
             }
         }
         let best = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
-        // Observability is not checked here, because the scale may still be wrong by a large factor. The final fit
-        // checks whether the moves determine all entries.
+        // Observability is not tested here, because the scale may be wrong by a large factor. After the final fit, it
+        // is tested whether the moves determine all entries.
         triad_of(&best.parameters, self.bias)
     }
 
     /// Fits the nine entries of the gyroscope's sensitivity matrix, starting from the estimate `first`. Moves that
     /// contradict all other moves are excluded one by one (model.md (14)). If `is_start` is set, the calibration of the
-    /// accelerometer is only a start value, and its errors appear in the residuals. In that case no move is excluded
-    /// here, and the joint fit excludes outliers instead.
+    /// accelerometer is only a start value, and the residuals contain its errors. Then no move is excluded here, and
+    /// the joint fit excludes outliers instead.
     ///
     /// # Errors
     /// * [`Error::NotEnoughMotion`] if the moves do not determine all entries.
@@ -148,8 +148,8 @@ impl<'a> PreintegratedMoves<'a> {
         Weighed { moves: self, ends, rows: (0..self.segments.len()).collect() }
     }
 
-    /// All moves preintegrated with this gyroscope. The most recent preintegration is corrected to first order if the
-    /// second-order error is small; otherwise the samples are integrated again.
+    /// All moves preintegrated with this gyroscope. If the second-order error is small, the most recent preintegration
+    /// is corrected to first order. Otherwise, the samples are integrated again.
     fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
         if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {
@@ -165,12 +165,13 @@ impl<'a> PreintegratedMoves<'a> {
 }
 
 impl Linearised {
-    /// The first-order correction for a slightly different gyroscope; `None` if the second-order error is too large.
+    /// The first-order correction for a slightly different gyroscope; `None` if its second-order error is too large.
     fn moved(self: Rc<Self>, triad: &Triad<f64>, ends: &[Ends]) -> Option<Rc<Self>> {
         if self.triad == *triad {
             return Some(self);
         }
-        // `change` times the old rate is the change of the rate due to the new gyroscope. The bias is the same in both.
+        // `change` times the old rate is the change of the rate due to the new gyroscope. Both gyroscopes have the same
+        // bias.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {
@@ -192,7 +193,7 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
     Triad::try_new(*sensitivity, bias).map_err(|error| Error::Fit(format!("gyroscope: {error}")))
 }
 
-/// Derivative of the residual of a move in rad with respect to the nine entries of T and the three biases, 2 x 12.
+/// Derivative of a move's residual in rad with respect to the nine entries of T and the three biases, 2 x 12.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
     // A rotation `delta` of the attitude at the end of the move changes the propagated direction by [R^T u]x delta.

@@ -1,4 +1,4 @@
-//! Parameters that a motion does not determine (model.md (12)).
+//! Test for parameters that a motion does not determine (model.md (12)).
 //!
 //! ```text
 //! C = (J^T J + 1 / 10^2)^-1,     undetermined: C_jj > 1
@@ -6,8 +6,8 @@
 //!
 //! J is the design matrix. Its rows are divided by model errors that every real unit has: half a mg at a rest, and 0.2
 //! deg in a move. Its columns are multiplied by a hundredth of the size of each parameter. The rows are not divided by
-//! sensor noise, because with small noise three nearly equal poses would appear sufficient. The term 1 / 10^2 is a
-//! prior, according to which a parameter deviates from its nominal value by a tenth of its size.
+//! sensor noise, because with small noise, three nearly equal poses would seem sufficient. The term 1 / 10^2 is a
+//! prior: a parameter deviates from its nominal value by a tenth of its size.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -20,22 +20,22 @@ use crate::parameters::{self, ACCELEROMETER, WORDS};
 pub(crate) const REST_ERROR_MPS2: f64 = 0.005;
 /// Model error of the gravity direction after a move of a real unit, rad (0.2 deg).
 pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
-/// A parameter is not determined if the model errors above change it by more than this fraction of its size.
+/// Maximum change of a determined parameter due to the model errors above, as a fraction of its size.
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
-/// Prior standard deviation of a parameter about its nominal value, as a fraction of its size.
+/// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// A parameter is unobservable by itself if it makes up at least this share of the squared length of an unobservable
-/// direction.
+/// Minimum share of one parameter in the squared length of an unobservable direction for this parameter to be
+/// unobservable without the others.
 const OWN_SHARE: f64 = 0.95;
-/// Undetermined parameters form a group if their correlation within the unobservable directions exceeds this value.
+/// Minimum correlation of undetermined parameters of one group, within the unobservable directions.
 const TRADED: f64 = 0.1;
-/// Maximum angle between an axis and the vertical, deg, for a pose to count as "axis up" or "axis down".
+/// Maximum angle between an axis and the vertical for a pose to count as "axis up" or "axis down", deg.
 const FACE_LIMIT_DEG: f64 = 40.0;
-/// Recommendation for rests on the six faces alone.
+/// Recommendation if all rests are on the six faces.
 pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";
-/// Alternative recommendation for a unit with a gyroscope, which measures the rotations between the faces. Four turns
-/// about each axis while this axis is horizontal include every face, and separate the misalignment of the gyroscope
-/// from its scale.
+/// Alternative recommendation for a unit with a gyroscope, which measures the rotations between the faces. The
+/// recommendation is four turns about each axis while this axis is horizontal. They include every face, and separate
+/// the misalignment of the gyroscope from its scale.
 pub(crate) const OR_ROLL: &str = ", or roll the unit over its faces: four turns of 90 deg about each axis while that \
                                   axis is level, with a rest after each";
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -45,13 +45,13 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub(crate) struct Open {
     /// Columns of the design whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
-    /// Groups of undetermined columns, each with the number of its linear combinations that are determined.
+    /// Groups of undetermined columns. Each group has the number of its linear combinations that are determined.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
 impl Open {
-    /// The undetermined parameters of `design`. Its rows are divided by the model errors of a real unit, and its
-    /// columns are multiplied by a hundredth of the size of each parameter.
+    /// The undetermined parameters of `design`. The rows of `design` are divided by the model errors of a real unit,
+    /// and its columns are multiplied by a hundredth of the size of each parameter.
     pub(crate) fn of(design: &Mat<f64>) -> Result<Self, Error> {
         let (values, vectors) = lsq::singular(design)?;
         let loosest = LARGEST_SHIFT / FARTHEST;
@@ -68,7 +68,7 @@ impl Open {
     }
 
     /// Removes the parameters with the columns `held` from the undetermined parameters, because they have priors with
-    /// known standard deviations. Groups that contain such a parameter are removed, too.
+    /// known standard deviations. Groups with such a parameter are also removed.
     pub(crate) fn without(self, held: &[usize]) -> Self {
         let is_left = |j: &usize| !held.contains(j);
         let columns: Vec<usize> = self.columns.into_iter().filter(is_left).collect();
@@ -76,7 +76,7 @@ impl Open {
         Self { columns, traded }
     }
 
-    /// One phrase for each group, such as "only 1 independent combination of accelerometer bias z and accelerometer
+    /// One phrase for each group, for example "only 1 independent combination of accelerometer bias z and accelerometer
     /// scale z is observable".
     fn group_phrases(&self) -> Vec<String> {
         let name = |&j: &usize| {
@@ -100,7 +100,8 @@ impl Open {
         })
     }
 
-    /// Message that names the undetermined parameters and the poses and rotations to add; `None` if all are determined.
+    /// Message with the undetermined parameters and the poses and rotations to add; `None` if all parameters are
+    /// determined.
     pub(crate) fn explain(&self, rests: usize, moves: usize, poses: &str, turns: &str) -> Option<String> {
         let [accelerometer, gyroscope] = self.names();
         let mut parts = Vec::new();
@@ -121,8 +122,8 @@ impl Open {
     }
 }
 
-/// Groups of undetermined columns that are correlated within the unobservable directions, with the number of linear
-/// combinations that are determined.
+/// Groups of undetermined columns that are correlated within the unobservable directions. Each group has the number of
+/// its linear combinations that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
     let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();
     let mut groups = Vec::new();
@@ -151,9 +152,9 @@ fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(V
 
 /// Returns an error if the rests do not determine the accelerometer.
 ///
-/// `design` is the Jacobian of |f|, m/s^2. Its derivatives are with respect to biases in units of the reading at 1 g,
-/// and with respect to entries of the sensitivity in units of the mean scale. `up` contains the directions of gravity
-/// at the rests, and `held` the columns of parameters with a prior.
+/// `design` is the Jacobian of |f|, m/s^2. Biases are in units of the reading at 1 g, and entries of the sensitivity in
+/// units of the mean scale. `up` contains the gravity directions at the rests. `held` contains the columns of
+/// parameters with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the parameters and the poses to add.
@@ -165,10 +166,10 @@ pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>], held: 
     }
 }
 
-/// Returns an error if the moves do not determine all entries of the gyroscope, given the accelerometer.
+/// Returns an error if the moves do not determine all entries of the gyroscope sensitivity. The accelerometer is known.
 ///
 /// `design` is the Jacobian of the move residuals in rad, with respect to entries in units of the mean scale. `held`
-/// are the columns of entries with a prior.
+/// contains the columns of entries with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the entries and the moves to add.
@@ -189,7 +190,7 @@ fn in_hundredths(design: &Mat<f64>, typical_error: f64) -> Mat<f64> {
     Mat::from_fn(design.nrows(), design.ncols(), |i, j| design[(i, j)] * unit)
 }
 
-/// Message for rests whose number or variety is too small to determine a sphere.
+/// Message for rests that are too few or too similar to determine a sphere.
 pub(crate) fn no_start(rests: usize) -> String {
     format!(
         "{rests} rests do not determine the accelerometer's {}: {}",
@@ -198,15 +199,15 @@ pub(crate) fn no_start(rests: usize) -> String {
     )
 }
 
-/// Recommendation for an accelerometer in counts whose rests do not determine any scale.
+/// Recommendation for an accelerometer in counts if its rests do not determine any scale.
 pub(crate) fn too_few_poses() -> String {
     "at least 9 different poses are needed; hold the unit still with each axis up and down, and in some poses in \
      between"
         .into()
 }
 
-/// Recommends poses to add. Each of the six directions of the body axes must be close to the vertical at some rest.
-/// `up` contains the directions of gravity at the rests.
+/// Recommends poses to add. Each of the six directions along the body axes must be near the vertical at some rest. `up`
+/// contains the gravity directions at the rests.
 pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
     let closest = |axis: usize, sign: f64| {
         let cosine = up.iter().map(|u| sign * u[axis]).fold(-1.0, f64::max);
@@ -235,8 +236,8 @@ pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
 
 const OTHER_AXES: &str = "add moves of 90 deg or more about different axes, each between two rests in different poses";
 
-/// Recommends rotations to add. `open` contains the entries of the gyroscope that are undetermined even if the
-/// accelerometer is known. `turned_rad` is the total rotation about each axis, rad.
+/// Recommends rotations to add. `open` contains the entries of the gyroscope sensitivity that are not determined even
+/// with a known accelerometer. `turned_rad` is the total rotation about each axis, rad.
 pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String {
     if open.is_empty() {
         return "the poses that the accelerometer needs determine these parameters, too".into();
@@ -245,8 +246,8 @@ pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String
     if largest < 0.3 {
         return "the unit hardly rotates: add moves of 90 deg or more about each axis".into();
     }
-    // Only rotation about axis j determines entry (i, j). Without rotation about an axis, the whole column of this axis
-    // is undetermined.
+    // Only rotation about axis j determines entry (i, j). Without rotation about an axis, no entry in the column of
+    // this axis is determined.
     let column_open = |j: usize| open.iter().filter(|&&p| p % 3 == j).count() >= 2;
     let idle: Vec<&str> =
         (0..3).filter(|&j| column_open(j) && turned_rad[j] < 0.3 * largest).map(|j| AXES[j]).collect();

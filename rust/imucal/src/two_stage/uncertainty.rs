@@ -1,9 +1,9 @@
-//! Covariance of the two-stage estimate (model.md (9)).
+//! Covariance of the result of the two-stage fit (model.md (9)).
 //!
-//! Both stages use the same rests. Errors of the rests therefore affect the gyroscope through the directions of
-//! gravity, through the parameters of the accelerometer, and through the gyroscope bias. To first order every parameter
-//! is a linear function of independent errors: three of each mean force, three of each mean rate, and two of each move.
-//! The covariance follows from the variances of these errors.
+//! Both stages use the same rests. Errors of the rests therefore affect the gyroscope in three ways: through the
+//! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order,
+//! every parameter is a linear function of independent errors: three of each mean force, three of each mean rate, and
+//! two of each move. The covariance is computed from the variances of these errors.
 
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
@@ -17,7 +17,7 @@ use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient
 /// Covariance of `[accelerometer bias, its six entries, gyroscope bias, its nine entries]` in the symmetric frame, 21 x
 /// 21, raw units.
 ///
-/// `random_walk_rad` is the standard deviation of the error of each move that does not come from its rests, rad.
+/// `random_walk_rad` is the standard deviation of the part of each move's error that is not due to its rests, rad.
 pub(crate) fn covariance(
     rests: &[&Rest],
     moves: &[Move],
@@ -38,7 +38,7 @@ pub(crate) fn covariance(
     }
     gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
-    // If the residuals of a stage are significantly larger than noise, its standard deviations are increased by the
+    // If the residuals of a stage are significantly larger than noise, its standard deviations are multiplied by the
     // inflation of the fit.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
@@ -53,7 +53,7 @@ pub(crate) fn covariance(
     };
     let scaled = Mat::from_fn(21, map.ncols(), |i, column| map[(i, column)] * deviation(column));
     let mut covariance = &scaled * scaled.transpose();
-    // Rounding errors are common to rests with equal readings, so their covariance is not diagonal.
+    // Rests with equal readings have equal rounding errors, so the covariance of rounding errors is not diagonal.
     let forces: Vec<&RestMean> = rests.iter().map(|rest| &rest.specific_force).collect();
     let rates: Vec<&RestMean> = rests.iter().map(|rest| &rest.angular_rate).collect();
     for (first, means, axis) in
@@ -67,7 +67,7 @@ pub(crate) fn covariance(
     covariance
 }
 
-/// Covariance of the nine parameters of an accelerometer alone, in the order of the fit, raw units.
+/// Covariance of the nine parameters of an accelerometer without a gyroscope, in the order of the fit, raw units.
 pub(crate) fn accelerometer_covariance(rests: &[&Rest], fit: &AccelerometerFit) -> Mat<f64> {
     let mut map = Mat::<f64>::zeros(9, 3 * rests.len());
     accelerometer_rows(&mut map, rests, fit);
@@ -86,7 +86,7 @@ pub(crate) fn accelerometer_covariance(rests: &[&Rest], fit: &AccelerometerFit) 
     covariance
 }
 
-/// Fills the derivatives of the nine accelerometer parameters with respect to the errors of the mean forces.
+/// Writes the derivatives of the nine accelerometer parameters with respect to the errors of the mean forces.
 fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFit) {
     for (rest, r) in rests.iter().enumerate() {
         let up = fit.triad.correct(r.specific_force.mean).normalize();
@@ -99,11 +99,11 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
     }
 }
 
-/// Fills the derivatives of the nine gyroscope entries with respect to all errors: minus the gain of the fit times the
-/// derivative of the residuals.
+/// Writes the derivatives of the nine gyroscope entries with respect to all errors. They are minus the gain of the fit
+/// times the derivative of the residuals.
 ///
-/// The influence of the accelerometer parameters and of the bias is summed over the moves first, so that the computing
-/// time is proportional to the number of moves and not to its square.
+/// The influence of the accelerometer parameters and of the bias is first summed over the moves. The computing time is
+/// then proportional to the number of moves instead of its square.
 fn gyroscope_rows(
     map: &mut Mat<f64>,
     rests: &[&Rest],
@@ -125,8 +125,8 @@ fn gyroscope_rows(
         for (rest, by_direction) in [(m.from, before), (m.to, after)] {
             let (by_mean, direction_by_parameters) = &directions[rest];
             by_parameters += by_direction * direction_by_parameters;
-            // At a hand-held rest the direction is computed from only part of the samples. The variance of the move
-            // already contains the noise of these samples, so the rest contributes no further term.
+            // At a hand-held rest, the gravity direction is computed from a part of the samples only. The variance of
+            // the move already contains the noise of these samples, so the rest adds no further term.
             if rests[rest].is_steady() {
                 subtract(map, 3 * rest, &(by_direction * by_mean));
             }
@@ -143,7 +143,7 @@ fn gyroscope_rows(
     }
 }
 
-/// Subtracts `change` from the nine rows of the gyroscope, from column `column` on.
+/// Subtracts `change` from the nine rows of the gyroscope, beginning at column `column`.
 fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<f64, 9, C>) {
     for i in 0..9 {
         for c in 0..C {
@@ -152,8 +152,8 @@ fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<
     }
 }
 
-/// Derivatives of the direction of gravity at a rest: with respect to the mean force of the rest (3 x 3), and with
-/// respect to the nine parameters of the accelerometer (3 x 9).
+/// Derivatives of the gravity direction at a rest with respect to the mean force of the rest (3 x 3), and with respect
+/// to the nine parameters of the accelerometer (3 x 9).
 fn direction_gradients(rest: &Rest, fit: &AccelerometerFit) -> (Matrix3<f64>, SMatrix<f64, 3, 9>) {
     let f = fit.triad.correct(rest.specific_force.mean);
     let up = f.normalize();

@@ -4,9 +4,8 @@
 //! ratio = sqrt(chi2 / dof),   p = P(chi2 of dof degrees of freedom is larger)
 //! ```
 //!
-//! With few residuals, a ratio above two is frequent by chance. With many residuals, a small p-value flags even a
-//! negligible imperfection. Residuals therefore count as exceeding their noise only if the ratio is above two and the
-//! p-value is small.
+//! With few residuals, noise often causes a ratio above two. With many residuals, even a negligible imperfection gives
+//! a small p-value. Residuals therefore exceed their noise only if the ratio is above two and the p-value is small.
 
 use std::fmt;
 
@@ -15,20 +14,20 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 use crate::finding::general;
 use crate::numerics::stats::p_value_of;
 
-/// Ratio of the residuals to their noise above which an error other than noise dominates the residuals, dimensionless.
-/// The noise of a sensor is estimated far better than to a factor of two, and at this ratio noise explains only a
-/// quarter of the variance.
+/// Ratio of the residuals to their noise above which another error dominates the residuals, dimensionless. The noise of
+/// a sensor is estimated far more accurately than to a factor of two. At this ratio, noise explains only a quarter of
+/// the variance.
 const EXCESS_RATIO: f64 = 2.0;
-/// p-value below which an excess is significant. A calibration with a control set tests seven groups, so noise alone
-/// exceeds this limit in fewer than one of 10 000 calibrations, for any number of residuals.
+/// Maximum p-value of a significant excess. A calibration with a control set tests seven groups. Noise therefore passes
+/// this limit in fewer than one of 10 000 calibrations, for any number of residuals.
 const SIGNIFICANCE: f64 = 1e-5;
 
-/// Kind of residuals. Residuals of one kind are compared with their noise together.
+/// Kind of residuals. All residuals of a kind are compared with their noise together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualGroup {
     /// Norm of the specific force at the rests minus local gravity.
     RestNorms,
-    /// Direction of gravity after the moves, as propagated by the gyroscope, minus the measured direction.
+    /// Gravity direction propagated by the gyroscope through the moves, minus the measured direction after the moves.
     MoveDirections,
     /// Mean angular rates at the rests, minus the bias.
     RestRates,
@@ -79,17 +78,17 @@ impl ResidualGroup {
     }
 }
 
-/// Goodness of fit of the residuals of one kind relative to noise alone.
+/// Goodness of fit of the residuals of one kind, relative to noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroupMisfit {
     /// Kind of the residuals.
     pub group: ResidualGroup,
     /// RMS of the residuals in SI units: m/s^2, rad, or rad/s.
     pub rms: f64,
-    /// Sum of squares of the residuals, after each residual is divided by the standard deviation of its noise.
+    /// Sum of the squared residuals. Each residual is divided by the standard deviation of its noise.
     pub chi2: f64,
-    /// Number of residuals minus the number of parameters that they determine. It is not an integer, because the groups
-    /// of a fit determine the parameters together.
+    /// Number of residuals minus the number of parameters that they determine. It is not an integer, because several
+    /// groups of residuals determine the parameters together.
     pub degrees_of_freedom: f64,
 }
 
@@ -104,7 +103,7 @@ impl GroupMisfit {
         self.rms / self.ratio()
     }
 
-    /// Probability of a larger chi2 if only noise acts.
+    /// Probability of a larger chi2 if noise is the only error.
     pub fn p_value(&self) -> f64 {
         p_value_of(self.chi2, self.degrees_of_freedom)
     }
@@ -121,7 +120,7 @@ impl GroupMisfit {
         self.ratio() > EXCESS_RATIO && self.is_significant()
     }
 
-    /// Whether noise alone is unlikely to explain the residuals.
+    /// Whether it is improbable that noise explains the residuals.
     pub fn is_significant(&self) -> bool {
         self.p_value() < SIGNIFICANCE
     }

@@ -1,4 +1,4 @@
-//! Reasons for an incomplete or a poor verdict, each with its code and its sentence.
+//! Reasons for an incomplete or a poor verdict. Each reason has a code and a sentence.
 
 use std::fmt;
 
@@ -10,24 +10,24 @@ use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
-/// Reason for a verdict that is not good. It is displayed as a sentence with its numbers.
+/// Reason for a verdict that is not good. Messages contain it as a sentence with numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
-    /// A fit from which the estimate is taken has not converged.
+    /// A fit on which the result is based has not converged.
     NotConverged {
         /// Name of the fit in messages.
         fit: &'static str,
         /// Report of the fit, with the reason for its end.
         report: FitReport,
     },
-    /// No move can be used, so the gyroscope is not judged.
+    /// No move can be used, so there is no verdict on the gyroscope.
     NoUsableMove {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
         /// Number of usable rests.
         rests: usize,
     },
-    /// There are too few usable rests to judge an accelerometer alone.
+    /// There are too few usable rests for a verdict on an accelerometer without a gyroscope.
     TooFewRests {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -44,7 +44,7 @@ pub enum Reason {
         /// determine the parameters exactly.
         noise_mps2: Option<f64>,
     },
-    /// chi2 has no value because some samples could not be corrected.
+    /// chi2 has no value, because some samples could not be corrected.
     NotCorrected {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -58,16 +58,16 @@ pub enum Reason {
         /// Root of chi2 per degree of freedom.
         times_noise: f64,
     },
-    /// The noise of the direction of gravity is so large that the residuals are no test of the gyroscope.
+    /// The noise of the gravity direction is so large that the residuals do not test the gyroscope.
     UnknownDirection {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
         /// Median standard deviation of the gravity direction after a move, from noise, deg.
         sigma_deg: f64,
-        /// Largest standard deviation at which a gyroscope is judged, deg.
+        /// Maximum standard deviation for a verdict on a gyroscope, deg.
         limit_deg: f64,
     },
-    /// Corrected rates are larger than any such sensor can measure.
+    /// Corrected rates are larger than the range of any such sensor.
     ImpossibleRates {
         /// Name of the recording.
         recording: String,
@@ -76,7 +76,7 @@ pub enum Reason {
         /// Range of the fastest sensors, deg/s.
         limit_degps: f64,
     },
-    /// Residuals exceed their noise and are larger than the residuals of the uncalibrated unit.
+    /// Residuals exceed their noise, and are larger than the residuals of the uncalibrated unit.
     WorseThanUncalibrated {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -99,14 +99,14 @@ pub enum Reason {
         /// Number of all moves.
         all: usize,
     },
-    /// Many rests have mean angular rates far from the mean rates of the other rests.
+    /// Many rests have mean angular rates that are far from those of the other rests.
     MovingRests {
-        /// Number of rests with a mean angular rate far from the mean rates of the other rests.
+        /// Number of rests whose mean angular rate is far from those of the other rests.
         count: usize,
         /// Number of all rests.
         all: usize,
     },
-    /// The recordings contradict the prior of a held parameter, so the other parameters are wrong, too.
+    /// The recordings contradict the prior of a held parameter, so the other parameters are also wrong.
     PriorContradicted {
         /// Name of the parameter.
         parameter: String,
@@ -115,7 +115,7 @@ pub enum Reason {
         /// Difference between prior and recordings in standard deviations of this difference.
         sigmas: f64,
     },
-    /// Held parameters that the recordings do not determine have the default prior. The verdict is incomplete.
+    /// Held parameters that the recordings do not determine have only the default prior. The verdict is incomplete.
     ParametersHeld {
         /// Names of the parameters or of their groups.
         parameters: String,
@@ -130,7 +130,7 @@ pub enum Reason {
         groups: Vec<GroupMisfit>,
     },
     /// Residuals of moves exceed their noise, residuals of rests do not, and the time stamps of a recording are
-    /// irregular. The probable cause is the clock, because wrong times falsify integrals over a move. The verdict is
+    /// irregular. The clock is the probable cause, because wrong times change integrals over a move. The verdict is
     /// incomplete.
     IrregularClock {
         /// Set of recordings that the verdict refers to.
@@ -155,7 +155,7 @@ pub struct UncorrectedSamples {
     pub first: usize,
     /// Time of this sample, s.
     pub time_s: f64,
-    /// Whether the temperature of this sample is missing (not a number). Otherwise the effects are too large to be
+    /// Whether the temperature of this sample is missing (not a number). If false, the effects are too large to be
     /// removed.
     pub is_temperature_missing: bool,
 }
@@ -183,7 +183,7 @@ impl Reason {
         }
     }
 
-    /// Whether this reason makes a verdict poor. Any other reason makes a verdict incomplete.
+    /// Whether this reason makes a verdict poor. All other reasons make a verdict incomplete.
     pub fn is_poor(&self) -> bool {
         !matches!(
             self,
@@ -194,9 +194,8 @@ impl Reason {
         )
     }
 
-    /// The reason for an incomplete verdict because of groups that exceed their noise; `None` if there are no such
-    /// groups. If there is a finding about the time stamps and only residuals of moves exceed their noise, the reason
-    /// is an irregular clock.
+    /// The reason for an incomplete verdict if groups exceed their noise; `None` if no group does. If there is a
+    /// finding about the time stamps, and only residuals of moves exceed their noise, the reason is an irregular clock.
     pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
         let is_of_move = |misfit: &GroupMisfit| {
@@ -319,7 +318,7 @@ impl fmt::Display for Reason {
                      leaves an error (1 sigma) of {} deg in the direction of gravity",
                     general(*gravity_direction_deg, 2)
                 )?;
-                // The error of a rotation is omitted for an accelerometer alone, for which it is NaN.
+                // For an accelerometer without a gyroscope, the error of a rotation is NaN and is omitted.
                 if *rotation_deg > 0.0 {
                     write!(f, " and of {} deg in a rotation by 90 deg", general(*rotation_deg, 2))?;
                 }

@@ -1,4 +1,4 @@
-//! The forward search for steps and drifts: the component with the largest gain is added until none is significant.
+//! Forward search for steps and drifts. The component with the largest gain is added until no component is significant.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -7,11 +7,11 @@ use crate::noise::cosines::{Power, pooled};
 use crate::noise::likelihood::Likelihood;
 use crate::noise::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 
-/// Minimum gain of twice the log-likelihood for a component at a known time. Together with the penalty for the choice
-/// of the time, the false-alarm probability is about 1e-3 for a record without steps.
+/// Minimum gain of twice the log-likelihood for a component at a known time. With this gain and the penalty for the
+/// choice of the time, the false-alarm probability is about 1e-3 for a record without steps.
 const GAIN: f64 = 16.0;
-/// Additional penalty of a drift, because it has one more parameter than a step: the gain of twice the log-likelihood
-/// that this parameter must provide. It corresponds to a likelihood ratio of 7.
+/// Additional penalty of a drift, as gain of twice the log-likelihood. A drift has one more parameter than a step,
+/// which must provide this gain. It corresponds to a likelihood ratio of 7.
 const LENGTH: f64 = 4.0;
 /// Maximum number of components.
 const MAX_COMPONENTS: usize = 12;
@@ -26,7 +26,7 @@ pub(super) struct Search<'a> {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// Components with their amplitudes, and the noise parameters after the components are subtracted.
+/// Components with their amplitudes, and the noise parameters of the record without these components.
 struct Explained {
     shapes: Vec<Shape>,
     columns: Vec<Vec<f64>>,
@@ -58,7 +58,7 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Penalty of a shape: twice the logarithm of the number of candidate shapes of its kind. A drift has the
+    /// Penalty of a shape. It is twice the logarithm of the number of candidate shapes of its kind. A drift has the
     /// additional penalty `LENGTH`, because it has one more parameter than a step: the length of a ramp, or the time
     /// constant of a warm-up.
     fn penalty(&self, shape: Shape) -> f64 {
@@ -68,17 +68,17 @@ impl Search<'_> {
     }
 
     /// The present set of components, extended by the best further component. Candidates are scored twice: with the
-    /// noise parameters estimated for the present set, and with noise parameters fitted without a random walk. The
-    /// second score is needed because a large step increases the estimated random walk so much that the step is no
-    /// longer significant.
+    /// noise parameters of the present set, and with noise parameters fitted without a random walk. A large step
+    /// increases the estimated random walk so much that the step is no longer significant. The second score is
+    /// therefore needed.
     fn next(&self, present: &Explained) -> Option<Explained> {
         let mut without_walk = self.noise.kinds;
         without_walk[WALK] = false;
         let residual = self.residual(present);
         let steady = self.fit(&residual, without_walk).0;
         let candidates = [present.theta, steady].map(|theta| self.best_shapes(&residual, &theta, present));
-        // The likelihood may have two maxima, one with a strong and one with a weak random walk. The fit is therefore
-        // started from both.
+        // The likelihood may have two maxima, one with a strong and one with a weak random walk. The fit therefore
+        // starts from both.
         let starts = [self.noise.kinds, without_walk].map(|kinds| (kinds, self.fit(self.z, kinds).0));
         let mut tried: Vec<Shape> = Vec::new();
         let mut best: Option<(f64, Explained)> = None;
@@ -100,7 +100,7 @@ impl Search<'_> {
         best.map(|(_, explained)| explained)
     }
 
-    /// The best step and the two best drifts, for given noise parameters.
+    /// The best step and the two best drifts, with the given noise parameters.
     fn best_shapes(&self, residual: &[f64], theta: &PerKind, present: &Explained) -> Vec<Shape> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let used = self.used(&weights);
@@ -134,8 +134,8 @@ impl Search<'_> {
         best.into_iter().filter_map(|(_, shape)| shape.map(within)).collect()
     }
 
-    /// The step near block `first`, with its best time within a block. The cosines of a step within a block are a
-    /// weighted sum of the cosines of steps at the two ends of the block. The weights follow from the residual.
+    /// The step near block `first`, with its best time within a block. The cosines of such a step are a weighted sum of
+    /// the cosines of steps at the two ends of the block. The weights are computed from the residual.
     fn within_block(&self, first: usize, residual: &[f64], weights: &[f64]) -> Shape {
         let product = |a: &[f64], b: &[f64]| -> f64 { (0..weights.len()).map(|k| weights[k] * a[k] * b[k]).sum() };
         let plain = Shape::Step { first, fraction: 0.0 };
@@ -151,7 +151,7 @@ impl Search<'_> {
             let [a, b] = [start, start + 1].map(|first| self.blocks.column(Shape::Step { first, fraction: 0.0 }));
             let (aa, ab, bb) = (product(&a, &a), product(&a, &b), product(&b, &b));
             let (ra, rb) = (product(&a, residual), product(&b, residual));
-            // Both sizes are multiplied by the determinant of the normal equations. It cancels in the fraction.
+            // Both sizes are multiplied by the determinant of the normal equations, which cancels in the fraction.
             let (at_start, at_end) = (ra * bb - rb * ab, rb * aa - ra * ab);
             let fraction = at_end / (at_start + at_end);
             if (0.0..=1.0).contains(&fraction) {
@@ -165,9 +165,9 @@ impl Search<'_> {
         best.1
     }
 
-    /// Number of cosines that are used to detect a component. They are the cosines of the lowest frequencies. They
-    /// contain 99 % of the information about a step. The power of a step in cosine j is proportional to 1 / j^2, so
-    /// frequencies far above the crossover of white noise and random walk contribute little.
+    /// Number of cosines with which a component is detected. They have the lowest frequencies and contain 99 % of the
+    /// information about a step. The power of a step in cosine j is proportional to 1 / j^2. Frequencies far above the
+    /// crossover of white noise and random walk therefore contribute little.
     fn used(&self, weights: &[f64]) -> usize {
         const FEWEST: usize = 128;
         let mut total: f64 = (0..weights.len()).map(|k| weights[k] / ((k + 1) as f64).powi(2)).sum();
@@ -181,7 +181,7 @@ impl Search<'_> {
         end.max(FEWEST.min(weights.len()))
     }
 
-    /// Amplitudes of these components, and noise parameters, estimated alternately. The iteration starts from noise of
+    /// Amplitudes of these components, and noise parameters, estimated alternately. The iteration starts with noise of
     /// the kinds in `start`, fitted to the data without components. The final noise parameters contain all kinds of the
     /// model.
     fn explained(
@@ -204,7 +204,7 @@ impl Search<'_> {
         Explained { shapes, columns, sizes, theta, cost }
     }
 
-    /// Amplitudes and their standard deviations by weighted least squares.
+    /// Amplitudes and their standard deviations from a weighted least-squares fit.
     fn amplitudes(&self, columns: &[Vec<f64>], theta: &PerKind) -> Vec<(f64, f64)> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let product = |a: &[f64], b: &[f64]| -> f64 { (0..weights.len()).map(|k| weights[k] * a[k] * b[k]).sum() };
@@ -233,7 +233,7 @@ impl Search<'_> {
         residual
     }
 
-    /// Noise parameters fitted to the cosines `residual`, and minus twice their log-likelihood.
+    /// Noise parameters fitted to the cosines `residual`, and minus twice the log-likelihood of the fit.
     fn fit(&self, residual: &[f64], kinds: [bool; KINDS]) -> (PerKind, f64) {
         let squares: Vec<f64> = residual.iter().map(|z| z * z).collect();
         let mut powers = pooled(&squares, &self.blocks.expected, self.blocks.samples as f64);

@@ -1,6 +1,6 @@
 //! Stencils for the derivative of noisy data. A stencil consists of consecutive boxes with equal numbers of samples. A
-//! polynomial is determined by the condition that its means over the boxes equal the means of the data. The slope at a
-//! sample is the slope of this polynomial.
+//! polynomial is chosen so that its means over the boxes equal the means of the data. The derivative at a sample is the
+//! slope of this polynomial.
 
 use std::iter::StepBy;
 use std::ops::Range;
@@ -13,21 +13,20 @@ use crate::numerics::stats::sample_interval_s;
 
 /// Number of boxes of a stencil. Five means determine a polynomial of fourth degree.
 pub(super) const BOXES: usize = 5;
-/// Two derivatives are consistent if the mean square of their difference is at most this multiple of the value expected
-/// from noise.
+/// Maximum mean square of the difference of two derivatives that agree, as a multiple of the value expected from noise.
 const AGREE: f64 = 2.0;
-/// Length of the segments in which two derivatives are compared, s. The derivatives must be consistent in every
-/// segment.
+/// Length of the segments in which two derivatives are compared, s. The derivatives must agree in every segment.
 const STRETCH_S: f64 = 1.0;
 /// Minimum length of a segment in which derivatives are compared, in boxes.
 const STRETCH_BOXES: usize = 20;
-/// Maximum number of samples per segment at which derivatives are compared.
+/// Maximum number of samples per segment at which two derivatives are compared.
 const MOST_LOOKS: usize = 100;
-/// Maximum relative deviation of time steps that count as equal; it allows for rounding.
+/// Maximum relative deviation of time steps that count as equal. It permits rounding errors.
 const EVEN: f64 = 1e-9;
 
-/// Cumulative sums of the values. The first value is subtracted from all values, which avoids rounding errors if the
-/// bias is large. The fourth component counts missing values and makes the vector long enough for SIMD addition.
+/// Cumulative sums of the values. The first value is subtracted from all values, which avoids rounding errors with a
+/// large bias. The fourth component counts missing values, and gives the vector a length that is suitable for SIMD
+/// addition.
 pub(super) struct Sums(Vec<Vector4<f64>>);
 
 impl Sums {
@@ -71,7 +70,7 @@ pub(super) struct Stencil {
     pub(super) stride: usize,
     /// Number of boxes. It is smaller than [`BOXES`] if there are too few samples.
     boxes: usize,
-    /// Weights that apply to every sample, if the steps are equal.
+    /// Weights for all samples, if the steps are equal.
     even: Option<Even>,
 }
 
@@ -86,13 +85,13 @@ struct Even {
     edges: Edges,
 }
 
-/// Weights of the mean over each box (rows) in the coefficient of each power (columns) of the polynomial. Time is
-/// measured from the middle of the stencil, in box widths.
+/// Weight of the mean over each box (rows) in the coefficient of each power (columns) of the polynomial. Time is
+/// counted from the middle of the stencil, in box widths.
 type Polynomial = SMatrix<f64, BOXES, BOXES>;
 /// Weights of the cumulative sums at the edges of consecutive boxes in a slope.
 type Edges = [f64; BOXES + 1];
 
-/// Converts weights of the means over the boxes to weights of the cumulative sums at the edges of the boxes.
+/// Converts weights of the box means to weights of the cumulative sums at the edges of the boxes.
 fn edges(weights: &[f64; BOXES], stride: usize) -> Edges {
     std::array::from_fn(|edge| {
         let before = edge.checked_sub(1).map_or(0.0, |j| weights[j]);
@@ -125,7 +124,7 @@ impl Stencil {
     }
 
     /// Index of the first sample of the stencil for sample `k`. Near the ends of the data, the stencil is shifted so
-    /// that it lies within the data.
+    /// that it is inside the data.
     fn first(&self, samples: usize, k: usize) -> usize {
         k.saturating_sub(self.before()).min(samples - self.boxes * self.stride)
     }
@@ -145,7 +144,7 @@ impl Stencil {
         Boxes { first, stride: self.stride, count: self.boxes, weights }
     }
 
-    /// Index range of the samples for which the stencil lies within the data without being shifted.
+    /// Index range of the samples for which the stencil is inside the data without a shift.
     fn inside(&self, samples: usize) -> Range<usize> {
         self.before()..(samples + self.before() + 1).saturating_sub(self.boxes * self.stride)
     }
@@ -159,7 +158,7 @@ impl Stencil {
         }
         let mut slopes = Vec::with_capacity(n);
         slopes.extend(one_by_one(0..inside.start));
-        // For all samples of this range, the weights of the centred stencil are equal.
+        // For all samples in this range, the centred stencil has equal weights.
         let boxes = self.at(time_s, inside.start);
         Instructions::Best.run(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
         slopes.extend(one_by_one(inside.end..n));
@@ -177,7 +176,7 @@ impl Stencil {
     }
 
     /// Means over each box of the powers of the time since sample `k`, with the time in box widths. The boxes begin at
-    /// sample `first`. With fewer than five boxes, the polynomial has a lower degree.
+    /// sample `first`. If there are fewer than five boxes, the polynomial has a lower degree.
     fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
         let mut powers = Polynomial::identity();
         for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
@@ -194,7 +193,7 @@ impl Stencil {
         powers
     }
 
-    /// Weight of the mean over each box in the slope of the polynomial at time `at`, which is in box widths.
+    /// Weight of the mean over each box in the slope of the polynomial at the time `at`, in box widths.
     fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
         std::array::from_fn(|j| {
             let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);
@@ -202,14 +201,14 @@ impl Stencil {
         })
     }
 
-    /// Whether noise of standard deviation `sigma` explains the difference between the slopes of both stencils, in each
-    /// segment and on each axis.
+    /// Whether noise of standard deviation `sigma` explains the difference between the slopes of both stencils. It must
+    /// do so in each segment and on each axis.
     pub(super) fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
         let n = time_s.len();
         let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
         let inside = self.inside(n);
         let count = inside.len().div_ceil(length).max(1);
-        // Slopes at neighbouring samples are highly correlated, so comparing them every half box width is sufficient.
+        // Slopes at neighbouring samples are highly correlated, so a comparison every half box width is sufficient.
         let apart = (self.stride / 2).max(length / MOST_LOOKS).max(1);
         let both = |k: usize| (self.at(time_s, k), narrower.at(time_s, k));
         let noise_of = |(wide, narrow): (Boxes, Boxes)| wide.noise_of_difference(&narrow);
@@ -240,7 +239,7 @@ impl Stencil {
     }
 }
 
-/// A centred stencil that applies at all samples.
+/// A centred stencil with the same weights at all samples.
 struct Run {
     /// Number of samples from the start of the stencil to the sample at which the derivative is computed.
     before: usize,
@@ -248,8 +247,8 @@ struct Run {
     edges: Edges,
 }
 
-/// For each axis, the sum of squares of the difference between the slopes of two stencils (the wider one first). Also
-/// the number of samples at which no value is missing.
+/// For each axis, the sum of squares of the difference between the slopes of two stencils, of which the first is wider.
+/// The second result is the number of samples at which no value is missing.
 struct Squares<'a> {
     sums: &'a Sums,
     runs: &'a [Run; 2],
@@ -278,7 +277,7 @@ impl WithSimd for Squares<'_> {
     }
 }
 
-/// Slopes at consecutive samples, with the same stencil shifted from sample to sample.
+/// Slopes at consecutive samples. The same stencil is shifted from sample to sample.
 struct Slopes<'a> {
     sums: &'a Sums,
     boxes: Boxes,
@@ -310,7 +309,7 @@ fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     }
 }
 
-/// Consecutive boxes of a stencil at one place in the data, with their weights in the derivative.
+/// Consecutive boxes of a stencil at one place in the data, and their weights in the derivative.
 pub(super) struct Boxes {
     first: usize,
     stride: usize,
@@ -327,14 +326,14 @@ impl Boxes {
             return Vector3::repeat(f64::NAN);
         }
         let sum = |j: usize| edge(j + 1) - edge(j);
-        // Means are taken relative to the middle box, so that a common offset causes no rounding errors.
+        // Means are taken relative to the middle box, because a common offset would cause rounding errors.
         let middle = sum(self.count / 2);
         let slope: Vector4<f64> = (0..self.count).map(|j| (sum(j) - middle) * self.weights[j]).sum();
         slope.xyz() / self.stride as f64
     }
 
-    /// Variance of the difference between the slopes of this stencil and of a narrower one, if the data are noise of
-    /// unit variance.
+    /// Variance of the difference between the slopes of this stencil and of a narrower stencil, for data that are noise
+    /// of unit variance.
     fn noise_of_difference(&self, narrower: &Self) -> f64 {
         let of = |boxes: &Self, k: usize| {
             let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);

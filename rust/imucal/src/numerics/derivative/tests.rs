@@ -21,7 +21,7 @@ fn sine(frequency_hz: f64, seed: u64) -> (Vec<f64>, Vec<Vector3<f64>>, Vec<Vecto
     (time_s.clone(), rates.collect(), slopes.collect())
 }
 
-/// Root mean square error, and the relative amount by which the derivative is too small.
+/// Root mean square error of the derivative, and the relative amount by which it is too small.
 fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
     let of = |product: fn(&Vector3<f64>, &Vector3<f64>) -> f64| -> f64 {
         found.iter().zip(truth).map(|(found, truth)| product(found, truth)).sum()
@@ -62,8 +62,8 @@ fn how_smooth_a_motion_is_is_asked_once() {
 
 #[test]
 fn that_of_neighbours_is_wrong_by_the_fourth_power_of_the_step() {
-    // The error is the fifth derivative times h^4 / 30 in the middle, and times h^4 / 20 or h^4 / 5 near and at the
-    // ends.
+    // The error is the fifth derivative times h^4 / 30 in the middle of the data. Near the ends and at the ends, it is
+    // the fifth derivative times h^4 / 20 and h^4 / 5.
     let (h, frequency) = (2e-3, 20.0);
     let time_s: Vec<f64> = (0..1000).map(|i| f64::from(i) * h).collect();
     let rates: Vec<Vector3<f64>> = time_s.iter().map(|t| Vector3::repeat((frequency * t + 0.4).sin())).collect();

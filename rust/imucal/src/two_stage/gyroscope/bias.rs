@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// Maximum deviation of the mean rate of a rest from the median, in robust standard deviations. An interval with a
-/// larger deviation contains a slow rotation and is not a rest.
+/// Maximum deviation of a rest's mean rate from the median, in robust standard deviations. If the deviation is larger,
+/// the interval contains a slow rotation and is not a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
@@ -14,24 +14,25 @@ const LIMIT: f64 = 6.0;
 pub(crate) struct GyroscopeBias {
     /// Bias, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Weight of each rest for each axis. The weights of an axis sum to one; the weight of an excluded rest is zero.
+    /// Weight of each rest for each axis. The weights of an axis have the sum one, and an excluded rest has the weight
+    /// zero.
     pub(crate) weights: Vec<Vector3<f64>>,
-    /// Variance between rests in addition to the noise of their means, raw units squared; tau^2 of model.md (7).
+    /// Variance between rests in excess of the noise of their means, squared raw units; tau^2 of model.md (7).
     pub(crate) between: Vector3<f64>,
 }
 
 impl GyroscopeBias {
-    /// Result for a recording without a gyroscope. The bias is NaN, and no rest is excluded.
+    /// Result for a recording without a gyroscope: the bias is NaN, and no rest is excluded.
     pub(crate) fn absent(rests: usize) -> Self {
         let none = Vector3::repeat(f64::NAN);
         Self { bias: none, weights: vec![Vector3::repeat(1.0 / rests as f64); rests], between: none }
     }
 }
 
-/// Estimates the bias with weights from the noise of each rest and the scatter between rests. At least one rest is
-/// required. `wander` is the variance of the mean rates over the epochs of each rest, raw units squared; zero for a
-/// rest without epochs. It is added to the variance from noise, because the bias at a rest may differ from that at
-/// other rests by as much as it changes within the rest.
+/// Estimates the bias. The weights are computed from the noise of each rest and the scatter between rests. At least one
+/// rest is required. `wander` is the variance of the mean rates over the epochs of each rest, squared raw units; zero
+/// for a rest without epochs. It is added to the variance from noise. The bias at a rest may differ from that at other
+/// rests by as much as it changes within the rest.
 pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
@@ -40,7 +41,7 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
     };
     for axis in 0..3 {
         let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
-        // Lower bound for simulated data without noise, whose variances are zero.
+        // Lower bound of the variance. In simulated data without noise, the variance would be zero.
         let variance = |(rest, wander): (&&Rest, &Vector3<f64>)| {
             (rest.angular_rate.whole_variance()[axis] + wander[axis]).max(1e-30)
         };
@@ -57,12 +58,13 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
     result
 }
 
-/// Indices of the rests whose deviation from the median is at most [`LIMIT`], relative to their noise and the common
-/// scatter.
+/// Indices of the rests whose deviation from the median is at most [`LIMIT`]. The deviation is divided by the noise of
+/// the rest and by the common scatter.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let scores: Vec<f64> = means.iter().zip(variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
-    // Robust scale: median of the deviations over the median of |z| of a normal distribution, at least one.
+    // Robust scale: the median of the deviations divided by the median of |z| of a normal distribution, and at least
+    // one.
     let scale = (median(&mut scores.clone()) / MEDIAN_SIZE).max(1.0);
     (0..means.len()).filter(|&k| scores[k] <= LIMIT * scale).collect()
 }
