@@ -148,7 +148,8 @@ mod tests {
         )
     }
 
-    /// The state of a unit that rotates at 250 deg/s and accelerates, 17 K below the calibration temperature.
+    /// The state of a unit that rotates at 250 deg/s and accelerates. Its temperature is 17 K below that of the
+    /// calibration.
     fn fast_state() -> State<f64> {
         State {
             angular_rate: Vector3::new(2.9, -2.6, 1.9),
@@ -168,8 +169,8 @@ mod tests {
         Effect::catalogue().filter(|effect| effect.sensor != Sensor::Encoder)
     }
 
-    /// The effect in its full form. The magnitude of each parameter is `times` its typical size, and the signs
-    /// alternate.
+    /// The effect in its full form. The magnitude of each parameter is `times` its typical size, and the signs of the
+    /// parameters alternate.
     fn typical<F: RealField + Copy>(effect: &'static Effect<F>, times: f64) -> EffectValues<F> {
         let mut values = [F::zero(); MAX_PARAMETERS];
         for (k, (value, parameter)) in values.iter_mut().zip(effect.parameters).enumerate() {
@@ -221,9 +222,9 @@ mod tests {
 
     #[test]
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
-        // The slope of an effect is its derivative with respect to the quantity that the affected sensor measures. The
-        // derivative of a gyroscope effect with respect to force is left out. The force converges first, because no
-        // accelerometer effect depends on rate, except for lever arms.
+        // The slope of an effect is its derivative with respect to the quantity that its sensor measures. For a
+        // gyroscope effect, the derivative with respect to force is omitted. The force converges first, because no
+        // accelerometer effect except a lever arm depends on rate.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());
@@ -256,7 +257,7 @@ mod tests {
             let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
             effect.field(&state, base.shape().unwrap_or(1.0), &mut columns);
             for (k, parameter) in effect.parameters.iter().enumerate() {
-                // The measurement is linear in the parameters, so a large step has only a rounding error.
+                // The measurement is linear in the parameters, so the only error of a large step is rounding.
                 let step = 1e3 * parameter.typical;
                 let measured = |sign: f64| {
                     let mut values = [0.0; MAX_PARAMETERS];
@@ -303,7 +304,7 @@ mod tests {
     #[test]
     fn rest_and_zero_settle_too() {
         // These two states are difficult for the convergence test. At rest, an effect is larger than the rate. At zero
-        // force, there is no magnitude to which a change of the force can be compared.
+        // force, a change of the force cannot be compared with the magnitude of the force.
         for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };

@@ -95,7 +95,7 @@ impl<F: RealField + Copy> Default for Integrator<F> {
 mod tests {
     use super::*;
 
-    /// Coning motion: the body's z axis moves along a cone, `R(t) = Rz(a t) Rx(tilt) Rz(-a t)`, where a is
+    /// Coning motion: the z axis of the body moves along a cone, `R(t) = Rz(a t) Rx(tilt) Rz(-a t)`, where a is
     /// `turn_radps`.
     struct Coning {
         tilt: f64,
@@ -142,8 +142,8 @@ mod tests {
     #[test]
     fn a_linear_rate_is_integrated_to_fourth_order() {
         let rate = |t: f64| Vector3::new(1.0, -0.5, 0.3) + Vector3::new(-0.8, 1.5, 2.0) * t;
-        // The independent reference consists of a million steps with a constant rate. The rate of each step is
-        // evaluated at the middle of the step.
+        // The independent reference has a million steps with a constant rate. The rate of each step is the rate at the
+        // middle of the step.
         let fine = 1_000_000;
         let truth = (0..fine).fold(UnitQuaternion::identity(), |r, k| {
             r * UnitQuaternion::from_scaled_axis(rate((k as f64 + 0.5) / fine as f64) / fine as f64)

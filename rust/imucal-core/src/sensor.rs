@@ -187,8 +187,8 @@ mod tests {
 
     #[test]
     fn correct_undoes_measure_in_counts_and_f32() -> Result<(), SensorError> {
-        // A 24-bit gyroscope: 240000 lsb per rad/s, offset 32768 counts, axes misaligned by about 1 deg, y axis
-        // reversed.
+        // A 24-bit gyroscope with 240000 lsb per rad/s and an offset of 32768 counts. Its axes are misaligned by about
+        // 1 deg, and the y axis is reversed.
         let sensitivity = Matrix3::new(2.4e5f32, 4e3, 0.0, 0.0, -2.4e5, 4e3, 4e3, 0.0, 2.4e5);
         let triad = Triad::try_new(sensitivity, Vector3::new(32768.0, 32768.0, 32768.0))?;
         let w = Vector3::new(0.3, -0.02, 2.0);

@@ -147,8 +147,8 @@ mod tests {
     use super::*;
     use core::f64::consts::PI;
 
-    /// Test angles, rad: angles of all orders of magnitude, on both sides of the branch points of the functions (0.5
-    /// and 1), and near pi.
+    /// Test angles, rad. They have all orders of magnitude, and include both sides of the branch points of the
+    /// functions (0.5 and 1) and values near pi.
     const ANGLES: [f64; 16] = [
         0.0,
         1e-200,
@@ -211,8 +211,8 @@ mod tests {
         for angle in ANGLES.iter().map(|&a| a as f32).filter(|&a| a == 0.0 || a > 1e-15) {
             let phi = Vector3::new(1.0f32, 2.0, -2.0) / 3.0 * angle;
             let back = log(&exp(&phi));
-            // Rounding to f32 increases the largest angles beyond pi. `log` then returns a rotation vector of the
-            // opposite direction for the same rotation.
+            // Rounding to f32 moves the largest angles beyond pi. `log` then returns the rotation vector of opposite
+            // direction for the same rotation.
             let off = (back - phi).norm().min((back + phi).norm());
             assert!(off <= 6e-7 * angle, "angle {angle}: off by {off}");
         }

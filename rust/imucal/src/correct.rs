@@ -171,8 +171,8 @@ mod tests {
         unit
     }
 
-    /// Largest errors of rate and force after `unit` has measured a simulated motion and the samples were corrected.
-    /// Rate and force of the motion are quadratic in time.
+    /// Largest errors of rate and force in a round trip: `unit` measures a simulated motion, and the samples are
+    /// corrected. Rate and force of the motion are quadratic in time.
     fn round_trip(unit: &Calibration<f64>, with_temperature: bool) -> (f64, f64) {
         let time_s = uneven_time(200);
         let temperature: Vec<f64> = time_s.iter().map(|t| 20.0 + 3.0 * (t - 70.0)).collect();
@@ -222,7 +222,8 @@ mod tests {
 
     #[test]
     fn a_lever_arm_is_taken_away_to_rounding_where_the_rate_is_a_parabola() {
-        // The lever arm affects only the accelerometer, so the measured rate equals the true rate, even at the ends.
+        // The lever arm affects only the accelerometer. The measured rate therefore equals the true rate, also at the
+        // ends.
         let errors = round_trip(&unit("accel_lever_arm", &[0.02, -0.03, 0.05], None), false);
         assert!(errors.0 < 1e-13 && errors.1 < 1e-11, "{errors:?}");
     }
@@ -254,7 +255,7 @@ mod tests {
 
     #[test]
     fn the_derivative_of_a_quartic_is_exact_at_every_sample() {
-        // Steps of 10 ms use five consecutive samples; steps of 0.4 ms use every fifth sample.
+        // Steps of 10 ms use five consecutive samples. Steps of 0.4 ms use every fifth sample.
         for stretch in [1.0, 0.04] {
             let time_s: Vec<f64> = uneven_time(60).iter().map(|t| stretch * (t - 70.0)).collect();
             let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [2.0, t - 3.0 * t * t, t.powi(4)]).collect();

@@ -353,8 +353,8 @@ mod tests {
         Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
     }
 
-    /// Errors of the estimates are divided by their reported standard deviations. Over several runs, the mean square of
-    /// these ratios lies within its 99.9 % interval.
+    /// The errors of the estimates are divided by their reported standard deviations. Over several runs, the mean
+    /// square of these ratios must be inside its 99.9 % interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {
         let mut squares = [0.0; 3];
@@ -369,7 +369,7 @@ mod tests {
                 }
             }
         }
-        // For 60 squares the mean is between 0.49 and 1.74 with a probability of 99.9 %.
+        // The mean of 60 squares is between 0.49 and 1.74 with a probability of 99.9 %.
         assert!(squares.iter().all(|square| (0.49..1.74).contains(square)), "{squares:?}");
     }
 

@@ -230,7 +230,7 @@ mod tests {
 
     fn read(text: &str, separator: u8, used: &[bool]) -> Result<Vec<Column>, NotPlain> {
         let mut results = Vec::new();
-        // The result must be the same for all positions of the border between two blocks.
+        // The border between two blocks may be at any position. The result must always be the same.
         for border in 0..=text.len() {
             let decimal = if separator == b';' { b',' } else { b'.' };
             let mut table = NumberColumns::new(Form { separator, decimal, used: used.to_vec() });

@@ -300,7 +300,7 @@ mod tests {
             let time_s: Vec<f64> = (0..3000).map(stamp_s).collect();
             Recording::try_new("r", &time_s, &rows, &rows).unwrap().mean_rate_hz()
         };
-        // Nine steps are 11 ms and one is 1 ms, so the median step is 11 ms and the mean 10 ms.
+        // Nine of ten steps are 11 ms and one is 1 ms, so the median step is 11 ms and the mean step is 10 ms.
         let bursts = rate_hz(&|i| (i / 10) as f64 * 0.1 + (i % 10) as f64 * 0.011);
         assert!((bursts - 100.0).abs() < 0.05, "{bursts}");
         let paused = rate_hz(&|i| i as f64 * 0.01 + if i < 1000 { 0.0 } else { 600.0 });

@@ -217,7 +217,7 @@ mod tests {
         }
     }
 
-    /// Numbers of samples at each level, as expected for 300 samples of each mean.
+    /// Expected numbers of samples at each level, for 300 samples of each mean.
     fn levels(means: &[f64], noise: f64) -> Vec<Levels> {
         let of_mean = |&mean: &f64| {
             let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));

@@ -369,7 +369,8 @@ mod tests {
 
     #[test]
     fn the_inverse_is_that_of_the_quadratic_equation() -> Result<(), EffectError> {
-        // seen = w + k w^2. With k w up to 0.1 and 0.4, each iteration multiplies the error by about 0.2 and 0.8.
+        // seen = w + k w^2. For the two values of k, k w is up to 0.1 and 0.4, and each iteration multiplies the error
+        // by about 0.2 and 0.8.
         let rate = Vector3::new(5.0, -4.0, 0.0);
         for (k, tolerance) in [(0.02, 1e-14), (0.08, 2e-13)] {
             let mut set = EffectSet::none();

@@ -136,7 +136,7 @@ mod tests {
         [0.3, -1.0, 2.0, 0.0, 1.5, -0.7, 0.9].map(|x: f64| Vector3::new(offset + x, x * x, -x))
     }
 
-    /// Sums of the given samples as rates, with a force of 0.1 times the rate.
+    /// Sums of the given samples as rates. The force of each sample is 0.1 times its rate.
     fn sums_of(samples: &[Vector3<f64>]) -> BlockSums<f64> {
         let mut sums = BlockSums::new();
         samples.iter().for_each(|&s| sums.push(s, s * 0.1));

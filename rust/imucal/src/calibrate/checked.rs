@@ -282,8 +282,8 @@ mod tests {
     use crate::rests::moves::direction_error_rad;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-    /// Cross-validation of a simulated run in three folds, each of which holds out every third move and every third
-    /// rest. The held-out errors are computed by a formula that needs only the fit to all data. They agree with the
+    /// Cross-validation of a simulated run in three folds. Each fold holds out every third move and every third rest.
+    /// The held-out errors are computed by a formula that needs only the fit to all data. They must agree with the
     /// errors of actual fits without the held-out moves and rests.
     #[test]
     fn what_is_held_out_is_predicted_as_by_a_fit_without_it() {

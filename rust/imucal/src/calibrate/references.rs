@@ -153,8 +153,8 @@ mod tests {
         }
     }
 
-    /// If gravity or the unit of time is changed, the estimate changes as the derivatives predict, for effects with
-    /// various units.
+    /// If gravity or the unit of time changes, the estimate must change as the derivatives predict. The test uses
+    /// effects with various units.
     #[test]
     fn derivatives_are_those_of_the_fit() {
         let program = Program::random(&RandomMoves { moves: 25, ..RandomMoves::default() }, 1).unwrap();

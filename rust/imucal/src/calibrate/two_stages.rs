@@ -260,7 +260,7 @@ mod tests {
     use crate::simulate::{Program, Simulation, Step, Unit, simulate};
 
     /// Turns of 90 deg over the faces of a box. There are four turns about each axis while this axis is horizontal. One
-    /// additional turn makes the last axis horizontal.
+    /// more turn makes the last axis horizontal.
     fn over_faces(turns: usize) -> Simulation {
         let turn = |motor: usize| std::array::from_fn(|k| if k == motor { FRAC_PI_2 } else { 0.0 });
         let motors = [0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2].into_iter().take(turns);

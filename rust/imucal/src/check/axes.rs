@@ -253,7 +253,7 @@ mod tests {
         }
     }
 
-    /// For every P and both classes, each recommended option makes both sensors follow one right-handed body.
+    /// For every P and both classes, each recommended option must align both sensors with one right-handed body.
     #[test]
     fn every_recommended_option_gives_a_consistent_unit() {
         for p in SignedPermutation::all().filter(|p| !p.is_identity()) {

@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn samples_stamped_by_packets_are_told_from_lost_ones() {
-        // Time steps within a packet: the duration of one read, a shorter time, a longer time, or zero.
+        // Trial time steps within a packet: the duration of one read, a shorter time, a longer time, and zero.
         for within_s in [1e-4, 1e-5, 2e-3, 0.0] {
             let findings = found(|i| (i / 16) as f64 * 0.16 + (i % 16) as f64 * within_s);
             assert_eq!(findings.len(), 1, "{findings:?}");
@@ -96,7 +96,7 @@ mod tests {
                 bursts.way_out
             );
         }
-        // The number of samples in a buffer that a timer reads varies by one.
+        // If a timer reads the buffer, the number of samples in the buffer varies by one.
         let short = found(|i| ((i + i / 160) / 16) as f64 * 0.16 + ((i + i / 160) % 16) as f64 * 1e-4);
         assert_eq!(short.iter().map(|f| f.code).collect::<Vec<_>>(), ["clock_irregular"]);
     }

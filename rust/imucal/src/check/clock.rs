@@ -389,7 +389,8 @@ mod tests {
 
     #[test]
     fn the_rate_in_the_recommendation_is_the_mean_rate() {
-        // Seven steps of 11.25 ms, one of 0.5 ms and one of 10.75 ms: the median step is 11.25 ms, the mean 10 ms.
+        // In each period, seven steps are 11.25 ms, one is 0.5 ms and one is 10.75 ms. The median step is 11.25 ms, and
+        // the mean is 10 ms.
         let within_s = |k: usize| if k < 8 { 0.01125 * k as f64 } else { 0.07925 };
         let time: Vec<f64> = (0..3000).map(|i| (i / 9) as f64 * 0.09 + within_s(i % 9)).collect();
         let rows = vec![[0.0; 3]; time.len()];

@@ -174,8 +174,8 @@ mod tests {
         check(&columns.recording(), &Survey::of(&columns.recording()).repeats)
     }
 
-    /// The rows with these indices. Their time stamps are kept, or are computed from the sample number if `made_anew`
-    /// is set.
+    /// The rows with these indices. If `made_anew` is set, their time stamps are computed from the sample number.
+    /// Otherwise, the time stamps are kept.
     fn rows(kept: impl Iterator<Item = usize>, made_anew: bool) -> Columns {
         let all = Columns::tumbling();
         let mut columns = Columns { time_s: Vec::new(), force: Vec::new(), rate: Vec::new() };

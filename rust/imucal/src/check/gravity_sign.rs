@@ -151,14 +151,16 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
-    /// The example's columns with another accelerometer axes convention, and a stand that follows the true direction.
+    /// Findings for the example's columns with another convention of the accelerometer axes. The stand follows the true
+    /// direction.
     fn found(accel: [f64; 3], stand: Option<&[[f64; 3]]>) -> Option<Finding> {
         let mut columns = Columns::tumbling();
         columns.force.iter_mut().for_each(|row| *row = [0, 1, 2].map(|k| accel[k] * row[k]));
         check(&Recording { stand_rad: stand, ..columns.recording() }, &Columns::rests())
     }
 
-    /// Motor angles for the up directions of the example's rests. Motor 2 sets the tilt and motor 3 the heading.
+    /// Motor angles that produce the up directions of the example's rests. Motor 2 sets the tilt, and motor 3 the
+    /// heading.
     fn motors() -> Vec<[f64; 3]> {
         let columns = Columns::tumbling();
         let up = |i: usize| Vector3::from(columns.force[i]).normalize();

@@ -202,8 +202,8 @@ mod tests {
         found.iter().map(|copy| copy.sigmas).max_by(f32::total_cmp)
     }
 
-    /// Two runs of one program on one stand differ only in their noise. The benchmark benches/copies.py has the same
-    /// outcome for hundreds of seeds.
+    /// Two runs of one program on one stand differ only in their noise. The benchmark benches/copies.py gives the same
+    /// result for hundreds of seeds.
     #[test]
     fn runs_of_one_program_are_independent() {
         let program = program(3);

@@ -207,8 +207,8 @@ mod tests {
         assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("axes='gyro=-x,-y,-z'"));
     }
 
-    /// Fits P of u' = u x P w, linear in its nine entries, to directions and rates as the triads report them. `accel`
-    /// and `gyro` map true to reported values.
+    /// Fits P in u' = u x P w, which is linear in the nine entries of P, to directions and rates as the triads report
+    /// them. `accel` and `gyro` convert true to reported values.
     fn fitted(accel: &Matrix3<f64>, gyro: &Matrix3<f64>) -> Matrix3<f64> {
         let (mut normal, mut right) = (SMatrix::<f64, 9, 9>::zeros(), SMatrix::<f64, 9, 1>::zeros());
         for i in 0..50 {
@@ -216,7 +216,7 @@ mod tests {
             let up = Vector3::new(t.sin(), (1.7 * t).cos(), (0.6 * t).sin()).normalize();
             let rate = Vector3::new((2.3 * t).sin(), (0.9 * t).cos(), (1.1 * t).sin());
             let (change, up, rate) = (accel * up.cross(&rate), accel * up, gyro * rate);
-            // Entries of P in column-major order: entry (r, c) multiplies the reported rate c and acts as a rotation
+            // Entries of P in column-major order. Entry (r, c) multiplies the reported rate c and acts as a rotation
             // about axis r.
             let rows = SMatrix::<f64, 3, 9>::from_fn(|k, n| (up.cross(&Vector3::ith(n % 3, 1.0)) * rate[n / 3])[k]);
             normal += rows.transpose() * rows;
@@ -252,7 +252,8 @@ mod tests {
             assert_eq!((findings[0].code, findings[0].severity), ("left_handed_axes", Severity::Error));
             assert_eq!(findings[0].columns, columns.map(|k| ACCEL[k]));
         }
-        // North-east-down relative to east-north-up is also a half turn about a diagonal, but it is a common mounting.
+        // The rotation from east-north-up to north-east-down is also a half turn about a diagonal, but it is a common
+        // mounting.
         let ned = Matrix3::from_columns(&[y, x, -z]);
         assert_eq!(judge(near(ned))[0].severity, Severity::Warning);
     }

@@ -153,7 +153,8 @@ mod tests {
             lengths.iter().for_each(|len| kind.add(*len));
             kind
         };
-        // With noise of four steps one pair in fourteen is equal; with unquantised values no pair is equal.
+        // With noise of four steps, one pair in fourteen is equal. With values that are not quantised, no pair is
+        // equal.
         for (lengths, equal, is_chance) in [
             (&[3][..], 0.07, true),
             (&[3, 3], 0.07, true),
@@ -173,7 +174,7 @@ mod tests {
         let peak = |t: f64| 1000.0 * (std::f64::consts::PI * (t - 1.0)).cos();
         assert_eq!(samples_at_end(|t| peak(t).round().min(900.0)), 29);
         assert_eq!(samples_at_end(|t| peak(t).round()), 0);
-        // With coarse quantisation, the 7 samples at the top have equal values.
+        // With coarse quantisation, the 7 samples at the top of the peak have equal values.
         assert_eq!(samples_at_end(|t| (peak(t) / 10.0).round()), 0);
     }
 }

@@ -236,7 +236,7 @@ mod tests {
 
     #[test]
     fn rest_and_constant_turn_without_noise_are_not_flagged() {
-        // A motor turns at constant speed about x, and then the unit rests. Extreme values repeat, but no value is
+        // A motor turns at constant speed about x, and then the unit rests. The extreme values repeat, but no value is
         // clipped.
         let mut columns = Columns::tumbling();
         for i in 0..4000 {
@@ -278,7 +278,7 @@ mod tests {
         columns.rate[1234][1] = 32767.0;
         assert_eq!(lsb(&columns).as_slice(), std::slice::from_ref(&(1234..1235)));
         columns.rate[1234][1] = 0.0;
-        // Unsigned counts at rest; 32768, the largest value of one axis, is the middle of the range.
+        // Unsigned counts at rest. The largest value of one axis is 32768, which is the middle of the range.
         for row in &mut columns.rate {
             *row = row.map(|v| 32768.0 - v.abs());
         }

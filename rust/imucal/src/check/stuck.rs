@@ -180,7 +180,8 @@ mod tests {
             still.rate[i] = still.rate[1000];
         }
         assert!(found(&still).is_empty());
-        // The step of the converter is three times the noise, so at rest the values change only by single steps.
+        // The step of the converter is three times the noise. At rest, the values therefore change only by single
+        // steps.
         let mut coarse = Columns::tumbling().quantised(0.06, 0.009);
         for i in 0..3000 {
             coarse.force[i] = coarse.force[i % 90];

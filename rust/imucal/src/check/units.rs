@@ -392,7 +392,7 @@ mod tests {
             findings.extend(check_rests(&recording, &Columns::rests(), STANDARD_GRAVITY_MPS2));
             findings
         };
-        // The cases are numbers in m/s^2 read as g, numbers in mg read as g, and counts read as deg/s.
+        // There are three cases: numbers in m/s^2 read as g, numbers in mg read as g, and counts read as deg/s.
         for (force, hint) in [(9.80665, "m/s^2:"), (1000.0, "mg:")] {
             let findings = with_units(&scaled(force, 1.0), [Some("g"), None]);
             assert_eq!(findings[0].code, "accel_units");

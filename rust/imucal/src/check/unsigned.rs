@@ -130,7 +130,7 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
-    /// Unsigned gyroscope counts with their zero at `zero`, in a range of `numbers` values.
+    /// Unsigned gyroscope counts. Zero rate is at the count `zero`, and the range has `numbers` values.
     fn unsigned(zero: f64, numbers: f64) -> Columns {
         let mut columns = Columns::tumbling();
         let scale = numbers / 8.0;
@@ -160,7 +160,7 @@ mod tests {
     fn counts_with_zero_in_the_middle_are_sound_up_to_their_rails() {
         let columns = unsigned(32768.0, 65536.0);
         assert!(found(&columns).is_empty());
-        // The unit is shaken from one rail to the other, so consecutive samples lie at both ends of the range.
+        // The unit is shaken from one rail to the other, so consecutive samples are at both ends of the range.
         let mut columns = columns;
         for i in (100..3900).step_by(40) {
             columns.rate[i][0] = 0.0;

@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn tails_and_power_are_those_of_tables() {
         assert!((p_value(9.487_729, 4) - 0.05).abs() < 1e-7);
-        // For one degree of freedom and one two-sided test at 0.3 % the non-centrality is (z_0.9985 + z_0.9)^2.
+        // With one degree of freedom and one two-sided test at 0.3 %, the non-centrality is (z_0.9985 + z_0.9)^2.
         let expected = (2.967_738 + 1.281_552_f64).powi(2);
         assert!((visible_noncentrality(1, 1) - expected).abs() < 1e-3, "{}", visible_noncentrality(1, 1));
         let mut tails = Tails::new(3, 20.0);

@@ -122,7 +122,7 @@ impl Gram {
 mod tests {
     use super::*;
 
-    /// Compares the evidence for two columns and one group with numerical integration over the parameter.
+    /// The evidence for two columns and one group must equal a numerical integral over the parameter.
     #[test]
     fn the_evidence_is_the_integral_over_the_prior() {
         let rows = 40;
@@ -138,7 +138,7 @@ mod tests {
         let with = gram.evidence(&[base, effect]).unwrap();
         let without = gram.evidence(&[base]).unwrap();
         assert_eq!(with.scales, vec![1.0]);
-        // The base column is integrated out in closed form for each value of the parameter.
+        // For each value of the parameter, the coefficient of the base column is integrated out in closed form.
         let chi2 = |theta: f64| {
             let r: Vec<f64> = (0..rows).map(|i| columns[(i, 2)] + theta * columns[(i, 1)]).collect();
             let mean = r.iter().sum::<f64>() / rows as f64;

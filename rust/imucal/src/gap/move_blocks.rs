@@ -209,7 +209,7 @@ mod tests {
     use super::*;
     use crate::rests::moves::Move;
 
-    /// A simulated move with a varying rotation axis and rate. `error` is added to the rate.
+    /// A simulated move in which the rotation axis and the rate vary. `error` is added to the rate.
     fn blocks(error: impl Fn(f64, &Vector3<f64>) -> Vector3<f64>) -> MoveBlocks {
         let time_s: Vec<f64> = (0..401).map(|k| f64::from(k) * 5e-3).collect();
         let rate = |t: f64| Vector3::new(1.2 * t, 0.8 - t, 0.5 * (2.0 * t).sin());
@@ -245,7 +245,7 @@ mod tests {
                 });
                 let numeric = (plain.rotation.inverse() * changed.rotation).scaled_axis() / STEP;
                 let expected = Vector3::new(rows[0][column], rows[1][column], rows[2][column]);
-                // The tolerance covers the approximation that rates, times and temperatures are constant within a
+                // The tolerance allows for the assumption that rates, times and temperatures are constant within a
                 // block.
                 let tolerance = 0.04 * (1.0 + expected.norm());
                 assert!((numeric - expected).norm() < tolerance, "{regressor:?} {column}: {numeric} {expected}");
@@ -259,14 +259,14 @@ mod tests {
         let last = plain.blocks.last().unwrap();
         let up = Vector3::new(0.6, 0.0, 0.8);
         let at_end = plain.rotation.inverse() * up;
-        // The mean is half a block before the end, where the rate is 1.5 rad/s.
+        // The mean belongs to a time half a block before the end. The rate there is 1.5 rad/s.
         assert!((last.mean_of_constant(&up) - at_end).norm() < 0.06);
         assert!((last.since_start_s - 2.0).abs() < 1e-12 && (last.length_s - BLOCK_S).abs() < 1e-12);
     }
 
-    /// An error-free accelerometer measures gravity during a move with a varying rate. The means of its readings over
-    /// blocks equal the means of the propagated gravity direction times g, except for the error of integrating sampled
-    /// rates by the trapezoidal rule.
+    /// An accelerometer without errors measures gravity during a move with a varying rate. The means of its readings
+    /// over blocks must equal g times the means of the propagated gravity direction. They differ only by the error of
+    /// integrating sampled rates with the trapezoidal rule.
     #[test]
     fn the_mean_force_of_a_block_is_the_mean_of_propagated_gravity() {
         let time_s: Vec<f64> = (0..201).map(|k| f64::from(k) * 0.01).collect();
@@ -281,8 +281,8 @@ mod tests {
         let found = MoveBlocks::new(&recording, &crate::evaluate::unusable_report(&span, ""), None);
         let error = |block: &Block| (block.specific_force - block.mean_of_constant(&Vector3::z())).norm();
         let worst = found.blocks.iter().map(error).fold(0.0, f64::max);
-        // Error of the trapezoidal rule: dt^2 / 12 times the change of the angular acceleration between the ends of the
-        // move.
+        // Error of the trapezoidal rule. It is dt^2 / 12 times the change of the angular acceleration between the ends
+        // of the move.
         let integration = 0.01f64.powi(2) / 12.0 * std::f64::consts::PI.powi(3) / 8.0;
         assert!(worst < 1.01 * integration, "{worst:e} of gravity, {integration:e} is the error of integration");
     }

@@ -358,7 +358,7 @@ mod tests {
             for (k, ((above, below), slope)) in above.iter().zip(&below).zip(slope).enumerate() {
                 for axis in 0..6 {
                     let numeric = (above[axis] - below[axis]) / (2.0 * step) * sigma;
-                    // The slopes of the base parameters are computed without effects, which causes relative errors of
+                    // The slopes of the base parameters are computed without effects. Their relative error is therefore
                     // about 1 %.
                     assert!(
                         (numeric - slope[axis]).abs() < 0.02 * size + 1e-12,
@@ -374,8 +374,8 @@ mod tests {
     #[test]
     fn an_effect_smaller_than_typical_narrows_its_prior_in_all_directions() {
         let covariance = Mat::from_fn(3, 3, |i, j| if i == j { 1.0 } else { 0.0 });
-        // The first parameter is observable, and its estimate is close to zero. The second parameter is not observable,
-        // so its standard deviation equals the standard deviation of its prior.
+        // The first parameter is observable, and its estimate is near zero. The second parameter is not observable, so
+        // its standard deviation is that of its prior.
         let (shift, narrowed) = narrowed(&covariance, &[0, 1], &[0.1, 0.0], &[10.0, 1.0]);
         assert!(narrowed[(1, 1)] < 0.1 && narrowed[(2, 2)] == 1.0, "{}", narrowed[(1, 1)]);
         assert!(shift[0].abs() < 0.1 && shift[2] == 0.0, "{shift:?}");

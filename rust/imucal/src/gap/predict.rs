@@ -119,8 +119,8 @@ mod tests {
 
     const ROWS: usize = 60;
 
-    /// Gain of a model with a sine and a constant over a model with the constant only. The residuals are noise plus
-    /// `size` times the sine; `spike` is added to one row.
+    /// Gain of a model with a sine and a constant, relative to a model with only the constant. The residuals are noise
+    /// plus `size` times the sine. `spike` is added to one row.
     fn gain_of(size: f64, spike: f64) -> Gain {
         let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;
         let columns = Mat::from_fn(ROWS, 3, |i, j| match j {

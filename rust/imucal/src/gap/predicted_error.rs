@@ -387,8 +387,8 @@ mod tests {
         let PredictedErrors { angular_rate: rate, specific_force: force } = found;
         assert!(rate.factor > 2.0 && rate.factor_low < rate.factor && rate.factor < rate.factor_high, "{rate:?}");
         assert!(force.factor_low < 1.02 && force.factor_high > 0.98, "{force:?}");
-        // The expected error is a g-sensitivity of 3e-4 rad/s per m/s^2 times the rms of gravity on one axis, which is
-        // g / sqrt(3).
+        // The expected error is a g-sensitivity of 3e-4 rad/s per m/s^2 times the rms of gravity on one axis, g /
+        // sqrt(3).
         assert!((rate.before - 3e-4 * 9.8 / 3f64.sqrt()).abs() < 0.3 * rate.before, "{rate:?}");
     }
 

@@ -62,7 +62,7 @@ impl<T> Smooth<T> {
 mod tests {
     use super::*;
 
-    /// The conditional mean of a random walk is linear between its points, and its eigenfunctions at the points
+    /// The conditional mean of a random walk is linear between its points. At the points, its eigenfunctions must
     /// reproduce the centred kernel.
     #[test]
     fn functions_of_a_walk_rebuild_it_and_go_straight_between_points() {

@@ -335,14 +335,14 @@ mod tests {
 
     const EPOCHS: usize = 60;
     const STEP_S: f64 = 5.0;
-    /// Noise of an epoch, in typical sizes of the block.
+    /// Noise of the deviation in an epoch, in multiples of the typical deviation of the parameter.
     const NOISE: f64 = 0.15;
 
     fn normal(random: &mut ChaCha8Rng) -> f64 {
         random.sample(StandardNormal)
     }
 
-    /// What residuals tell of the deviation `x`, in epochs of 5 s, whose mean is not known.
+    /// Information of the residuals about the deviation `x` in epochs of 5 s. The mean of the deviation is not known.
     fn observed(x: impl Fn(usize) -> [f64; 3], random: &mut ChaCha8Rng) -> Observed {
         let epochs = (0..EPOCHS).map(|k| Epoch { recording: 0, time_s: (k as f64 + 0.5) * STEP_S }).collect();
         let weight = NOISE.powi(-2);
@@ -393,7 +393,7 @@ mod tests {
             let size = [(); 3].map(|()| normal(random));
             Box::new(move |k| size.map(|size| 2.0 * size * (std::f64::consts::TAU * k as f64 / period + phase).sin()))
         });
-        // A swing of only 12 epochs may resemble a switch with intermediate states.
+        // A slow oscillation over only 12 epochs may resemble a switch with intermediate states.
         assert!(count(&found, None) == 0 && count(&found, Some(Kernel::Time)) >= 18, "{found:?}");
     }
 
@@ -401,7 +401,7 @@ mod tests {
     fn a_load_that_switches_has_two_levels() {
         let found = kernels(|random| {
             let mut is_on = false;
-            // The share of each epoch in which the load is on.
+            // The share of each epoch in which the load is switched on.
             let states: Vec<f64> = (0..EPOCHS)
                 .map(|_| {
                     let changes = random.random_range(0.0..1.0) < 0.15;

@@ -267,8 +267,8 @@ mod tests {
 
     use super::*;
 
-    /// If all noise scales are one, the computed increase equals the difference of the log evidences of the two models,
-    /// for any prior width.
+    /// If all noise scales are one, the computed increase must equal the difference of the log evidences of the two
+    /// models, for any prior width.
     #[test]
     fn the_gain_is_that_of_the_evidence() {
         let rows = 60;

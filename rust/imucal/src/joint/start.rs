@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn a_prior_is_as_wide_as_the_directions_that_are_seen() {
         let mut prior = Prior { first: 0, typical: vec![0.1; 3], width: 100.0 };
-        // Only the prior determines the third parameter.
+        // The third parameter is determined only by the prior.
         let found = Mat::from_fn(3, 3, |i, j| {
             if i != j {
                 0.0

@@ -117,7 +117,7 @@ mod tests {
 
     const UNIT: BiasWander = BiasWander { bias_instability: [2e-5, 0.0, 3e-5], random_walk: [0.0, 4e-6, 1e-6] };
 
-    /// The Allan variance is half the mean squared difference of consecutive means.
+    /// The Allan variance must be half the mean squared difference of consecutive means.
     #[test]
     fn neighbouring_means_have_the_allan_variance_of_the_definitions() {
         for (axis, tau_s) in [(0, 0.5), (1, 3.0), (2, 100.0)] {

@@ -222,7 +222,7 @@ mod tests {
     use super::super::power_law::{FLICKER, QUANTISATION, WALK, WHITE};
     use super::*;
 
-    /// Compares the expected powers with v^T C v, computed directly for every cosine vector v.
+    /// The expected powers must equal v^T C v, which is computed directly for every cosine vector v.
     #[test]
     fn expected_powers_are_quadratic_forms_of_the_covariance() {
         let (width, length) = (24, 5.0);
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn powers_of_a_random_walk_are_those_of_its_steps() {
-        // z_j of a random walk is exactly a cosine sum of its steps over 2 sin(pi j / 2W).
+        // For a random walk, z_j is exactly a cosine sum of the steps of the walk, divided by 2 sin(pi j / 2W).
         let width = 100;
         for (j, power) in expected_powers(1.0, width).iter().enumerate() {
             let sine = 2.0 * (PI * (j + 1) as f64 / (2.0 * width as f64)).sin();
@@ -276,8 +276,8 @@ mod tests {
             let square: f64 = values.map(|v| (v - mean) * (v - mean)).sum();
             let mut weighted = 0.0;
             for power in &powers {
-                // White noise with unit variance per sample has the variance 1 / length per value. Dividing by this
-                // expected power makes all stages comparable.
+                // White noise with unit variance per sample has the variance 1 / length per value. After division by
+                // this expected power, all stages can be compared.
                 weighted += power.value * power.dof / power.expected[WHITE];
             }
             assert!((weighted / square - 1.0).abs() < 1e-9, "{samples}: {weighted} {square}");

@@ -125,7 +125,7 @@ mod tests {
         }
     }
 
-    /// Compares the variogram with the variogram of half-order integrated white noise, computed from its power
+    /// The variogram must equal that of half-order integrated white noise. The latter is computed from the power
     /// spectrum: `1/pi integral of (1 - cos k w) / (2 sin(w / 2))`.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {
@@ -147,7 +147,7 @@ mod tests {
         assert!((odd_harmonic(32.0) - sum).abs() < 1e-12);
     }
 
-    /// Reference values from allantools 2024.6, `edf_greenhall` with d = 2, overlapping (Greenhall and Riley, 2003).
+    /// Reference values from allantools 2024.6: `edf_greenhall` with d = 2, overlapping (Greenhall and Riley, 2003).
     #[test]
     fn degrees_of_freedom_are_those_of_greenhall_and_riley() {
         for (kind, m, samples, expected) in [

@@ -246,7 +246,7 @@ mod tests {
 
     const RATE_HZ: f64 = 50.0;
     const DURATION_S: f64 = 600.0;
-    /// Noise density of all axes; the standard deviation of a sample is seven times larger.
+    /// Noise density of all axes. The standard deviation of a sample is seven times this number.
     const DENSITY: f64 = 1e-3;
 
     fn still(instability: f64, walk: f64, seed: u64) -> Simulation {
@@ -260,7 +260,7 @@ mod tests {
         simulate(&Program::try_new(vec![Step::hold(DURATION_S)]).unwrap(), &unit, RATE_HZ, 9.80665, seed).unwrap()
     }
 
-    /// The noise of the run with `change` added to accelerometer x and gyroscope z.
+    /// The noise of the run after `change` is added to accelerometer x and gyroscope z.
     fn noise_with(run: &Simulation, change: impl Fn(f64) -> f64, cut_steps: bool) -> Noise {
         let (mut force, mut rate) = (run.specific_force.clone(), run.angular_rate.clone());
         for (k, time_s) in run.time_s.iter().enumerate() {

@@ -183,7 +183,7 @@ mod tests {
     fn late_time_stamps_are_not_missing() {
         let mut time_s = clock(3000);
         (100..2900).step_by(97).for_each(|k| time_s[k] += 0.008);
-        // A pause of the host for 0.3 s, after which 30 samples arrive at once.
+        // The computer pauses for 0.3 s, and then 30 samples arrive together.
         (1500..1530).for_each(|k| time_s[k] = 15.3 + 1e-4 * (k - 1500) as f64);
         assert_eq!(of(&time_s).samples, 0..3000);
     }

@@ -58,7 +58,7 @@ mod tests {
 
     #[test]
     fn an_item_that_the_fit_follows_blindly_is_not_judged() {
-        // The second parameter depends on the last row only, so the residual of this row is zero by construction.
+        // Only the last row depends on the second parameter, so the residual of this row is always zero.
         let jacobian = Mat::from_fn(5, 2, |i, j| f64::from(u8::from((i < 4) == (j == 0))));
         let residuals = Mat::from_fn(5, 1, |i, _| if i == 4 { 1e-9 } else { 1.0 });
         assert_eq!(leave_one_out(&residuals, &jacobian, 1)[4], 0.0);

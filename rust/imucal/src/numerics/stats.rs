@@ -279,7 +279,7 @@ mod tests {
                 assert_eq!(of(50_000, &value, q), quantile(&mut kept, q), "{k} {q}");
             }
         }
-        // The period of the values equals the spacing of the sample, so all values in the sample are equal.
+        // The values have the same period as the sample, so all values in the sample are equal.
         let value = |i: usize| if i.is_multiple_of(50) { 7.0 } else { i as f64 };
         assert_eq!(of(50_000, &value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
         assert!(of(0, &|_| 1.0, 0.5).is_nan());

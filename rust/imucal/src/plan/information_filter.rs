@@ -116,8 +116,8 @@ mod tests {
 
     use super::*;
 
-    /// Compares the information after step-by-step elimination with the information after elimination of all directions
-    /// at once. The example has three directions and two parameters.
+    /// Elimination of the directions step by step must give the same information as elimination of all directions
+    /// together. The example has three directions and two parameters.
     #[test]
     fn what_is_eliminated_step_by_step_is_what_is_eliminated_at_once() {
         let value = |i: usize| ((i * 37 + 11) as f64).sin();

@@ -217,7 +217,7 @@ mod tests {
         assert!(zone.is_crossed(&deg([90.0, 0.0, 5.0]), &deg([90.0, 0.0, 5.0])));
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 0.0]), &deg([89.0, 0.0, 0.0])));
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 20.0]), &deg([180.0, 0.0, 20.0])));
-        // When the first motor is at 90 deg, the third motor is at 45 deg.
+        // On this path, the third motor is at 45 deg when the first motor is at 90 deg.
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 0.0]), &deg([180.0, 0.0, 90.0])));
     }
 

@@ -104,7 +104,7 @@ mod tests {
     fn attitudes_are_the_products_of_all_turns_before() {
         let begin = so3::exp(&Vector3::new(0.3, -1.0, 2.0));
         for count in [0, 1, 7, 8, 41, 600, 1500] {
-            // The third angle exceeds the range of the polynomials.
+            // The third of these angles exceeds the range of the polynomials.
             for most in [0.01, 0.19, 2.0] {
                 let part = |k: usize, c: usize| ((3 * k + c) as f64 * 1.7).sin() * most / 3.0_f64.sqrt();
                 let turns: Vec<Vector3<f64>> = (0..count).map(|k| Vector3::from_fn(|c, _| part(k, c))).collect();

@@ -355,15 +355,15 @@ mod tests {
             let found = Segments::find(&run.recording("run"), 1.0).unwrap();
             assert_eq!(found.rests.len(), run.rests.len(), "{rate_hz} Hz, noise x {noise}");
             for (rest, (start_s, end_s)) in found.rests.iter().zip(&run.rests) {
-                // The motors accelerate smoothly, so the ends of rests are detected with a delay.
+                // The motors accelerate smoothly, so the start and end of rests are detected with a delay.
                 assert!(rest.start_s > start_s - 0.25 && rest.start_s < start_s + 0.4, "{} {start_s}", rest.start_s);
                 assert!(rest.end_s < end_s + 0.25 && rest.end_s > end_s - 0.4, "{} {end_s}", rest.end_s);
             }
         }
     }
 
-    /// If part of the rotation of a move is assigned to a rest, the integrated rotation of the move lacks this part,
-    /// and all estimated gyroscope scales are too small.
+    /// If a part of a move's rotation is assigned to a rest, the integrated rotation of the move lacks this part. All
+    /// estimated scales of the gyroscope are then too small.
     #[test]
     fn the_slow_beginning_of_a_move_that_drowns_in_noise_is_the_moves() {
         for (rate_hz, noise) in [(25.0, 3.0), (128.0, 1.0), (128.0, 3.0), (128.0, 10.0), (1000.0, 3.0)] {
@@ -380,7 +380,7 @@ mod tests {
                 .zip(&run.rests)
                 .flat_map(|(rest, (start_s, end_s))| [kept(rest.start_s, *start_s), kept(*end_s, rest.end_s)]);
             let mean_rad = ends.sum::<f64>() / (2 * found.len()) as f64;
-            // Angle of a move that is wrongly assigned to a rest, relative to the angle random walk of a move of 2 s.
+            // Rotation angle that is wrongly assigned to a rest, divided by the angle random walk over a move of 2 s.
             let share = mean_rad / (noise * Unit::paper().gyroscope.noise_density * 2_f64.sqrt());
             assert!(share < 0.02, "{rate_hz} Hz, noise x {noise}: {share}");
             let lasting =
@@ -396,7 +396,7 @@ mod tests {
         let found = Segments::find(&run(200.0, 1.0).recording("run"), 1.0).unwrap();
         let unit = Unit::paper();
         for axis in 0..3 {
-            // With 45 s of rests in means of 0.25 s, the estimate has a standard deviation of about 9 % per axis.
+            // With 45 s of rests in means of 0.25 s, the estimate of each axis has a standard deviation of about 9 %.
             let rate = found.noise_density.angular_rate[axis] / unit.gyroscope.noise_density;
             let force = found.noise_density.specific_force[axis] / unit.accelerometer.noise_density;
             assert!((rate - 1.0).abs() < 0.27 && (force - 1.0).abs() < 0.27, "{rate} {force}");

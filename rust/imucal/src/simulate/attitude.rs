@@ -118,7 +118,7 @@ mod tests {
             .map(|(size, frequency, phase)| Course::sine(frequency, phase, t) * size)
     }
 
-    /// Compares rate, acceleration and a transformed direction of an attitude with central differences.
+    /// Tests that rate, acceleration and a transformed direction of an attitude agree with central differences.
     fn is_differentiated(attitude: impl Fn(f64) -> Attitude) {
         let (h, direction) = (1e-4, Vector3::new(0.2, -0.5, 0.8));
         for i in 0..100 {

@@ -60,8 +60,8 @@ mod tests {
 
     #[test]
     fn gravity_is_that_of_the_published_tables() {
-        // TR8350.2, table 3.4: gravity at the poles. The value at 45 deg is from GRS 80, in which gravity is larger by
-        // 1.4e-6 m/s^2 everywhere (Moritz, 2000).
+        // Gravity at the poles is from TR8350.2, table 3.4. Gravity at 45 deg is from GRS 80, in which gravity is
+        // larger by 1.4e-6 m/s^2 everywhere (Moritz, 2000).
         assert!((gravity_mps2(FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(-FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-12);
@@ -71,8 +71,8 @@ mod tests {
     /// On the polar axis, gravity has a closed form: `GM / (z^2 + E^2)` plus the quadrupole term of the ellipsoid.
     #[test]
     fn gravity_falls_with_height_as_on_the_axis_of_the_ellipsoid() {
-        // TR8350.2, chapter 4: the exact component along u for u = z and beta = 90 deg. There is no centrifugal
-        // acceleration on the axis.
+        // TR8350.2, chapter 4: the exact component along u for u = z and beta = 90 deg. On the axis, there is no
+        // centrifugal acceleration.
         const GM: f64 = 3.986_004_418e14;
         let semi_minor_m = SEMI_MAJOR_AXIS_M * (1.0 - FLATTENING);
         let eccentric_m = SEMI_MAJOR_AXIS_M * ECCENTRICITY_SQUARED.sqrt();

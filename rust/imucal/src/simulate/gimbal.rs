@@ -44,7 +44,7 @@ mod tests {
 
     const SQUARE: [f64; 2] = [0.0; 2];
 
-    /// Motors with smooth angle functions and their exact derivatives.
+    /// Motors whose angles are smooth functions of time, with exact derivatives.
     fn motors(t: f64) -> MotorState {
         MotorState {
             angle_rad: Vector3::new((0.7 * t).sin(), 0.4 + 1.3 * t, 2.0 * (0.5 * t).cos() + t),
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn aligned_axes_add_their_rates() {
-        // Middle axis at +90 deg: the innermost axis (body z) is parallel to the outermost axis.
+        // With the middle axis at +90 deg, the innermost axis (body z) is parallel to the outermost axis.
         let state = MotorState {
             angle_rad: Vector3::new(0.3, FRAC_PI_2, 0.0),
             rate_radps: Vector3::new(1.0, 0.0, 2.0),

@@ -142,7 +142,7 @@ mod tests {
         }
     }
 
-    /// Motions with each single stand error, a motion with all stand errors, and hand-held runs.
+    /// Motions with each stand error separately, a motion with all stand errors, and hand-held runs.
     fn motions() -> Vec<Motion> {
         let perfect = Stand::perfect();
         vec![
@@ -163,7 +163,7 @@ mod tests {
         let h = 1e-6;
         for (number, motion) in motions().iter().enumerate() {
             for i in 1..4000 {
-                // With an odd number of steps, no instant coincides with a corner of the acceleration.
+                // The number of steps is odd, so no instant coincides with a corner of the acceleration.
                 let t = motion.duration_s() * f64::from(i) / 4001.0;
                 let (before, now, after) = (motion.at(t - h), motion.at(t), motion.at(t + h));
                 let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
@@ -178,7 +178,7 @@ mod tests {
         }
     }
 
-    /// Order of convergence: least-squares slope of log error over log step, for rates from 50 to 8000 Hz.
+    /// Order of convergence for rates from 50 to 8000 Hz. It is the least-squares slope of log error over log step.
     fn order(motion: &Motion) -> f64 {
         let rates_hz = [50.0, 100.0, 200.0, 400.0, 800.0, 1600.0, 4000.0, 8000.0];
         let points = rates_hz.map(|rate_hz: f64| {
@@ -199,14 +199,14 @@ mod tests {
     }
 
     /// The integrator assumes a linear rate between samples, so its error is of second order. Corners in the
-    /// acceleration of the motors do not change the order, because each corner affects a single step, with an error of
-    /// third order.
+    /// acceleration of the motors do not change the order: each corner affects a single step, with an error of third
+    /// order.
     #[test]
     fn integrating_the_rate_converges_to_the_attitude_with_the_integrators_order() {
         for (number, motion) in motions().iter().enumerate() {
             let order = order(motion);
             println!("motion {number}: order {order:.3}");
-            // At 50 Hz a vibration of 30 Hz is sampled too coarsely for the asymptotic order.
+            // At 50 Hz, the samples of a 30 Hz vibration are too coarse for the asymptotic order.
             assert!((order - 2.0).abs() < 0.03, "motion {number}: order {order}");
         }
     }

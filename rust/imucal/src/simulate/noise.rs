@@ -213,8 +213,8 @@ mod tests {
         Noise::new(sensor, rate_hz, steps, kinds.map(|kind| generators(kind, seed)))
     }
 
-    /// Allan variance of means over m steps, averaged over the axes, and the number of pairs of consecutive means per
-    /// axis.
+    /// Allan variance of means over m steps, averaged over the axes. The second result is the number of pairs of
+    /// consecutive means per axis.
     fn allan_variance(values: &[Vector3<f64>], m: usize) -> (f64, f64) {
         let means: Vec<Vector3<f64>> =
             values.chunks_exact(m).map(|chunk| chunk.iter().sum::<Vector3<f64>>() / m as f64).collect();
@@ -222,9 +222,9 @@ mod tests {
         (means.windows(2).map(|w| (w[1] - w[0]).norm_squared()).sum::<f64>() / (6.0 * pairs), pairs)
     }
 
-    /// Compares the Allan variance with a variance as a function of tau, within four standard deviations. With K pairs
-    /// of consecutive means, the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise. It
-    /// is smaller for flicker noise and for a random walk, whose adjacent differences have a correlation of 1/4.
+    /// Tests that the Allan variance agrees with a function of tau within four standard deviations. With K pairs of
+    /// consecutive means, the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise. It is
+    /// smaller for flicker noise and for a random walk, because the correlation of adjacent differences is 1/4.
     fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
         let (rate_hz, n) = (50.0, 1_000_000);
         let mut noise = noise(sensor, rate_hz, n, 3);
@@ -254,8 +254,8 @@ mod tests {
     #[test]
     fn allan_deviation_of_the_bias_instability_is_flat() {
         let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
-        // For means over few samples the Allan variance is larger, because the spectrum of the samples follows 1/sin
-        // instead of ending at the Nyquist frequency.
+        // For means over few samples, the Allan variance is larger. The reason is that the spectrum of the samples
+        // follows 1/sin and does not end at the Nyquist frequency.
         check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
     }
 
@@ -281,7 +281,8 @@ mod tests {
             }
             squares += value.component_mul(&value) / runs as f64;
         }
-        // K^2 t with t = 50 / 25 s. A variance from n numbers has a relative standard deviation of sqrt(2 / n).
+        // The expected variance is K^2 t with t = 50 / 25 s. A variance from n numbers has a relative standard
+        // deviation of sqrt(2 / n).
         let band = 4.0 * (2.0 / runs as f64).sqrt();
         assert!((squares.x / 2.0 - 1.0).abs() < band && (squares.z / 18.0 - 1.0).abs() < band, "{squares}");
         assert_eq!(squares.y, 0.0);
@@ -322,7 +323,8 @@ mod tests {
         let flicker = |seed| Flicker::new(1.0, steps, generators(Stream::Flicker, seed));
         let poles = flicker(0).poles;
         let through = flicker(0).through;
-        // Variance of the sum: through^2 + 2 through sum c + sum of c_j c_k / (1 - p_j p_k).
+        // The flicker value is the sum of `through` times white noise and the filters c_j. Its variance is through^2 +
+        // 2 through sum c + sum of c_j c_k / (1 - p_j p_k).
         let mut expected = through * through;
         for a in &poles {
             expected += 2.0 * through * a.c;

@@ -220,8 +220,8 @@ mod tests {
         assert_eq!(state(-1.0), MotorState::still(start));
         assert_eq!(state(DURATION_S), MotorState::still(start + turn()));
         assert_eq!(state(3.0), MotorState::still(start + turn()));
-        // The limits from inside the turn agree with these values, so rate and acceleration are continuous at the end
-        // of the turn.
+        // Rate and acceleration are continuous at the end of the turn if their limits from inside the turn equal these
+        // values.
         let last = state(DURATION_S * (1.0 - 1e-9));
         assert!((last.angle_rad - start - turn()).norm() < 1e-15);
         assert!(last.rate_radps.norm() < 1e-15);
@@ -237,7 +237,8 @@ mod tests {
             let rate = (after.angle_rad - before.angle_rad) / (2.0 * h);
             let acceleration = (after.rate_radps - before.rate_radps) / (2.0 * h);
             assert!((rate - now.rate_radps).norm() < 1e-8, "rate at {t} s");
-            // At a step of the jerk, the central difference has an error of jerk h / 4. Twice this error is tolerated.
+            // At a step of the jerk, the central difference has an error of jerk h / 4. The test tolerates twice this
+            // error.
             let corner = JERK * turn().norm() / DURATION_S.powi(3) * h / 2.0;
             assert!((acceleration - now.acceleration_radps2).norm() < 1e-8 + corner, "acceleration at {t} s");
         }
@@ -290,7 +291,7 @@ mod tests {
         }
         assert_eq!(Course::smooth_step(1.0) * 1.0, Course { value: 1.0, ..zero });
         assert_eq!(Course::swell(0.5).value, 1.0);
-        // The third derivative is zero at the start as well, so the acceleration is quadratic in time.
+        // The third derivative is also zero at the start, so the acceleration is quadratic in time there.
         let ratio = Course::smooth_step(2e-3).acceleration / Course::smooth_step(1e-3).acceleration;
         assert!((ratio - 4.0).abs() < 0.1, "{ratio}");
     }

@@ -285,8 +285,8 @@ mod tests {
         for (start, end) in program.rests() {
             assert!((end - start - 5.0).abs() < 1e-9);
         }
-        // Adjacent rests are 20 deg apart. The distance of any direction from the nearest rest is therefore at most
-        // half the diagonal of a cell, 14.2 deg.
+        // Adjacent rests are 20 deg apart. Any direction is therefore at most half the diagonal of a cell, 14.2 deg,
+        // from the nearest rest.
         let mut furthest_deg = 0.0_f64;
         for i in 0..2000 {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 2000.0;
@@ -308,7 +308,7 @@ mod tests {
         assert_ne!(program, Program::random(&RandomMoves::default(), 4).unwrap());
     }
 
-    /// The mean rate of a motor is at most 120 deg/s and its peak rate 160 deg/s. If the outermost and the innermost
+    /// The mean rate of a motor is at most 120 deg/s, and its peak rate 160 deg/s. If the outermost and the innermost
     /// axis are parallel, the body rate is at most sqrt(5) 160 = 358 deg/s.
     #[test]
     fn random_program_stays_within_the_gyroscopes_range() {

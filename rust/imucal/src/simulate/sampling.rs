@@ -72,14 +72,14 @@ mod tests {
 
     #[test]
     fn gain_is_the_butterworth_filters() {
-        // The bandwidth is far below the internal rate. At the bandwidth, the gain is exact.
+        // The bandwidth is far below the internal rate, so the gain is accurate. At the bandwidth, it is exact.
         let (rate_hz, bandwidth_hz) = (1000.0, 10.0);
         for frequency_hz in [1.0, 5.0, 10.0, 20.0, 40.0] {
             let mut filter = Filter::new(&LowPass { bandwidth_hz }, rate_hz, &Vector3::zeros());
             let mut power = 0.0;
             for i in 0..4000 {
                 let output = filter.next(&Vector3::repeat((TAU * frequency_hz * f64::from(i) / rate_hz).sin())).x;
-                // The second half contains whole periods of every frequency, and the transient has decayed.
+                // In the second half, the transient has decayed. This half contains whole periods of every frequency.
                 if i >= 2000 {
                     power += output * output / 1000.0;
                 }

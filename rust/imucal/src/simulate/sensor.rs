@@ -127,7 +127,7 @@ mod tests {
 
     const RATE_HZ: f64 = 100.0;
 
-    /// Mean square of `n` samples at zero input over all axes, and mean product of consecutive samples.
+    /// Mean square of `n` samples over all axes at zero input, and the mean product of consecutive samples.
     fn noise_power(sensor: &Sensor, n: usize) -> (f64, f64) {
         let steps = sensor.steps(RATE_HZ);
         let mut sampler = Sampler::new(sensor, Triad::Accelerometer, RATE_HZ, n, steps, 8);
@@ -137,8 +137,8 @@ mod tests {
         (power, values.windows(2).map(|w| w[0].dot(&w[1])).sum::<f64>() / (3 * n) as f64)
     }
 
-    /// Power of the noise after the filter in closed form. With u = tan(pi f / r) / k, the bilinear filter has |H|^2 =
-    /// 1 / (1 + u^4). The power is then N^2 r 2k / pi times
+    /// Power of the noise after the filter in closed form. The bilinear filter has |H|^2 = 1 / (1 + u^4) with u =
+    /// tan(pi f / r) / k. The power is then N^2 r 2k / pi times
     ///
     /// ```text
     /// integral from 0 of du / ((1 + u^4)(1 + k^2 u^2)) = ((1 - k^2) pi / (2 sqrt 2) + k^3 pi / 2) / (1 + k^4)
@@ -156,8 +156,8 @@ mod tests {
             let low_pass = LowPass { bandwidth_hz };
             let sensor = Sensor { noise_density: 0.1, low_pass: Some(low_pass), ..Sensor::ideal() };
             let expected = filtered_power(0.1, bandwidth_hz, RATE_HZ * low_pass.steps(RATE_HZ) as f64);
-            // The noise bandwidth of the analogue filter is pi / (2 sqrt 2) times its bandwidth, on both sides of zero.
-            // The bilinear transform changes it slightly.
+            // The noise bandwidth of the analogue filter is pi / (2 sqrt 2) times its bandwidth, on each side of zero
+            // frequency. The bilinear transform changes it slightly.
             let analogue = 0.01 * 2.0 * PI / (2.0 * SQRT_2) * bandwidth_hz;
             assert!((expected / analogue - 1.0).abs() < 0.04, "{bandwidth_hz} Hz");
             // Samples are correlated over about one period of the bandwidth.
@@ -178,8 +178,8 @@ mod tests {
         assert!((neighbours / (0.01 * RATE_HZ)).abs() < band, "{neighbours}");
     }
 
-    /// For a parabola, each mean equals the integral over the interval before the sample, except for the error of the
-    /// trapezoidal rule.
+    /// For a parabola, each mean must equal the integral over the interval before the sample. It differs only by the
+    /// error of the trapezoidal rule.
     #[test]
     fn means_are_integrals_over_the_interval_before_the_sample() {
         let sensor = Sensor { averaging: true, ..Sensor::ideal() };
@@ -192,7 +192,7 @@ mod tests {
             let seen: Vec<Seen> = (0..steps).map(|j| Seen { value: [value(j); 3], moving: true }).collect();
             let measured = sampler.measure(&seen)[0];
             let integral = (end.powi(3) - (end - t).powi(3)) / (3.0 * t);
-            // The input before the first step is unknown, so the first sample is not compared.
+            // The first sample is not compared, because the input before the first step is unknown.
             if i > 0 {
                 assert!((measured - integral - h * h / 6.0).abs() < 1e-13, "sample {i}: {measured}, not {integral}");
             }

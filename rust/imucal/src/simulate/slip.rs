@@ -68,7 +68,7 @@ mod tests {
 
     #[test]
     fn rate_and_acceleration_are_the_derivatives_through_the_slip() {
-        // The first slip is during a rest and the second during a turn, because rests take 5 s and turns 2 s.
+        // The first slip is during a rest and the second during a turn. Rests take 5 s and turns 2 s.
         for slip_s in [2.0, 6.0] {
             let motion = motion(slip_s);
             let h = 1e-5;

@@ -218,7 +218,7 @@ mod tests {
             assert!((straight.angle(&bent) - 0.01).abs() < 1e-6);
             assert!((bent.z - straight.z + 0.01).abs() < 1e-6, "it goes down: {bent:?}");
         }
-        // With a vertical axis, upright or upside down, the weight has no lever arm.
+        // If the axis is vertical, upright or upside down, the weight has no lever arm.
         for angle in [0.0, 2.0 * FRAC_PI_2] {
             let angles = Vector3::new(angle, 0.0, 0.7);
             assert!(resting(&soft, angles).angle_to(&resting(&Stand::perfect(), angles)) < 1e-15);
@@ -294,7 +294,7 @@ mod tests {
                 direction: phase.direction,
             };
             let read = Stand::perfect().read_encoders(&state, &early, Vector3::zeros());
-            // The remaining difference is half the acceleration (at most 8.4 rad/s^2 per motor) times tau squared.
+            // The difference that remains is half the acceleration (at most 8.4 rad/s^2 per motor) times tau squared.
             assert!((read - program.motors(time_s + tau_s).angle_rad).amax() < 8.4 * tau_s * tau_s, "{time_s} s");
         }
     }

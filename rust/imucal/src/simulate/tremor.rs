@@ -85,7 +85,7 @@ mod tests {
             let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
             assert!((so3::log(&turned) / (2.0 * h) - now.angular_rate).norm() < 1e-6, "{t} s");
             let change = (after.angular_rate - before.angular_rate) / (2.0 * h);
-            // At a step of the motors' jerk, the central difference has an error of half the step times h.
+            // At a step of the motors' jerk, the central difference has an error of half the step of the jerk times h.
             assert!((change - now.angular_acceleration).norm() < 1e-3, "{t} s: {change} {}", now.angular_acceleration);
             assert!(now.angular_rate.norm() > 0.0);
             assert_eq!(motion.still_until(t), None);

@@ -215,7 +215,7 @@ mod tests {
     #[test]
     fn poses_are_uniform_over_all_attitudes() {
         let run = tumble(&HandMoves { poses: 3000, ..HandMoves::default() });
-        // A uniformly distributed unit vector has mean zero, and its outer product has the mean I / 3.
+        // The mean of a uniformly distributed unit vector is zero, and the mean of its outer product is I / 3.
         let n = run.poses.len() as f64;
         for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
             let seen: Vec<Vector3<f64>> = run.poses.iter().map(|pose| pose.rotation * axis).collect();
@@ -257,7 +257,7 @@ mod tests {
         assert_eq!(on_the_spot.moment(5.0).acceleration, Vector3::zeros());
     }
 
-    /// Tests that the direction of the rate varies during a move. For a fixed axis of rotation it would be constant.
+    /// The direction of the rate must vary during a move. With a fixed axis of rotation, it would be constant.
     #[test]
     fn the_axis_wanders_during_a_move() {
         let run = tumble(&HandMoves { poses: 10, ..HandMoves::default() });

@@ -281,7 +281,7 @@ mod tests {
 
     #[test]
     fn a_small_component_in_an_unobservable_direction_is_tolerated() {
-        // By its prior, the second parameter deviates by a tenth of its size. Multiplied by 0.05, this deviation
+        // Under its prior, the second parameter deviates by a tenth of its size. Multiplied by 0.05, this deviation
         // changes the first parameter by less than a hundredth.
         let open = |part: f64| Open::of(&design(&[&[50.0, 50.0 * part]])).unwrap().columns;
         assert_eq!(open(0.05), [1]);

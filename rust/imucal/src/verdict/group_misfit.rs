@@ -144,9 +144,9 @@ mod tests {
     #[test]
     fn an_excess_is_large_and_significant() {
         assert!(misfit(90.0, 20.0).exceeds_noise());
-        // Four residuals at 2.2 times their noise occur in one of a thousand runs.
+        // Four residuals have a ratio of 2.2 to their noise by coincidence in one of a thousand runs.
         assert!(!misfit(20.0, 4.0).exceeds_noise());
-        // In a long recording even 10 % more than noise is significant.
+        // In a long recording, an excess of only 10 % over noise is significant.
         let long = misfit(12_100.0, 10_000.0);
         assert!(long.is_significant() && !long.exceeds_noise());
     }

@@ -202,8 +202,8 @@ mod tests {
 
     #[test]
     fn what_stands_side_by_side_has_the_products_of_columns() {
-        // In this example, the model's columns are not contiguous, the third block is not requested, and the columns
-        // are permuted.
+        // In this example, the columns of the model are not contiguous, the products of the third block are not needed,
+        // and the columns are permuted.
         let (rows, model, blocks) = (420, 6, [6..7, 7..12, 12..14, 14..17]);
         let places: Vec<Option<usize>> =
             (0..18).map(|j| if (12..14).contains(&j) { None } else { Some(if j < 3 { j } else { j + 10 }) }).collect();

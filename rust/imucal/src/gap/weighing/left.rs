@@ -113,13 +113,14 @@ mod tests {
 
     #[test]
     fn directions_are_counted_by_their_eigenvalues() {
-        // Two columns with eigenvalues 1 and 3, and the residual.
+        // The matrix has two columns, with the eigenvalues 1 and 3, and the residual.
         let mut sums = SymmetricMatrix::zeros(3);
         sums.row_mut(0).copy_from_slice(&[2.0, 1.0, 0.3]);
         sums.row_mut(1).copy_from_slice(&[2.0, -0.2]);
         let of = |whole: f64| Left { sums: sums.clone(), whole: vec![whole; 2] };
         assert_eq!([0.9, 1.1, 2.9, 3.1].map(|least| of(2.0).directions(least)), [2, 1, 1, 0]);
-        // If the squared lengths before the projection are 1e9, an eigenvalue of one may be a rounding error.
+        // If the squared lengths of the columns were 1e9 before the elimination, an eigenvalue of one may be a rounding
+        // error.
         assert_eq!(of(1e9).directions(0.9), 1);
         let mut unknown = of(2.0);
         *unknown.sums.at(0, 1) = f64::NAN;

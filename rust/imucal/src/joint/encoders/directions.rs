@@ -163,8 +163,8 @@ mod tests {
         ((mixed >> 11) as f64) / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Rotations by 50 deg and back, 2 s each after 3 s of rest, with smooth start and end. Returns the encoder
-    /// readings with this backlash, and the true directions.
+    /// Readings of rotations by 50 deg and back, and the true directions. Each rotation takes 2 s, starts after 3 s of
+    /// rest, and has a smooth start and end. The encoder has the given backlash.
     fn there_and_back(backlash_rad: f64) -> (Vec<f64>, Vec<f64>) {
         let (rest, turn) = (300, 200);
         let at = |i: usize| {
@@ -187,7 +187,7 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// Sum of the squared errors of the readings that wrong signs cause, in units of the noise variance.
+    /// Sum of the squared errors of the readings due to wrong signs, divided by the noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();
@@ -195,14 +195,14 @@ mod tests {
         wrong.sum::<f64>()
     }
 
-    /// For large backlash of either sign, no sample has a wrong sign; for small backlash, only few samples have one.
+    /// With large backlash of either sign, no sample may have a wrong sign. With small backlash, only few samples may.
     #[test]
     fn the_start_of_a_turn_is_found_at_the_jump_of_its_reading() {
         for backlash_rad in [1e-3, -1e-3, 4e-4, -4e-4] {
             assert_eq!(harm(backlash_rad), 0.0, "{backlash_rad}");
         }
-        // The backlash is half the encoder noise, or equal to the encoder noise. Wrong signs of one or two samples are
-        // accepted, because they cause errors no larger than the noise.
+        // The backlash is half the encoder noise, or equal to it. Wrong signs of one or two samples are accepted,
+        // because their errors are not larger than the noise.
         for backlash_rad in [5e-5, -5e-5, 1e-4, -1e-4] {
             let harm = harm(backlash_rad);
             assert!(harm < 10.0 * TURNS as f64, "{backlash_rad}: {harm}");

@@ -93,7 +93,7 @@ mod tests {
 
     use super::*;
 
-    /// The innovations equal `L^-1 r` with the Cholesky factor L of the covariance.
+    /// The innovations must equal `L^-1 r`, where L is the Cholesky factor of the covariance.
     #[test]
     fn innovations_whiten_a_random_walk_seen_through_noise() {
         let (n, start, walk, white) = (6, 0.3, 0.2, 0.5);
@@ -108,7 +108,7 @@ mod tests {
             }
             let mut z = [*value];
             filter.innovate(&mut z, [1.0], white);
-            // Forward substitution with the Cholesky factor of the covariance.
+            // Forward substitution with the Cholesky factor of the covariance gives the expected innovation.
             let dot: f64 = (0..i).map(|k| factor[(i, k)] * whitened[k]).sum();
             let expected = (value - dot) / factor[(i, i)];
             assert!((z[0] - expected).abs() < 1e-13, "{i}: {} {expected}", z[0]);

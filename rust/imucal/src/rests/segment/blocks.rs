@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn jobs_and_parts_meet_without_a_seam() {
-        // The recording needs more than two jobs, and its last block is incomplete. The smallest step lies on the
+        // The recording needs more than two jobs, and its last block is incomplete. The smallest step is at the
         // boundary of two jobs.
         let rough = |i: usize, axis: usize| (((i * i + 7 * axis) % 1009) as f64 - 504.0) * 10.0;
         let samples = 2 * JOB + 333;

@@ -157,8 +157,8 @@ mod tests {
     const STILL: usize = 40;
     const NOISE: f64 = 0.01;
 
-    /// 40 blocks at rest with zero-mean noise, followed by 40 blocks whose rate is `rate` of the time in blocks since
-    /// the rest.
+    /// 40 blocks at rest with zero-mean noise, and then 40 blocks with a rate. `rate` returns the rate at a time since
+    /// the rest, in blocks.
     fn blocks(rate: impl Fn(f64) -> f64) -> Vec<Block> {
         let block = |k: usize| {
             let mut block = Block::new();
@@ -179,13 +179,13 @@ mod tests {
 
     #[test]
     fn a_move_that_begins_softly_is_given_back_its_beginning() {
-        // With these strengths c, the rate c t^2 reaches the noise of a block after 0.4 to 4 blocks.
+        // The rate is c t^2. With these values of c, it reaches the noise of a block after 0.4 to 4 blocks.
         for strength in [0.05, 0.005, 0.0005] {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));
                 let end = found_end(STILL, &blocks) as f64 - STILL as f64;
-                // A sixth of the time until the angle reaches ten times its noise may remain in the rest. The remaining
-                // angle is a twentieth of the noise of about 20 blocks.
+                // The rest may contain a sixth of the time until the angle reaches ten times its noise. The angle in
+                // this time is a twentieth of the noise of about 20 blocks.
                 let kept = (end - begin).max(0.0);
                 let turn = strength * kept.powi(3) / 3.0;
                 assert!(turn < 0.25 * NOISE, "{strength} {begin}: {end}");

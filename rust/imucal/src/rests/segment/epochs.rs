@@ -128,7 +128,7 @@ mod tests {
     fn epochs_are_shorter_where_the_temperature_changes_more() {
         assert_eq!(lengths(1800.0, |_| None).len(), 30);
         assert_eq!(lengths(1800.0, |_| Some(25.0)).len(), 30);
-        // 30 K up and down again, and 30 K down and up again.
+        // The temperature rises by 30 K and falls again, and then falls by 30 K and rises again.
         let cycle = |t_s: f64| Some(25.0 + 30.0 * (t_s / 900.0 * std::f64::consts::PI).sin());
         let found = lengths(1800.0, cycle);
         assert_eq!(found.len(), 60);
