@@ -21,7 +21,6 @@ use crate::simulate::Program;
 
 /// Initial numbers of poses, one for each start of the search. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// Divisor of the number of proposals. Each start of the search gets the number of proposals divided by this value, and
 /// Divisor of the number of proposals. Each start of the search has the number of proposals divided by this value. The
 /// start with the best result then has all remaining proposals.
 const SHARE_OF_START: usize = 16;

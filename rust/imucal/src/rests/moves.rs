@@ -203,8 +203,9 @@ impl Directions<'_> {
     }
 
     /// Readings of gravity at the start and at the end of a move.
+    ///
     /// `sensors_drift` states that a drift of the sensors can explain a changing mean force. Only the gyroscope then
-    /// determines whether a rest is hand-held. gyroscope is used to decide whether a rest is hand-held.
+    /// determines whether a rest is hand-held.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
         let steady = |k: usize| {
             let UnitRest { recording, rest, .. } = &self.rests[k];
