@@ -4,6 +4,7 @@
 //! therefore does not change the residuals, but it changes all parameters together. Let gravity have the relative error
 //! e, and the unit of time the relative error d. Gravity is the only reference for lengths, because a length is an
 //! acceleration times a squared time. A parameter with the unit m^a s^b therefore has the relative error
+//!
 //! ```text
 //! a e + (2 a + b) d                                                                           model.md (38)
 //! ```
