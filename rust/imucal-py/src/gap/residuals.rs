@@ -21,7 +21,8 @@ struct Channel {
     times_noise_after: Option<f64>,
 }
 
-/// A significant dependence of a channel on a regressor.
+/// A significant linear dependence of a channel of residuals on a regressor (an explanatory quantity, for example
+/// temperature).
 #[derive(IntoPyObject)]
 struct Dependence {
     channel: &'static str,

@@ -28,11 +28,13 @@ use crate::two_stage::observability::{
     EDGES_AND_CORNERS, FARTHEST, OR_ROLL, missing_poses, missing_turns, too_few_poses,
 };
 
-/// Minimum angle between the gravity directions at two rests for the unit to count as rotated between them, rad.
+/// The unit counts as rotated between two rests if the gravity directions at the rests differ by more than this angle,
+/// rad.
 const TURNED_RAD: f64 = 0.35;
 /// Maximum angle between two gravity directions that count as equal, rad.
 const ALIKE_RAD: f64 = 0.05;
-/// Minimum ratio of the rms rate in a move to the noise at rest, for the gyroscope to count as responding to motion.
+/// The gyroscope counts as responding to motion if the rms rate in a move is larger than this multiple of the noise at
+/// rest, on at least one axis.
 const REACTS: f64 = 3.0;
 
 /// The parameters that the recordings determine, with predicted standard deviations.

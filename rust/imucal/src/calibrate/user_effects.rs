@@ -14,8 +14,8 @@ use crate::verdict::RecordingSet;
 /// Maximum number of fits until the fields converge. Each repetition multiplies the change of a field by about the
 /// relative size of the effects, which is a few per cent.
 const MAX_FITS: usize = 20;
-/// Maximum change of a value of a field in the last repetition for the field to count as converged, as a fraction of
-/// the largest value of the field. The relative change of the parameters is then of the same order.
+/// A field has converged if the last repetition changed no value by more than this fraction of its largest value. The
+/// relative change of the parameters is then of the same order.
 const SETTLED: f64 = 1e-7;
 
 /// The field of a user-defined effect at every sample of the recordings of a unit.

@@ -21,12 +21,12 @@ use crate::recording::{Recording, Samples};
 /// Maximum deviation of a time stamp from sample number / rate, in time steps. Below it, stamps count as computed from
 /// the sample number. The limit allows stamps that are rounded to a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// Minimum norm of `m` for `k` to be used, in standard deviations of the noise of `d_i - m`. At this norm, the noise of
-/// `k` has a standard deviation of 1/8.
+/// `k` is used only if the norm of `m` is at least this multiple of the standard deviation of the noise of `d_i - m`.
+/// At this norm, the noise of `k` has a standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
 /// Maximum difference between `d_(i-1)` and `d_(i+1)`, relative to `m`, for a motion to count as smooth.
 const SMOOTH: f64 = 0.5;
-/// Maximum norm of the component of `d_i` perpendicular to `m`, relative to `m`, for a value of `k` to be used.
+/// `k` is used only if the component of `d_i` perpendicular to `m` is at most this multiple of the norm of `m`.
 const ACROSS: f64 = 0.35;
 /// Range of `k` for one lost sample: 2, plus or minus the noise that [`CLEAR`] permits.
 const LOST: [f64; 2] = [1.75, 2.25];
@@ -37,7 +37,8 @@ const BETWEEN: [f64; 2] = [1.35, 1.65];
 const BLOCK: usize = 4096;
 /// Minimum number of lost samples for a finding.
 const FEWEST: usize = 5;
-/// Minimum ratio of the number of `k` in [`LOST`] to the number of `k` in [`BETWEEN`] for a finding.
+/// A fault is reported only if the number of `k` in [`LOST`] is at least this multiple of the number of `k` in
+/// [`BETWEEN`].
 const PEAK: usize = 3;
 /// Limit of the mean of `k` across repeated rows. The mean is 1 for rows that were written additionally, and 2 for
 /// samples that the sensor repeated. Below the limit, the rows are reported as additional rows.

@@ -25,7 +25,7 @@ const NEARLY_UPRIGHT: f64 = 0.94;
 /// predicts the up direction at each rest from the motor angles. The agreement is the mean cosine of the angle between
 /// predicted and measured direction. The limit is the cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
-/// Minimum difference between the agreements of the two hypotheses for one of them to be chosen. The predicted
+/// One of the two hypotheses is chosen only if their agreements differ by more than this value. The predicted
 /// directions differ only in the sign of the x component, so rests with a horizontal x axis do not distinguish the
 /// hypotheses.
 const TOLD_APART: f64 = 0.1;

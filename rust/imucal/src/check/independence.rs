@@ -17,8 +17,9 @@ use crate::finding::Finding;
 /// Minimum correlation for two recordings to have the same noise, in standard deviations of the correlation of
 /// independent noise.
 const COPY_SIGMAS: f32 = 14.0;
-/// Minimum ratio of the largest correlation to the largest correlation at distant lags, for two recordings to count as
-/// copies. Periodic vibration in both recordings correlates at many lags, and this limit excludes it.
+/// Two recordings count as copies only if their largest correlation is at least this multiple of the largest
+/// correlation at distant lags. Periodic vibration in both recordings correlates at many lags, and this limit excludes
+/// it.
 const UNIQUE: f32 = 2.0;
 /// Number of templates of a recording, one in each third. If another recording contains at least half of this
 /// recording, it contains at least one of the templates.

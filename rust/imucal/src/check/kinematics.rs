@@ -20,8 +20,8 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of the scale of P for a gyroscope in the correct unit (ideal: 1). The scale errors of sensors are far
 /// smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// Maximum relative deviation of the scale of P from a known conversion factor, for example from deg/s to rad/s, for
-/// the recommendation to name this unit.
+/// A unit is recommended if the scale of P deviates by at most this fraction from the conversion factor of the unit,
+/// for example from deg/s to rad/s.
 const KNOWN: f64 = 0.25;
 /// Minimum ratio of the smallest to the largest singular value of P for any finding. With a smaller ratio, the motion
 /// does not determine P.

@@ -34,8 +34,8 @@ const ACCEL_DENSITY: [f64; 2] = [1e-8 * STANDARD_GRAVITY_MPS2, 1e-2 * STANDARD_G
 const GYRO_DENSITY: [f64; 2] = [1e-6 * DEGREE_RAD, 0.1 * DEGREE_RAD];
 /// Largest plausible bias of a gyroscope, rad/s; source (5) above.
 const GYRO_BIAS_RADPS: f64 = 50.0 * DEGREE_RAD;
-/// Range of the noise densities of usual MEMS sensors, deg/s/sqrt(Hz) or mg/sqrt(Hz). A unit in which the density lies
-/// in this range is recommended.
+/// Range of the noise densities of usual MEMS sensors, deg/s/sqrt(Hz) or mg/sqrt(Hz). A unit is recommended if the
+/// density in this unit is in this range.
 const USUAL: [f64; 2] = [1e-3, 0.1];
 /// Sizes of a count of usual gyroscopes, deg/s: a full scale of 125, 250, ... 2000 deg/s over 32768 counts, and the
 /// rounded sensitivities of the datasheets of TDK InvenSense (131, 65.5, 32.8 and 16.4 counts per deg/s),

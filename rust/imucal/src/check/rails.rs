@@ -16,8 +16,7 @@ const SHARE_OF_REACH: f64 = 0.8;
 
 /// Minimum ratio of an accelerometer rail to the median of |f|, which is 1 g. No accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
-/// Maximum relative difference between the distances of two rails from the zero reading, for both to belong to one
-/// measurement range.
+/// Two rails belong to one measurement range if their distances from the zero reading differ by at most this fraction.
 const ONE_RANGE: f64 = 1e-4;
 
 /// The lowest and the highest value of one axis at which it is clipped; `None` for an end at which it is not clipped.
@@ -188,7 +187,7 @@ fn triad_rails(
             (is_16_bit_end(end) || cut_off).then_some(end)
         })
     });
-    // If one rail of the triad is known, all other channels that reach this value are clipped, too. The counts +32767
+    // If one rail of the triad is known, all other channels that reach this value are also clipped. The counts +32767
     // and -32768 are treated as one rail.
     if let Some(rail) = rails.iter().flatten().flatten().map(|v| (v - zero).abs()).reduce(f64::max) {
         for axis in 0..3 {

@@ -9,7 +9,7 @@ use crate::recording::{Recording, Samples};
 
 /// Minimum share of the recording over which an axis must be constant to count as stuck.
 const STUCK_SHARE: f64 = 0.5;
-/// Minimum range of another axis for this other axis to count as moving, in steps of the converter.
+/// Another axis counts as moving if its values span at least this number of steps of the converter.
 const MOVING_STEPS: f64 = 8.0;
 
 /// Reports axes that are constant for most of the recording while other axes of the same triad move.

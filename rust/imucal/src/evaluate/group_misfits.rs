@@ -83,8 +83,8 @@ impl Judged<'_> {
         self.rests.iter().map(change).collect()
     }
 
-    /// Residuals of the moves for a changed accelerometer and for rotations by a changed gyroscope. They are divided by
-    /// their noise.
+    /// Residuals of the moves, divided by their noise. They are computed with the accelerometer `accelerometer` and the
+    /// rotations `rotations`, which may differ from those of the calibration.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();

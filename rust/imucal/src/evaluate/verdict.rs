@@ -19,8 +19,8 @@ const MAX_FAST_SHARE: f64 = 1e-3;
 /// Minimum number of usable rests for a verdict on an accelerometer without a gyroscope. If there are both sensors, a
 /// single move is sufficient, because it has two rests.
 const MIN_RESTS: usize = 2;
-/// Minimum ratio of the residuals with a calibration to the residuals without it, for a report that the calibration
-/// makes the unit worse. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal
+/// The calibration is reported to make the unit worse if the residuals with it are larger than this multiple of the
+/// residuals without it. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal
 /// size. An example is a unit that the manufacturer has already calibrated.
 const WORSE: f64 = 1.1;
 

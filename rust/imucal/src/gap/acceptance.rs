@@ -22,8 +22,8 @@ const MAY_BE_CHANCE: f64 = 0.1;
 /// Log Bayes factor of an effect, nats. An effect below it is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
-/// Minimum decrease of chi2 of unseen data for a prediction to count as improved, in standard deviations of the
-/// decrease. It applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
+/// A prediction of unseen data counts as improved if its chi2 decreases by more than this number of standard deviations
+/// of the decrease. It applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
 const LEAST_IMPROVEMENT: f64 = 0.5;
 /// Minimum ratio of chi2 of unseen residuals to its expected value. Below this ratio, the excess of chi2 over noise is
 /// too small to divide by, and [`EffectShare::closed`] is not computed.
@@ -31,8 +31,8 @@ const LEAST_EXCESS: f64 = 1.5;
 /// Maximum p-value of an effect's parameters in the final fit. An effect with a larger p-value is removed. A p-value of
 /// 1 % corresponds to 2.6 standard deviations of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
-/// Threshold for a significant increase of chi2 of unseen data, in standard deviations of the increase under the null
-/// hypothesis.
+/// An increase of chi2 of unseen data is significant above this number of standard deviations. The standard deviation
+/// is that of the increase under the null hypothesis.
 const SIGNIFICANT: f64 = 3.0;
 
 /// A figure of merit on unseen data: control recordings, or held-out rests and moves.

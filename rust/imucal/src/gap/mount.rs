@@ -23,8 +23,8 @@ use crate::recording::Recording;
 
 /// Minimum number of rests before a slip of the mount, and also after the slip.
 const FEWEST_RESTS: usize = 4;
-/// Minimum ratio of chi2 without a step of the mount's attitude to chi2 with this step, for the step to be reported as
-/// a slip. The ratio is 4 for a steady drift that is fitted by a step, so the threshold must exceed 4.
+/// A step of the mount's attitude is reported as a slip if chi2 without the step is larger than this multiple of chi2
+/// with the step. The ratio is 4 for a steady drift that is fitted by a step, so the threshold must exceed 4.
 const SLIP_FACTOR: f64 = 10.0;
 /// Maximum scatter of a rigid mount, deg (1 sigma). The scatter is that of the measured gravity direction about the
 /// direction computed from the stand's angles. The value is the largest scatter of a rigid mount on a low-cost stand. A

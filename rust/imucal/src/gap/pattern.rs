@@ -1,5 +1,5 @@
-//! Tests of generic hypotheses in a model without effects, as an alternative to the selected effects, and in a model
-//! with these effects (docs/model.md (24)).
+//! Tests of generic hypotheses (docs/model.md (24)). In a model without effects, a hypothesis is an alternative to the
+//! selected effects. In a model with these effects, it explains additional variations.
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::Vector3;
@@ -28,8 +28,8 @@ const LEAST: f64 = 8.0;
 const LEAST_GAIN: f64 = 2.0;
 /// Minimum log Bayes factor, nats, for a generic hypothesis to be reported in addition to the selected effects.
 const NOT_ALL: f64 = 12.0;
-/// Minimum ratio of the log Bayes factor of a generic hypothesis to that of the selected effects, for the hypothesis to
-/// be reported in addition to the effects. Linearisation errors of large effects may cause smaller ratios.
+/// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is larger than
+/// this multiple of that of the effects. Linearisation errors of large effects may cause smaller ratios.
 const REMAINDER: f64 = 0.02;
 /// Minimum ratio of the chi2 explained by a generic hypothesis to the chi2 explained by the selected effects, for the
 /// hypothesis to be reported. Linearisation errors of large effects may cause smaller ratios. [`REMAINDER`] is not
@@ -71,8 +71,8 @@ impl<'a> Judge<'a> {
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // Smaller noise scales cannot help a hypothesis that hardly increases the evidence with the noise scales s_g^2
-        // of the model.
+        // The evidence is first computed with the noise scales s_g^2 of the model. If the hypothesis hardly increases
+        // this evidence, smaller noise scales cannot make it significant.
         let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(best, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the noise scales. With smaller noise scales,

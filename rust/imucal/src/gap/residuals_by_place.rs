@@ -20,9 +20,9 @@ use crate::numerics::stats::{p_value, rms};
 /// Significance level for channels, rests, moves and dependences. It is divided by the number of tests of the same kind
 /// (Bonferroni).
 const SIGNIFICANCE: f64 = 1e-3;
-/// Maximum number of regressors that are reported for a channel.
+/// Maximum number of regressors (explanatory quantities) that are reported for a channel of residuals.
 const MOST_REGRESSORS: usize = 3;
-/// Minimum share of the sum of squares that a regressor must explain to be reported.
+/// A regressor is reported only if it explains more than this share of the sum of the squared residuals.
 const LEAST_SHARE: f64 = 0.1;
 /// Threshold of the rank decision: singular values of a regressor's columns below this share of the largest one count
 /// as zero.

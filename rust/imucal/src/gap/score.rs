@@ -33,8 +33,8 @@ const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
 const NOISE_CHANCE: f64 = 0.01;
 /// p-value below which the scatter of residuals at rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
-/// Minimum ratio of the standard deviation of residuals at rests to white noise, for the scatter to be reported.
-/// Coloured noise and bias instability may cause smaller ratios.
+/// The scatter of the residuals at rests is reported if their standard deviation is larger than this multiple of the
+/// white noise. Coloured noise and bias instability may cause smaller ratios.
 const WIDE: f64 = 2.5;
 /// Residual variance that may remain after a large effect is fitted, due to linearisation errors, as a share of the
 /// residual variance of the model without effects. Smaller scatter is not reported.
@@ -110,7 +110,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
 struct Look {
     /// Number of observable directions of the candidate's parameters, with all noise scales s_g^2 set to one.
     dof: usize,
-    /// Change of chi2 due to a change of one parameter by its typical size, summed over the parameters.
+    /// Sum over the parameters of the change of chi2 if the parameter changes by its typical size.
     trace: f64,
     judged: Option<Judged>,
 }

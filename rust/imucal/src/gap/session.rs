@@ -22,8 +22,8 @@ use crate::recording::Recording;
 const LEAST_RESTS: usize = 6;
 /// Maximum p-value of a significant change of one sensor's biases.
 const SIGNIFICANCE: f64 = 1e-6;
-/// Minimum size of a reported change, in multiples of the scatter of the bias from rest to rest within a session.
-/// Biases vary by a similar amount within a recording, so a smaller change hardly affects the errors.
+/// A change of the bias is reported if it is larger than this multiple of the scatter of the bias from rest to rest
+/// within a session. Biases vary by a similar amount within a recording, so a smaller change hardly affects the errors.
 const LEAST_SIZE: f64 = 3.0;
 /// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests, where u is the direction up. Below
 /// it, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed uniformly over

@@ -41,8 +41,8 @@ const LEAST: f64 = 8.0;
 const LEAST_EPOCHS: usize = 8;
 /// Trial sizes of the deviation, in multiples of a first estimate for each axis.
 const SIZES: [f64; 5] = [0.5, 0.7, 1.0, 2.0, 4.0];
-/// Trial standard deviations of white scatter from epoch to epoch, in multiples of the typical deviation of the
-/// parameter.
+/// Trial values of the white scatter from epoch to epoch: its standard deviation in multiples of the typical deviation
+/// of the parameter.
 const SCATTERS: [f64; 4] = [1e-3, 0.1, 0.3, 1.0];
 /// Trial correlation lengths of a smooth time course, as shares of the duration.
 const LENGTHS: [f64; 4] = [0.025, 0.05, 0.1, 0.2];

@@ -58,7 +58,8 @@ impl Weights {
         Self::with(prepared, terms, linear, &Widening::NONE)
     }
 
-    /// Weights at a linearisation before any fit.
+    /// Weights before the first fit. The variances of the mean rates include their excess over noise at the
+    /// linearisation `linear`. No other standard deviation is increased.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear) -> Self {
         Self::with(prepared, terms, linear, &Widening::of(prepared, linear, None, None))
     }
@@ -133,8 +134,8 @@ impl Weights {
         self.widening.bias_instability
     }
 
-    /// Variance, in excess of noise, of the mean rates between the epochs of a long rest, for each axis, raw units
-    /// squared.
+    /// Variance of the mean rates between the epochs of a long rest that noise does not explain, for each axis, raw
+    /// units squared.
     pub(crate) fn epoch_rates(&self) -> [f64; 3] {
         self.widening.epoch_rates
     }

@@ -24,8 +24,8 @@ const QUANTISATION_GAIN: f64 = 10.83;
 /// high frequencies changes all cosines of a stage. Therefore complete stages of five octaves are omitted. The first
 /// octave of the next stage is also omitted, because its values are means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// Maximum size of a count for the white noise to be estimated, in standard deviations of the noise. With larger
-/// counts, rounding errors depend on the signal and are not white.
+/// The white noise is estimated only if a count is at most this multiple of the standard deviation of the noise. With
+/// larger counts, rounding errors depend on the signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
 /// Minimum ratio of the duration of the record to the averaging time of an Allan deviation.
 const LONGEST_SHARE: usize = 3;

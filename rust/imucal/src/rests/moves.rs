@@ -24,8 +24,8 @@ const SPAN_S: f64 = 1.0;
 /// Number of sub-means over the last or first second of an unsteady rest. The variance of the gravity direction is
 /// computed from their scatter (model.md (13)).
 const TENTHS: usize = 10;
-/// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope, for a rest to count as
-/// hand-held. The ratio has a margin for the uncertainty of the estimated noise.
+/// A rest counts as hand-held if the scatter of the rates within 0.1 s is larger than this multiple of the noise of the
+/// gyroscope. The ratio has a margin for the uncertainty of the estimated noise.
 const TREMBLING: f64 = 1.5;
 /// Minimum scatter of the rates within 0.1 s, for a rest to count as hand-held, rad/s. Hand tremor causes larger rates.
 /// The limit prevents false detections in recordings without noise.

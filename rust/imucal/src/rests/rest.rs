@@ -34,8 +34,9 @@ impl RestMean {
     }
 }
 
-/// Maximum difference between the readings of two rests in the same pose, for each axis, in quantisation steps. Rests
-/// in the same pose have equal rounding errors, even if the readings do not determine these errors.
+/// Two rests count as rests in the same pose if their readings on each axis differ by at most this number of
+/// quantisation steps. Rests in the same pose have equal rounding errors, even if the readings do not determine these
+/// errors.
 const SAME_POSE: f64 = 0.5;
 
 /// Covariance of the rounding errors of the rests' means on one axis, squared raw units. `None` if there are no

@@ -27,10 +27,10 @@ const FOREIGN: f64 = 1e-3;
 /// part lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// Ratio of c - 1 of the noise before rounding to c - 1 of the rounded samples. c is the factor of model.md (10) by
-/// which the correlation of the noise increases the variance of a mean. The value is for a channel whose mean is midway
-/// between two levels. Rounding then keeps only the sign of the noise, and the sign is less correlated than the noise.
-/// For any other mean, the ratio is larger.
+/// The correlation of the noise increases the variance of a mean by the factor c of model.md (10). Rounding reduces the
+/// excess c - 1. This constant is the excess before rounding divided by the excess after it. The value is for a channel
+/// whose mean is midway between two levels. Rounding then keeps only the sign of the noise, and the sign is less
+/// correlated than the noise. For any other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
 /// Factors c of model.md (10) of the noise before rounding, for channels whose noise is below the step. The correlation

@@ -68,8 +68,8 @@ struct Linearised {
 
 /// Rms direction error below which a fit is close to the global minimum, rad.
 const CLOSE_RAD: f64 = 0.05;
-/// Maximum second-order error for a preintegration to be reused with a slightly different gyroscope, as a fraction of
-/// the standard deviation of a move. If the error is larger, the samples are integrated again.
+/// A preintegration is reused with a slightly different gyroscope if the second-order error is at most this fraction of
+/// the standard deviation of a move. Otherwise, the samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {

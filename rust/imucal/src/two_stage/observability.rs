@@ -24,8 +24,8 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// Minimum share of one parameter in the squared length of an unobservable direction for this parameter to be
-/// unobservable without the others.
+/// A parameter counts as unobservable without the other parameters if it makes up at least this share of the squared
+/// length of an unobservable direction.
 const OWN_SHARE: f64 = 0.95;
 /// Minimum correlation of undetermined parameters of one group, within the unobservable directions.
 const TRADED: f64 = 0.1;

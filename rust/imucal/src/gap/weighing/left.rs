@@ -65,7 +65,7 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// Change of chi2 due to a change of one column's parameter by its typical size, summed over all columns.
+    /// Sum over all columns of the change of chi2 if the column's parameter changes by its typical size.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }

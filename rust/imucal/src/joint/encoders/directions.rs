@@ -76,9 +76,9 @@ struct Motor {
 impl Motor {
     /// Sign of the last motion, for every sample.
     ///
-    /// Motion is detected at a sample if the change of the reading exceeds the limit of standstill both over the span
-    /// before the sample and over the span after it. The sign is that of the later change, because the earlier change
-    /// may contain the jump of the backlash.
+    /// Motion is detected at a sample from the changes of the reading over the span before the sample and over the span
+    /// after it. Both changes must exceed the limit of standstill. The sign is that of the later change, because the
+    /// earlier change may contain the jump of the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];

@@ -210,8 +210,8 @@ impl Turned {
         Self { sum: Aligned::zeros(3 * last.width()), last, count: 0 }
     }
 
-    /// Appends a segment: the product of `matrix` and each vector in `columns`. `columns` must be padded to full SIMD
-    /// registers.
+    /// Appends a segment. It stores the product of `matrix` and each vector in `columns`. `columns` must be padded to
+    /// full SIMD registers.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         let (to, sum) = (self.last.of_mut(self.count % KEPT), &mut *self.sum);

@@ -38,7 +38,8 @@ pub(crate) struct Scales {
     pub(crate) inside: f64,
     pub(crate) stand_rests: f64,
     pub(crate) stand_moves: f64,
-    /// Factor for the mean forces at the second and later epochs of long rests.
+    /// Factor for the mean forces at the second and later epochs of long rests. An epoch is a part of a rest with its
+    /// own mean.
     pub(crate) epochs: f64,
 }
 

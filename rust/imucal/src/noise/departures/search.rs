@@ -181,9 +181,9 @@ impl Search<'_> {
         end.max(FEWEST.min(weights.len()))
     }
 
-    /// Amplitudes of these components, and noise parameters, estimated alternately. The iteration starts with noise of
-    /// the kinds in `start`, fitted to the data without components. The final noise parameters contain all kinds of the
-    /// model.
+    /// Estimates the amplitudes of these components and the noise parameters in turn. The iteration starts with noise
+    /// of the kinds in `start`, fitted to the data without components. The final noise parameters contain all kinds of
+    /// the model.
     fn explained(
         &self,
         shapes: Vec<Shape>,

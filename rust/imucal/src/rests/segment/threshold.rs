@@ -15,8 +15,8 @@ use crate::rounding::LEAST_SCATTER;
 /// quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
 ///
 /// `variances` contains the variance of each channel in each window. `steps` contains the smallest step (resolution) of
-/// each channel, divided by the root of the number of samples per mean. The function `step_of` returns the step of a
-/// channel.
+/// each channel, divided by the square root of the number of samples per mean. The function `step_of` returns the step
+/// of a channel.
 pub(super) fn window_statistic(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,
