@@ -112,8 +112,8 @@ pub struct MoveReport {
     pub excluded: Option<&'static str>,
 }
 
-/// Gravity at the rests of a recording, both measured by the accelerometer and propagated from the first rest by the
-/// gyroscope (figures 2 to 4 of the paper).
+/// Gravity at the rests of a recording, in two forms (figures 2 to 4 of the paper): measured by the accelerometer, and
+/// propagated from the first rest by the gyroscope.
 #[derive(Clone, Debug)]
 pub struct CarriedGravity {
     /// Time of the middle of each rest, s.

@@ -12,7 +12,7 @@ use cursor::{Cursor, Number};
 
 use crate::numerics::workers::{in_order, processors};
 
-/// Minimum size of a block for its lines to be distributed among threads, bytes.
+/// The lines of a block are distributed among threads if the block has at least this size, bytes.
 const WORTH_THREADS: usize = 1 << 20;
 /// Number of values for which a column reserves memory. The size exceeds 32 MB, so the allocator of Linux maps the
 /// memory directly from the system. Only used pages then count as memory. The column can grow without being copied,

@@ -81,7 +81,7 @@ impl Design {
         Open::of(&self.matrix())
     }
 
-    /// Parameters of the accelerometer that the rests alone do not determine.
+    /// Parameters of the accelerometer that the norms of the specific force at the rests do not determine.
     pub(super) fn open_to_rests(&self) -> Result<Open, Error> {
         self.open_to(0..ACCELEROMETER, |source| matches!(source, Source::Norm(_)))
     }

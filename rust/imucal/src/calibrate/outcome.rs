@@ -233,7 +233,7 @@ impl Outcome {
     }
 }
 
-/// Goodness of fit of the residuals of the two-stage fit, with weights from noise only.
+/// Goodness of fit of the two-stage fit. Its residuals are weighted with sensor noise only.
 fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures: &Figures) -> Vec<GroupMisfit> {
     let direction_rad = figures.gravity_direction_rms_deg.to_radians();
     let groups = [

@@ -25,8 +25,8 @@ const LEAST_SHARE: f64 = 2e-4;
 /// that of the separate fits. An effect that the model lacks increases both values equally, so the ratio stays near
 /// one.
 const WORSE_TOGETHER: f64 = 4.0;
-/// Maximum share of rests, for recordings that fit together, that the separate fits use but the fit to all recordings
-/// excludes. This limit is needed because the rests of a second unit may be excluded as outliers, so that chi2
+/// Recordings fit together only if the fit to all recordings excludes at most this share of the rests that the separate
+/// fits use. This limit is needed because the rests of a second unit may be excluded as outliers, so that chi2
 /// describes one unit only.
 const EXCLUDED: f64 = 0.1;
 /// Difference of the mean temperatures of two recordings, K, above which different scales are no evidence of different

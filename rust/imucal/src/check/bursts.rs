@@ -18,8 +18,8 @@ const SHARE_OF_TIME: f64 = 0.5;
 /// Minimum share of packets whose number of samples is near the typical number. Random loss of samples leaves groups of
 /// varying size, and this limit excludes it.
 const ALIKE: f64 = 0.9;
-/// Maximum relative difference between the number of samples of a packet and the typical number, for the two to count
-/// as equal. A difference of one sample is always permitted.
+/// The number of samples of a packet counts as equal to the typical number if the two differ by at most this fraction.
+/// A difference of one sample is always permitted.
 const WITHIN: f64 = 0.25;
 
 /// Finding `clock_irregular` for time stamps that come in bursts. The time stamps must not decrease.

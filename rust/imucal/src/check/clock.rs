@@ -19,7 +19,7 @@ const ROUNDING: f64 = 1e-6;
 /// Limits of the relative spread of the time steps (standard deviation divided by median). Above the first limit, the
 /// finding `clock_irregular` is a warning. Above the second limit, it is an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];
-/// Maximum relative deviation of any time step from the median for a clock to count as regular. With a regular clock,
+/// A clock counts as regular if no time step deviates from the median by more than this fraction. With a regular clock,
 /// the slower checks of spread and gaps are skipped.
 const REGULAR: f64 = 0.2;
 /// Limit of the share of samples with the time stamp of the previous sample. Above this limit, the finding is an error,

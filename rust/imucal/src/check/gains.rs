@@ -22,9 +22,9 @@ const MOST_APART: f64 = GAIN[1] / GAIN[0];
 /// clock is far smaller. The error of a sensor's internal oscillator, or of a guessed sampling rate, can be larger.
 const COMMON_GAIN: f64 = 0.01;
 
-/// Maximum deviation of an axis from the common gain, divided by the deviation of the common gain from 1, for the gain
-/// to count as common. The scale errors of the axes of a sensor are independent, and rarely agree so well by
-/// coincidence.
+/// The axes have a common gain if the gain of each axis is close to the mean gain. Its deviation from the mean must be
+/// at most this multiple of the deviation of the mean from 1. The scale errors of the axes of a sensor are independent,
+/// and rarely agree so well by coincidence.
 const COMMON_SHARE: f64 = 1.0 / 3.0;
 
 /// Reports four findings. `accel_units` and `gyro_units` (errors): an axis in SI units has an implausible gain.

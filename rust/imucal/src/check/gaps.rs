@@ -8,8 +8,8 @@ use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
-/// Maximum ratio of a time step to the usual time step for the step to count as shorter. Shorter steps follow a late
-/// time stamp.
+/// A time step counts as shorter if it is below this multiple of the usual time step. Shorter steps follow a late time
+/// stamp.
 const CATCHES_UP: f64 = 0.95;
 
 /// Long time steps of a recording.

@@ -17,8 +17,8 @@ use crate::simulate::gimbal::rotation_world_from_body;
 
 /// Maximum magnitude of the motor angles for the stand to count as being in its zero position, rad.
 const STAND_ZERO_RAD: f64 = 0.02;
-/// Minimum component of the unit up vector along an axis for this axis to count as pointing up. It is the cosine of 20
-/// deg.
+/// An axis counts as pointing up if the unit up vector has at least this component along the axis. The limit is the
+/// cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
 /// Minimum agreement of a hypothesis with the measurements for it to be accepted. There are two hypotheses for a
 /// reading of -g on z: the z axis points down, or the accelerometer has the reversed sign of gravity. Each hypothesis

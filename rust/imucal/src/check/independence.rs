@@ -14,8 +14,8 @@ pub use super::noise_tape::{AtRest, at_rest};
 use super::noise_tape::{Tape, is_same_rate};
 use crate::finding::Finding;
 
-/// Minimum correlation for two recordings to have the same noise, in standard deviations of the correlation of
-/// independent noise.
+/// Two recordings have the same noise if their correlation is at least this number of standard deviations. The standard
+/// deviation is that of the correlation of independent noise.
 const COPY_SIGMAS: f32 = 14.0;
 /// Two recordings count as copies only if their largest correlation is at least this multiple of the largest
 /// correlation at distant lags. Periodic vibration in both recordings correlates at many lags, and this limit excludes
@@ -62,7 +62,8 @@ pub fn check_control(calibration: &[AtRest<'_>], control: &[AtRest<'_>]) -> Vec<
 struct Copy {
     recording: usize,
     of: usize,
-    /// First sample of the common part in each of the two recordings, and the number of samples in the first recording.
+    /// Index of the first sample of the common part in `recording`. `first_of` is the index in `of`, and `samples`
+    /// contains the number of samples of the common part in each of the two recordings.
     first: usize,
     first_of: usize,
     samples: [usize; 2],
@@ -110,8 +111,8 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
                 continue;
             }
             let ratio = tape.rate_hz / own.rate_hz;
-            // If the sampling rates differ, the samples are also compared one to one, because a copy with changed time
-            // stamps has the same samples at a different rate.
+            // If the sampling rates differ, the samples are also compared one to one. A copy with changed time stamps
+            // has the same samples at a different rate.
             let ratios = if is_same_rate(tape.rate_hz, own.rate_hz) { vec![1.0] } else { vec![ratio, 1.0] };
             for ratio in ratios.into_iter().filter(|ratio| *ratio > 0.0 && ratio.is_finite()) {
                 for first in starts(&recordings[index], samples_of(ratio)) {

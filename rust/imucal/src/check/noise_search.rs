@@ -1,4 +1,4 @@
-//! Search for part of the noise of one recording in other recordings, over all lags.
+//! Searches other recordings for a part of the noise of one recording, at all lags.
 //!
 //! Both signals are divided by the magnitude of their spectrum (phase transform: Knapp and Carter, The generalized
 //! correlation method for estimation of time delay, 1976). All frequencies then have equal weight. A strong periodic

@@ -61,8 +61,8 @@ const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (0.0625, "0.0625"),
     (1.0 / 14.375, "1/14.375"),
 ];
-/// Maximum relative difference between the step of a column and the known size of a count for the two to count as
-/// equal. The limit allows text columns that are rounded to three digits.
+/// The step of a column counts as equal to a known size of a count if the two differ by less than this fraction. The
+/// limit allows text columns that are rounded to three digits.
 const SAME_COUNT: f64 = 3e-3;
 
 /// The noise of one column at rest, in the unit of the recording.

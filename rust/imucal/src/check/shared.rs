@@ -6,8 +6,8 @@ use std::collections::HashMap;
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
-/// Minimum number of consecutive identical rows for two recordings to count as overlapping. The noise of independent
-/// recordings never coincides over so many rows.
+/// Two recordings count as overlapping if at least this number of consecutive rows are identical. The noise of
+/// independent recordings never coincides over so many rows.
 const SHARED_ROWS: usize = 100;
 
 /// Maps the bits of a row to three indices: the recording, the number of the row without consecutive duplicates, and

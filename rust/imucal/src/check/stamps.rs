@@ -4,7 +4,8 @@
 use crate::finding::general;
 use crate::recording::Recording;
 
-/// Maximum time step for the mean rate to be accurate enough to be recommended, as a share of the duration.
+/// The mean rate is recommended only if the longest time step is below this share of the duration. Otherwise, it is not
+/// accurate enough.
 const LONGEST_SHARE: f64 = 0.02;
 
 /// Recommendation for time stamps that are not the sampling instants.

@@ -16,8 +16,8 @@ const MOVING_STEPS: f64 = 8.0;
 ///
 /// Two cases are not reported: a rest without noise, in which all axes are constant, and a coarse converter, which
 /// changes axes by single steps. The finding is an error if the axis is certainly stuck: the other axes are noisy while
-/// the axis is constant, or a whole triad is constant. The finding is a warning if the other axes have no noise either
-/// (coarse converter, simulation without noise), because the motion may not have changed this axis.
+/// the axis is constant, or a whole triad is constant. The finding is a warning if the other axes have no noise either,
+/// as with a coarse converter or in a simulation without noise. The motion may then not have changed this axis.
 pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [

@@ -7,8 +7,9 @@ use crate::numerics::stats::{median, quantile};
 use crate::recording::Recording;
 use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, UncorrectedSamples};
 
-/// Maximum standard deviation of the gravity direction after a move from noise, deg, for a verdict on a gyroscope. With
-/// a larger value, noise would hide relevant errors of scale and alignment. Consumer sensors have about 0.1 deg.
+/// A gyroscope is judged only if noise causes at most this standard deviation of the gravity direction after a move,
+/// deg. With a larger value, noise would hide relevant errors of scale and alignment. Consumer sensors have about 0.1
+/// deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
 /// Corrected rate above which a calibration has wrong units, deg/s. It is the range of the fastest MEMS gyroscopes on
 /// the market (ADXRS649).

@@ -98,7 +98,7 @@ pub enum Refusal {
     },
 }
 
-/// Share of the gap that one accepted effect closes, by kind of unseen residuals.
+/// Share of the excess chi2 of unseen residuals that one accepted effect removes, by kind of residuals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EffectShare {
     /// Name of the effect.

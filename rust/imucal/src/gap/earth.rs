@@ -31,8 +31,8 @@ fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
 
 impl Stage {
     /// Magnitude and standard deviation, rad/s, of the effect `earth_rate` in this model if this effect is not the
-    /// Earth's rate. `None` if the effect may be the Earth's rate, with a standard deviation that is wrong by up to the
-    /// factor [`SLACK`], or if the effect is not in the model.
+    /// Earth's rate. `None` if the effect is not in the model, or if it may be the Earth's rate. In this test, the
+    /// standard deviation of the effect may be wrong by up to the factor [`SLACK`].
     pub(super) fn not_the_earth(&self) -> Option<(f64, f64)> {
         let member = self.members.iter().find(|member| member.name == NAME)?;
         let own: Vec<usize> = self.place(NAME)?.collect();

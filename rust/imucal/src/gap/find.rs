@@ -67,8 +67,8 @@ pub struct Analysis {
     /// accepted effects. These values are computed on the control recordings, or on the calibration recordings if there
     /// are no control recordings. `None` if no calibration was given.
     pub chi2_of_given: Option<[f64; 3]>,
-    /// Residuals of the fit without effects by kind, rest and move, compared with the residuals of the fit with
-    /// effects.
+    /// Residuals of the fit without effects by kind, rest and move. They are compared with the residuals of the fit
+    /// with effects.
     pub residuals: ResidualsByPlace,
     /// Predicted rms errors of corrected signals (docs/model.md (35)). `before` is the error after correction by the
     /// given calibration, or by the fit without effects if no calibration was given. `after` is the error after

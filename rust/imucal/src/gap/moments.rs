@@ -19,8 +19,8 @@ use crate::rests::moves::Move;
 /// Interval between the blocks inside a move at which hypotheses are evaluated, in blocks. It applies if accelerometer
 /// samples inside moves are not used. Every fifth block is sufficient, because biases vary slowly.
 const EVERY: usize = 5;
-/// Minimum angular rate about an axis, rad/s, for the sign of a rotation to be defined. At lower rates, the sign of the
-/// last rotation is kept. The value exceeds the noise of a consumer gyroscope.
+/// Above this angular rate about an axis, rad/s, the rotation has a sign. At lower rates, the sign of the last rotation
+/// is kept. The value exceeds the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
 /// A rest or a move. The deviation of a parameter has one value for each epoch.

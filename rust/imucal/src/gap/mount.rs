@@ -200,8 +200,8 @@ impl<'a> Residuals<'a> {
         let difference = |at: &dyn Fn(f64, &Vector3<f64>) -> Vector3<f64>, angle: &Vector3<f64>| {
             mount * (at(STEP_RAD, angle) - at(-STEP_RAD, angle)) / (2.0 * STEP_RAD)
         };
-        // First the derivatives with respect to the stand parameters, then those with respect to two harmonics of each
-        // encoder.
+        // The derivatives with respect to the stand parameters come first. Those with respect to two harmonics of each
+        // encoder follow.
         let row = |k: usize| -> Vec<Vector3<f64>> {
             let angle = &angles[k];
             let by_parameter = |p: usize| {

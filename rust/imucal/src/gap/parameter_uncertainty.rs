@@ -80,8 +80,8 @@ impl Parameters {
         self.places.len()
     }
 
-    /// Change of the corrected signals in each window due to a change of each parameter by its standard deviation,
-    /// shape (P, windows) for P parameters.
+    /// Change of the corrected signals in each window if one parameter changes by its standard deviation. The shape is
+    /// (P, windows) for P parameters.
     ///
     /// `corrected` is `recording` after correction. `user_fields` are the columns of user-defined effects at the
     /// samples of `corrected`. Effects are evaluated at the corrected signals instead of the true signals. The
@@ -102,8 +102,8 @@ impl Parameters {
         Ok(self.places.iter().zip(&self.sigma).map(scaled).collect())
     }
 
-    /// Expected errors of the parameters, and the covariance of the parameter errors. Both are in units of the
-    /// parameters' standard deviations. `typical` are the typical sizes of the linear parameters of each effect.
+    /// Expected errors of the parameters, and the covariance of these errors. Each error is divided by the standard
+    /// deviation of its parameter. `typical` are the typical sizes of the linear parameters of each effect.
     ///
     /// The prior width in the fit is at least the typical size of the effect (docs/model.md (23)). If the estimated
     /// effect is smaller, the result is computed for a prior with the estimated size. This also applies in directions

@@ -14,25 +14,26 @@ use super::stage::Stage;
 use super::weighing::Weighing;
 use crate::numerics::workers::{in_order, processors};
 
-/// Trial standard deviations of the prior of a hypothesis, in multiples of the typical deviation of its sensor
+/// Trial values of the standard deviation of a hypothesis's prior, in multiples of the typical deviation of its sensor
 /// parameter.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// Minimum difference of log evidence, nats, between a generic hypothesis and the selected effects, for the hypothesis
-/// to replace the effects. 3 nats are odds of 20 to 1.
+/// A generic hypothesis replaces the selected effects only if its log evidence is larger by more than this number of
+/// nats. 3 nats are odds of 20 to 1.
 const LEAD: f64 = 3.0;
-/// Minimum log Bayes factor, nats, for a generic hypothesis to be reported instead of the selected effects. 8 nats are
-/// odds of 3000 to 1.
+/// A generic hypothesis replaces the selected effects only if its log Bayes factor is above this number of nats. 8 nats
+/// are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// Minimum increase of the log evidence by a hypothesis, nats, for its evaluation to be continued. The increase is
-/// computed with the noise scales of the model without the hypothesis.
+/// The evaluation of a hypothesis is continued only if it increases the log evidence by more than this number of nats.
+/// The increase is computed with the noise scales of the model without the hypothesis.
 const LEAST_GAIN: f64 = 2.0;
-/// Minimum log Bayes factor, nats, for a generic hypothesis to be reported in addition to the selected effects.
+/// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is above this
+/// number of nats.
 const NOT_ALL: f64 = 12.0;
 /// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is larger than
 /// this multiple of that of the effects. Linearisation errors of large effects may cause smaller ratios.
 const REMAINDER: f64 = 0.02;
-/// Minimum ratio of the chi2 explained by a generic hypothesis to the chi2 explained by the selected effects, for the
-/// hypothesis to be reported. Linearisation errors of large effects may cause smaller ratios. [`REMAINDER`] is not
+/// A generic hypothesis is reported only if the chi2 that it explains is larger than this multiple of the chi2 that the
+/// selected effects explain. Linearisation errors of large effects may cause smaller ratios. [`REMAINDER`] is not
 /// sufficient, because the log Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 

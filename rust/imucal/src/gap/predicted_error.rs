@@ -109,7 +109,8 @@ impl BriefMeans {
         }
     }
 
-    /// The means as a recording in the units of the recording `of`, without the angles of the stand.
+    /// Returns a recording whose samples are the means. It has the units of the recording `of` and contains no angles
+    /// of the stand.
     pub fn recording<'a>(&'a self, of: &Recording<'a>) -> Recording<'a> {
         Recording {
             time_s: &self.time_s,
@@ -226,8 +227,8 @@ fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) 
         .collect()
 }
 
-/// Mean product of each pair of columns over all windows and the given axes, and the number of values in each mean. A
-/// window and axis is omitted if any column is not finite there.
+/// For each pair of columns, the mean of their product over all windows and the given axes, and the number of values in
+/// this mean. A window and axis is omitted if any column is not finite there.
 fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
     let windows = columns.first().map_or(0, Vec::len);
     let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);

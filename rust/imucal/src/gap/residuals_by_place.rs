@@ -240,7 +240,8 @@ mod tests {
         [Recording { angular_rate: rate.into(), specific_force: force.into(), ..*recording }]
     }
 
-    /// Residuals of a simulated unit with this effect, from a calibration without the effect and a calibration with it.
+    /// Simulates a unit with this effect. Returns the residuals of a calibration without the effect and of a
+    /// calibration with it.
     fn residuals(effect: Option<(&str, &[f64])>) -> ResidualsByPlace {
         let mut unit = Unit::paper();
         let row = effect.map(|(name, values)| (Effect::find(name).unwrap(), values));

@@ -24,9 +24,9 @@ use crate::numerics::workers::{in_order, processors};
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// Standard deviation of a prior, in multiples of the typical size, at which the prior has no influence on the fit.
 const NO_PRIOR: f64 = 1e4;
-/// Minimum change of chi2 for a direction in parameter space to be observable. The change refers to a parameter vector
-/// along this direction with a length of one typical size. With this threshold, a vector of a hundred typical sizes
-/// changes chi2 by at least 1.
+/// A direction in parameter space is observable if chi2 changes by at least this value. The change refers to a
+/// parameter vector along this direction with a length of one typical size. With this threshold, a vector of a hundred
+/// typical sizes changes chi2 by at least 1.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
 /// Minimum p-value of a group's chi2 for sensor noise to explain the residuals of the group. If noise explains all
 /// groups, cross-validation is skipped.

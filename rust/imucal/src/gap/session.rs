@@ -17,8 +17,8 @@ use crate::evaluate::{Evaluation, RestReport};
 use crate::numerics::stats::p_value;
 use crate::recording::Recording;
 
-/// Minimum number of rests in the control recordings for the changes to be estimated. It is twice the number of
-/// unknowns of each sensor.
+/// The changes are estimated only if the control recordings contain at least this number of rests. It is twice the
+/// number of unknowns of each sensor.
 const LEAST_RESTS: usize = 6;
 /// Maximum p-value of a significant change of one sensor's biases.
 const SIGNIFICANCE: f64 = 1e-6;
@@ -46,7 +46,8 @@ pub struct SessionStep {
     pub temperature_change_k: Option<f64>,
 }
 
-/// Change of the biases of one sensor, its covariance, and the scatter of the residuals from rest to rest.
+/// Change of the biases of one sensor, the covariance of this change, and the scatter of the residuals from rest to
+/// rest.
 struct Change {
     value: Vector3<f64>,
     covariance: Matrix3<f64>,

@@ -34,8 +34,8 @@ use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 
-/// Minimum difference of log evidence, nats, for another time course to replace the random walk. 8 nats are odds of
-/// 3000 to 1.
+/// Another time course replaces the random walk only if its log evidence is larger by more than this number of nats. 8
+/// nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
 /// Minimum number of epochs to distinguish the time courses.
 const LEAST_EPOCHS: usize = 8;

@@ -200,9 +200,9 @@ fn what_stands_apart_is_whitened_alike() {
 
 /// An effect is computed from the corrected rate and force, which depend on the parameters of the sensors. The Jacobian
 /// neglects this dependence. If the effect has its typical size, the relative error of the Jacobian is therefore about
-/// the derivative of the effect with respect to the rate and the force. The error is largest in the columns of the
-/// gyroscope sensitivity if the effect is a delay or a lever arm, because a delay depends on the derivative of the
-/// rate, and a lever arm also on its square.
+/// the derivative of the effect with respect to the rate and the force. If the effect is a delay or a lever arm, the
+/// error is largest in the columns of the gyroscope sensitivity. A delay depends on the derivative of the rate, and a
+/// lever arm also on the square of the rate.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [

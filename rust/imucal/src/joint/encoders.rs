@@ -222,8 +222,8 @@ impl Encoders {
         let at_rest = |r: &UnitRest| {
             let readings = &readings(&recordings[r.recording])?[r.rest.first..r.rest.end];
             let count = readings.len() as f64;
-            // Differences from the first reading are averaged, because large angles (many turns) would cause
-            // cancellation.
+            // Differences from the first reading are averaged. The mean of large angles (many turns) would lose digits
+            // by cancellation.
             let first = Vector3::from(readings[0]);
             let mean = readings.iter().map(|e| Vector3::from(*e) - first).sum::<Vector3<f64>>() / count + first;
             let square = |e: &[f64; 3]| (Vector3::from(*e) - mean).norm_squared() / 3.0;

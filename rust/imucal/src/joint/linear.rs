@@ -23,8 +23,7 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::rests::moves::{End, rows_across};
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
-/// One scalar residual, with its derivatives with respect to the parameters and with respect to the mean forces of the
-/// rests.
+/// One scalar residual, and its derivatives with respect to the parameters and the mean forces of the rests.
 #[derive(Clone)]
 pub(crate) struct Line {
     pub(crate) residual: f64,

@@ -38,13 +38,13 @@ use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 /// Significance level. An item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), the
 /// probability is 0.4 % that an item of a run without outliers is excluded.
 const SIGNIFICANCE: f64 = 1e-5;
-/// Minimum value of one minus the leverage for a direction to be tested (model.md (25)). It is the share of the
-/// variance along the direction that the fit leaves in the residual.
+/// A direction is tested only if one minus its leverage is above this limit (model.md (25)). One minus the leverage is
+/// the share of the variance along the direction that the fit leaves in the residual.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Minimum diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. A column with a smaller
 /// entry is linearly dependent on the other columns. The limit is far above rounding errors.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
-/// Minimum value of one minus the leverage for the residual of a prior to be tested. With a smaller value, rounding
+/// The residual of a prior is tested only if one minus its leverage is above this limit. With a smaller value, rounding
 /// errors dominate the standardised residual.
 const MIN_JUDGED: f64 = 1e-6;
 /// Minimum number of rests that remain after exclusion (model.md (25)).

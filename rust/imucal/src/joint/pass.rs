@@ -55,8 +55,8 @@ pub(crate) const BLOCK_S: f64 = 0.04;
 pub(crate) struct Pass {
     /// `v_start = rotation * v_end`.
     pub(crate) rotation: Matrix3<f64>,
-    /// Derivative of the attitude at the end with respect to every parameter, rad per unit of the parameter. Zero for
-    /// the parameters of the accelerometer.
+    /// Derivative of the attitude at the end with respect to every parameter, rad per unit of the parameter. It is zero
+    /// for the parameters of the accelerometer.
     pub(crate) turn: Vec<Vector3<f64>>,
     /// Blocks inside the move; empty unless requested.
     pub(crate) blocks: Vec<Block>,

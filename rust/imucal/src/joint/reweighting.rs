@@ -24,7 +24,7 @@ pub(super) struct Reweighting {
     widened: Vec<Widened>,
     /// Kinds of residuals whose standard deviations are increased even if their excess is not significant.
     kept: Option<Widened>,
-    /// Logarithms of the last excess contained in the weights, and of the excess estimated from the fit with these
+    /// Logarithms of two excesses: the last one contained in the weights, and the one estimated from the fit with these
     /// weights.
     last: Option<[[f64; WIDENINGS]; 2]>,
     fits: usize,

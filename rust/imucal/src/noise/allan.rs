@@ -49,7 +49,7 @@ pub fn decade_factors(samples: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Overlapping Allan deviations of `values` at averaging times of `factors` samples, in the unit of the values.
+/// Overlapping Allan deviations of `values`, in the unit of the values. The averaging times are `factors`, in samples.
 ///
 /// The values are not copied. Their cumulative sums need one number per sample. The result does not depend on the
 /// number of `threads`.

@@ -86,10 +86,10 @@ impl Likelihood<'_> {
 
     /// 95 % confidence band of one parameter.
     ///
-    /// The result is the union of two bands. In the first band, the parameters of the other kinds of noise must not be
-    /// negative. In the second band, they may be negative. The second band is needed if one of the other kinds of noise
-    /// is absent. The constrained estimate of this kind cannot be below the true value of zero, so the first band is
-    /// too narrow.
+    /// The result is the union of two bands. For the first band, the parameters of the other kinds of noise are limited
+    /// to values of at least zero. For the second band, they may be negative. The second band is needed if one of the
+    /// other kinds of noise is absent. The constrained estimate of this kind cannot be below the true value of zero, so
+    /// the first band is too narrow.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);

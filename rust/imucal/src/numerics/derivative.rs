@@ -30,8 +30,8 @@ const NARROWEST_S: f64 = 2e-3;
 const WIDEST_S: f64 = 0.1;
 /// Ratio of consecutive trial widths. With 1.7, the truncation error changes by a factor of eight.
 const WIDER: f64 = 1.7;
-/// Minimum number of samples for the width to be chosen from the data. With fewer samples, noise and motion cannot be
-/// separated, and the narrowest stencil is used.
+/// The width is chosen from the data only if there are at least this number of samples. With fewer samples, noise and
+/// motion cannot be separated, and the narrowest stencil is used.
 const FEWEST: usize = 4 * BOXES;
 /// Number of fourth differences from which the noise is estimated. The estimate then has an accuracy of one per cent.
 const ENOUGH: usize = 100_000;

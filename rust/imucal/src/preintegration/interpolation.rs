@@ -18,8 +18,9 @@ pub(crate) enum Interpolation {
 }
 
 impl Interpolation {
-    /// Interpolation of the rate for the step after sample `i`, and the weights of four samples in the mean rate over
-    /// this step. The samples are the sample before the step, the two samples at its ends, and the sample after it.
+    /// Interpolation of the rate for the step after sample `i`. The second result contains the weights of four samples
+    /// in the mean rate over this step. The samples are the sample before the step, the two samples at its ends, and
+    /// the sample after it.
     #[inline]
     pub(crate) fn of(time_s: &[f64], i: usize) -> (Self, [f64; 4]) {
         let linear = (Self::Linear, [0.0, 0.5, 0.5, 0.0]);

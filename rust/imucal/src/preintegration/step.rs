@@ -251,7 +251,8 @@ fn polynomial<S: Simd>(simd: S, coefficients: &[f64], y: Lanes<S>) -> Lanes<S> {
     others.iter().rev().fold(Lanes::splat(simd, highest), |sum, c| sum.mul_add(y, Lanes::splat(simd, *c)))
 }
 
-/// Vector part divided by scalar part of the quaternion for a rotation vector, rad.
+/// Converts a rotation vector, rad, to its quaternion, and divides the vector part of the quaternion by the scalar
+/// part.
 #[inline(always)]
 pub(super) fn half_turn<S: Simd>(simd: S, turn: Three<S>) -> Three<S> {
     let third = Lanes::splat(simd, 1.0 / 3.0);

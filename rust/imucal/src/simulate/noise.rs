@@ -288,7 +288,8 @@ mod tests {
         assert_eq!(squares.y, 0.0);
     }
 
-    /// Power gain of the filter, without random numbers, over all frequencies of a record of one hour at 1 kHz.
+    /// The power gain of the filter is tested without random numbers, at all frequencies of a record of one hour at 1
+    /// kHz.
     #[test]
     fn power_of_flicker_noise_is_that_of_half_an_integration() {
         let steps = 3_600_000;

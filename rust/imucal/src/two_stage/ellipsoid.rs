@@ -24,8 +24,8 @@ pub(crate) struct Start {
     pub(crate) bias: Vector3<f64>,
 }
 
-/// Minimum ratio of a singular value to the largest one for a sphere to be determined. If all means are in one plane,
-/// the smallest singular value is zero without noise. With noise, its ratio is below this limit.
+/// A sphere is determined only if all singular values are at least this multiple of the largest one. If all means are
+/// in one plane, the smallest singular value is zero without noise. With noise, its ratio is below this limit.
 const LEAST_SINGULAR: f64 = 1e-3;
 
 /// The ellipsoid through `means` (one for each rest, in any raw unit), or a sphere if the means determine no ellipsoid.

@@ -193,7 +193,7 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
     Triad::try_new(*sensitivity, bias).map_err(|error| Error::Fit(format!("gyroscope: {error}")))
 }
 
-/// Derivative of a move's residual in rad with respect to the nine entries of T and the three biases, 2 x 12.
+/// Derivative of a move's residual (rad) with respect to the nine entries of T and the three biases; a 2 x 12 matrix.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
     // A rotation `delta` of the attitude at the end of the move changes the propagated direction by [R^T u]x delta.

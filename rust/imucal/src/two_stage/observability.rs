@@ -29,7 +29,7 @@ pub(crate) const FARTHEST: f64 = 0.1;
 const OWN_SHARE: f64 = 0.95;
 /// Minimum correlation of undetermined parameters of one group, within the unobservable directions.
 const TRADED: f64 = 0.1;
-/// Maximum angle between an axis and the vertical for a pose to count as "axis up" or "axis down", deg.
+/// A pose counts as "axis up" or "axis down" if the angle between the axis and the vertical is at most this limit, deg.
 const FACE_LIMIT_DEG: f64 = 40.0;
 /// Recommendation if all rests are on the six faces.
 pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";

@@ -27,8 +27,8 @@ const ORDINARY: f64 = 0.9;
 const SPAN_S: f64 = 0.3;
 /// Minimum number of samples at standstill from which the level is computed.
 const FEWEST: usize = 8;
-/// Minimum deviation from the level for a reading to have left it, in standard deviations. Two consecutive samples must
-/// deviate by more than this number.
+/// A reading has left the level if two consecutive samples deviate from the level by more than this number of standard
+/// deviations.
 const OFF: f64 = 3.0;
 /// Margin of the search for the first sample of a motion, in samples. The motion is detected n samples after the
 /// reading leaves the level. The search begins n samples plus this margin before the reading leaves the level.

@@ -16,8 +16,8 @@ use crate::numerics::lsq;
 use crate::numerics::stats::rms;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// Minimum degrees of freedom for a kind of residuals to be tested. With fewer degrees of freedom, the fit reproduces
-/// any values of the measurements.
+/// A kind of residuals is tested only if it has at least this number of degrees of freedom. With fewer degrees of
+/// freedom, the fit reproduces any values of the measurements.
 const MIN_FREEDOM: f64 = 1.0;
 
 /// Goodness of fit of each kind of residuals. `white` contains the residuals and the Jacobian of the linearisation.

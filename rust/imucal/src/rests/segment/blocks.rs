@@ -206,7 +206,7 @@ const FILTERED: f64 = 1.7;
 /// variance of single samples.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
-    /// Sum over all pairs of the ratio of the Allan variance to the variance expected for white noise.
+    /// Sum over all pairs of means: Allan variance divided by the variance expected for white noise.
     sum: Vector6<f64>,
     /// Number of pairs of consecutive means whose samples are not all equal.
     pairs: Vector6<f64>,

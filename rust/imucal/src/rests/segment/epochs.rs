@@ -1,9 +1,9 @@
 //! Epochs of a long rest (model.md (41)).
 //!
 //! One mean describes a rest of a few seconds. During a rest of several minutes, the biases drift and the unit warms
-//! up, so a mean over the whole rest is not more accurate than a mean over a part. The change within the rest contains
-//! information about temperature effects and drifts. A long rest is therefore divided into epochs of equal length. Each
-//! epoch has its own mean, time and temperature, and all epochs have the same pose.
+//! up. A mean over the whole rest is therefore not more accurate than a mean over a part. The change within the rest
+//! contains information about temperature effects and drifts. A long rest is therefore divided into epochs of equal
+//! length. Each epoch has its own mean, time and temperature, and all epochs have the same pose.
 
 use std::ops::Range;
 

@@ -18,7 +18,7 @@ pub(super) struct Stretch {
     pub(super) whole: Block,
     /// Sums over the first and over the last third of the interval; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
-    /// Median, over the windows of the interval, of the ratio of variance to noise floor.
+    /// Median of the ratio of variance to noise floor over the windows of the interval.
     scatter: f64,
     /// Data from which the factor c of coloured noise (model.md (10)) is computed.
     colour: Colour,
