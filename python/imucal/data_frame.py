@@ -39,7 +39,8 @@ def table_of(recording: Any) -> Any:
 
 def _converter() -> Any:
     if not _converters:
-        # The import is here, because `import imucal` loads this module and must not load others.
+        # The import is inside the function, because `import imucal` loads this module and must not load
+        # further modules.
         from imucal.errors import InputError
 
         raise InputError("data frames need the whole package: use `import imucal` and not only a submodule")

@@ -113,7 +113,7 @@ DATASHEET: Final[dict[str, tuple[float, str]]] = {
 _SENSITIVITY: Final = re.compile(r"(?:accel|gyro)_sensitivity_([xyz])([xyz])")
 _DIAGONAL: Final = (1e6, "ppm")
 _OFF_DIAGONAL: Final = (1e3, "mrad")
-# Units of the bias instability, which is smaller than a bias.
+# Units in which the bias instability is shown. They are smaller than the units of a bias.
 _INSTABILITY: Final = {"rad/s": (3600.0 / _DEG, "deg/h"), "m/s^2": (1e6 / _G, "ug")}
 
 

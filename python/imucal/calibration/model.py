@@ -150,7 +150,7 @@ class SensorModel:
         )
 
     def require_raw_units(self, recording: Recording) -> None:
-        """Raise InputError for a recording whose raw units or axes differ from those of this model.
+        """Raise InputError for a recording whose raw units or axes differ from the ones of this model.
 
         A sensor that the model or the recording lacks is not compared.
         """

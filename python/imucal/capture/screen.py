@@ -36,9 +36,9 @@ MESSAGE_STYLES: Final = {
     "taken": "green",
     "finished": "bold green",
 }
-# Time for which a refusal is shown in the large text, s of the stream's time.
+# Time for which the refusal of a pose is shown in large letters, s of the stream's time.
 REFUSED_S: Final = 3.0
-# Large text of a refusal, by code.
+# Large text for a refused pose, by code of the refusal.
 REFUSALS: Final = {
     "moved_too_early": "TOO EARLY",
     "repeated": "SAME POSE",

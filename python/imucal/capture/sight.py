@@ -93,7 +93,7 @@ def _force(recording: Recording) -> FloatArray:
 
 
 def _steadiness(recording: Recording, time_s: FloatArray, seen: _core.Inspection) -> float:
-    """Largest standard deviation that counts as rest, divided by that of the last window; at most 1."""
+    """Largest standard deviation at rest, divided by the standard deviation of the last window; at most 1."""
     if seen.threshold is None:
         return 0.0
     first = int(np.searchsorted(time_s, time_s[-1] - WINDOW_S))

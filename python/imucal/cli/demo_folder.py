@@ -13,8 +13,8 @@ __all__ = ["prepare_folder"]
 def prepare_folder(folder: Path, files: Sequence[str]) -> None:
     """Create the folder, or overwrite an earlier demonstration, which contains all of `files`.
 
-    Raises InputError if the folder cannot be created, or if it contains only some of `files`, because these
-    may be recordings of real units.
+    Raises InputError if the folder cannot be created. Also raises InputError if the folder contains only some
+    of `files`, because these files may be recordings of real units.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -91,7 +91,7 @@ def _fault(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
-    """Write the error that ends this block to the file of --json; `options` are those of the command."""
+    """Write the error that ends this block to the file of --json. `options` are the command's options."""
     path = options.get("json")
     before = Output.documents
     try:

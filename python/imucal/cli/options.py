@@ -86,7 +86,7 @@ GravitySigmaOption = Annotated[
     option(
         "--gravity-sigma",
         metavar="MPS2",
-        help="Standard deviation of local gravity, included in those of the accelerometer scales.",
+        help="Standard deviation of local gravity; it increases those of the accelerometer scales.",
         panel=REFERENCES,
     ),
 ]
@@ -108,7 +108,7 @@ ClockOption = Annotated[
     option(
         "--clock-ppm",
         metavar="PPM",
-        help="Standard deviation of the clock's rate, included in those of the gyroscope scales.",
+        help="Standard deviation of the clock's rate; it increases those of the gyroscope scales.",
         panel=REFERENCES,
     ),
 ]
@@ -125,8 +125,8 @@ ModelOption = Annotated[
     option(
         "--model",
         metavar="MODEL",
-        help="Parameters without a prior: full, orthogonal (biases and scales) or bias. The others are held "
-        "at nominal values within usual tolerances.",
+        help="Parameters without a prior: full, orthogonal (biases and scales) or bias. All other parameters "
+        "are held at nominal values within usual tolerances.",
         panel=MODEL,
     ),
 ]
@@ -173,7 +173,7 @@ UnitsOption = Annotated[
     UnitSystem,
     option(
         "--units",
-        help="Units of printed tables: those of datasheets (mg, deg/s, ppm, mrad), or SI. Files and --json "
+        help="Units of printed tables: datasheet (mg, deg/s, ppm, mrad) or si. Files and --json "
         "are always in SI units.",
         panel=OUTPUT,
     ),

@@ -163,7 +163,7 @@ class Output:
         print(printed, file=self._stream, flush=True)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-        """Print a table, with the first column aligned left and the others right."""
+        """Print a table. The first column is aligned left, and all other columns are aligned right."""
         for line in table_lines(headings, [list(map(shown, row)) for row in rows], self._bold):
             print(line, file=self._stream, flush=True)
 

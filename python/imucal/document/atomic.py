@@ -1,4 +1,4 @@
-"""Atomic writing: a killed process leaves either the old file or the complete new one."""
+"""Atomic writing: a killed process leaves either the old file or the complete new file."""
 
 from __future__ import annotations
 

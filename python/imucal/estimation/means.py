@@ -68,7 +68,7 @@ def calibrated_means(
     unit: Unit | str | os.PathLike[str] | None,
     options: Options,
 ) -> tuple[FromMeans, _core.Outcome]:
-    """Calibrate from a table of means in the compiled library; the arguments are those of `calibrate`."""
+    """Calibrate from a table of means in the compiled library, with the arguments of `calibrate`."""
     if means.specific_force_std is not None:
         if noise_mps2 is not None:
             raise InputError(

@@ -75,7 +75,7 @@ class CalibrationResult:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The 21 parameters and those of the effects, with their standard deviations.
+        """The 21 parameters and the parameters of the effects, with their standard deviations.
 
         An accelerometer alone has nine parameters.
         """

@@ -26,7 +26,7 @@ CONTROL_WORDS: Final = ("control", "check", "verify")
 RUN_WORDS: Final = ("run", "cal", "calibration", "rec", "recording")
 SENSOR_WORDS: Final = ("acc", "accel", "accelerometer", "gyro", "gyr", "gyroscope")
 WORD: Final = re.compile(r"[^-_. ]+")
-# Extensions of files in folders that are taken as recordings.
+# In a folder, files with these extensions count as recordings.
 ENDINGS: Final = (
     *(".csv", ".parquet", ".txt", ".tsv", ".log", ".npz", ".npy", ".mat", ".h5", ".hdf5"),
     *(".bag", ".db3", ".mcap", ".ulg", ".bin", ".zip", ".gz"),

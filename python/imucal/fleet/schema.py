@@ -49,7 +49,7 @@ BASE_NAMES: Final = (
     *(f"gyro_sensitivity_{entry}" for entry in _PAIRS),
 )
 _SETS: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg", "rests", "moves")
-# Figures of the calibration recordings, and with the prefix `control_` those of the control recordings.
+# Figures of the calibration recordings, and, with the prefix `control_`, figures of the control recordings.
 FIGURES: Final = (*_SETS, *(f"control_{name}" for name in _SETS))
 # Columns with the temperature range of the recordings.
 TEMPERATURES: Final = ("temperature_low_degc", "temperature_high_degc")

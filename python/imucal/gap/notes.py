@@ -25,8 +25,8 @@ __all__ = [
     "session_of",
 ]
 
-# If chi2 per degree of freedom of a given calibration exceeds that of a new fit without effects by more than
-# this factor, the parameters of the unit have changed. The calibration is then reported as outdated.
+# If chi2 per degree of freedom of a given calibration is larger than in a new fit without effects by more
+# than this factor, the parameters of the unit have changed. The calibration is then reported as outdated.
 FAR_WORSE: Final = 2.0
 
 # Temperature is considered as the cause of a bias change only if the mean temperature changes by at least
@@ -235,7 +235,7 @@ def _coefficients(
 
 
 def _per_kelvin(step: SessionStep, change_k: float) -> str:
-    """Text on the temperature coefficients that would explain the step, as multiples of typical ones."""
+    """Text on the temperature coefficients that would explain the step, relative to their typical sizes."""
     words = []
     for name, unit, size, usual in _coefficients(step.accelerometer_mps2, step.gyroscope_radps, change_k):
         (value, shown), (typical, _) = for_people(size, unit), for_people(usual, unit)
@@ -311,5 +311,5 @@ def above_noise_of(found: _core.Remainder, result: CalibrationResult) -> dict[st
 
 
 def contradiction_of(reasons: Sequence[str]) -> dict[str, Any]:
-    """Description of recordings that the model does not fit; `reasons` are those of the poor fit."""
+    """Description of recordings that the model does not fit; `reasons` are the reasons of the poor fit."""
     return {"block": "recordings", "kernel": "contradiction", "description": "; ".join(reasons)}

@@ -41,7 +41,7 @@ class Question:
 
     @property
     def user_effects(self) -> UserEffectSource | None:
-        """User-defined effects for the compiled library, including those of the given calibration."""
+        """User-defined effects for the compiled library, including the effects of the given calibration."""
         own, given = tuple(self.definitions.values()), self.calibration
         if not own and (given is None or not given.user_effects):
             return None

@@ -288,8 +288,8 @@ class _Search:
         self.folds = (np.arange(len(mean)) // BLOCK) % FOLDS
         self.known: dict[tuple[str, float | None], FloatArray] = {}
         self.cubic = Form(((self.prefix, 9),))
-        # The residuals of each axis are divided by those of the cubic model, so that all axes have similar
-        # weights.
+        # The residuals of each axis are divided by the residuals of the cubic model, so that all axes have
+        # similar weights.
         self.scale = np.sqrt((self._held_out(self.cubic) ** 2).mean(axis=0))
         self.scale = np.maximum(self.scale, np.finfo(np.float64).tiny)
 

@@ -11,7 +11,7 @@ from imucal.gap.sizes import for_people, p_text
 
 __all__ = ["explanation", "sentences"]
 
-# Code of the finding that is printed before the effects.
+# Code of a finding about the recordings that the summary prints before the effects.
 BEFORE_EFFECTS: Final = "noise_below_lsb"
 # Names of the kinds of residuals for users.
 KINDS: Final = {
@@ -162,7 +162,7 @@ def _none_of(names: Sequence[str]) -> str:
 
 
 def _finding(gap: GapFields) -> str:
-    """A sentence with the effects, their sizes, and the improvement."""
+    """A sentence with the found effects, their sizes, and the improvement of the residuals."""
     names = " and ".join(f"{e['name']} ({_size(e)})" for e in gap.effects)
     explain = "explains" if len(gap.effects) == 1 else "explain"
     verified, set_name = (

@@ -205,7 +205,7 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
 
 
 def write_pieces(pieces: Iterable[Recording], path: str | os.PathLike[str]) -> None:
-    """Write a recording that is given in one or more pieces. The file is the same as that of `write`."""
+    """Write a recording that is given in one or more pieces. The file equals the file that `write` gives."""
     write_parts((column_names(piece) for piece in pieces), path)
 
 

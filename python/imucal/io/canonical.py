@@ -70,7 +70,7 @@ def read_parquet(
     columns: str | Sequence[str] | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """Read a Parquet file; the arguments are those of `read_csv`."""
+    """Read a Parquet file, with the arguments of `read_csv`."""
     source = open_large(path)
     table = chosen(parquet_table(path), columns, has_rate=rate_hz is not None)
     return recording_from_table(table, [source], rate_hz)
@@ -86,7 +86,7 @@ def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
 
 
 def write_parts(parts: Iterable[Columns], path: str | os.PathLike[str]) -> None:
-    """Write columns that are given in one or more parts. The file is the same as that of `write_columns`."""
+    """Write columns that are given in one or more parts. The file equals the file of `write_columns`."""
     require_ending(path)
     written = _parquet_writer if Path(path).suffix.lower() == PARQUET else _csv_writer
     with write_atomically(path) as file:

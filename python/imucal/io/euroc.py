@@ -22,7 +22,7 @@ CANONICAL_NAME = {
 
 
 def is_euroc(header: list[str]) -> bool:
-    """Whether the column names `header` are those of a EuRoC IMU file."""
+    """Whether the column names `header` are the names of a EuRoC IMU file."""
     return set(CANONICAL_NAME) <= set(header)
 
 

@@ -230,7 +230,7 @@ def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArra
 
 
 def _noise_left(clock: Stream, other: Stream, is_averaged: bool) -> float:
-    """Standard deviation of the white noise after resampling, relative to that of the original samples."""
+    """Standard deviation of the white noise after resampling, divided by the one before resampling."""
     if is_averaged:
         return float(np.sqrt(median_rate_hz(clock.time_ns) / median_rate_hz(other.time_ns)))
     k = np.clip(np.searchsorted(other.time_ns, clock.time_ns, side="right") - 1, 0, len(other.time_ns) - 2)

@@ -60,7 +60,7 @@ class Axes:
         return np.array_equal(self.accel, self.gyro)
 
     def after(self, first: Axes) -> Axes:
-        """The remapping `first` followed by this one, as one remapping."""
+        """The remapping that is equivalent to `first` followed by this remapping."""
         return Axes(self.accel @ first.accel, self.gyro @ first.gyro)
 
     @property

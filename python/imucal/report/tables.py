@@ -50,7 +50,7 @@ def item_list(items: Sequence[str]) -> str:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[int] = ()) -> str:
-    """A table of plain text. The first column and the columns `words` contain words, the others numbers."""
+    """A table of plain text. The first column and the columns `words` contain words, all others numbers."""
 
     def kind(column: int, cell: str) -> str:
         return ' class="words"' if column in words else (' class="fail"' if cell == "FAIL" else "")

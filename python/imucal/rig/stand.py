@@ -223,8 +223,8 @@ def stand_from_name(stand: Stand | str | os.PathLike[str]) -> Stand:
     name, _, seed = os.fspath(stand).partition(":")
     if name == "perfect" and not seed:
         return Stand()
-    # The seed of the stand is separate from that of the run, because a run and its control run usually share
-    # one stand.
+    # The seed of the stand is separate from the seed of the run, because a run and its control run usually
+    # share one stand.
     if name == "cheap" and (seed or "1").isdigit():
         return Stand.cheap(int(seed or "1"))
     return Stand.read(stand)

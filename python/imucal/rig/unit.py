@@ -202,8 +202,8 @@ def unit_of(unit: Unit | str | os.PathLike[str]) -> Unit:
     if text in unit_names():
         return Unit.named(text)
     if text.startswith("random:"):
-        # The seed of the unit is separate from that of the run, because a run and its control run are of the
-        # same unit.
+        # The seed of the unit is separate from the seed of the run, because a run and its control run are of
+        # the same unit.
         profile, _, seed = text.removeprefix("random:").partition(":")
         if not (profile and (seed or "1").isdigit()):
             raise InputError(f"the unit {text!r} is not understood: give random:NAME or random:NAME:SEED")
@@ -291,7 +291,7 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     if one_sided is not None:
         names["noise_density"] = "noise_density_one_sided"
     figures = {names.get(name, name): value for name, value in known.items() if name != "bias_instability"}
-    # Figures in the file that the simulation does not use are kept, too.
+    # Figures in the file that the simulation does not use are checked, too.
     figures |= {
         name: value
         for name, of in (
@@ -338,8 +338,8 @@ def _draw(node: Node, seed: int) -> Unit:
     if not any(value is not None for value in spread.mapping().values()):
         raise InputError(f"{node.file} gives no spread: take its unit as it is, or another profile")
     random = np.random.default_rng(seed)
-    # All random numbers are drawn even if they are not used, so that the tolerance of one figure does not
-    # change the random numbers of the others.
+    # All random numbers are drawn even if they are not used. A missing tolerance of one figure therefore does
+    # not change the random numbers of the other figures.
     drawn = {
         name: random.normal(size=size) * _deviation(spread, name, unit, size)
         for name, (size, unit) in DRAWN.items()

@@ -87,7 +87,7 @@ class Source(Protocol):
         """Connect to the unit. Raises ImucalError if the connection fails."""
 
     def read(self, wait_s: float) -> FloatArray:
-        """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first one."""
+        """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first sample."""
 
     def arrivals(self) -> FloatArray:
         """Host time of arrival of each sample of the last `read`, (N,), s."""

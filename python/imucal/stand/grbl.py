@@ -227,7 +227,7 @@ class GrblDriver:
         return Status("moving", step, message="" if self._phase == "moving" else self._phase)
 
     def _start_from(self, position_deg: Triple) -> tuple[Triple, int]:
-        """The zero of the motors, and the number of completed steps."""
+        """The zero of the motors, and the number of steps that are already completed, from their position."""
         if self._resume is None:
             require_zero(position_deg, self._consent)
             return ((0.0, 0.0, 0.0) if self._consent.unwind else position_deg), 0

@@ -251,7 +251,7 @@ def _block(kind: bytes, number: int, payload: bytes) -> bytes:
 
 
 def _blocks(content: bytes) -> tuple[list[tuple[bytes, int, bytes]], int]:
-    """The complete blocks in ascending order of their numbers, and the position after the last one."""
+    """The complete blocks in ascending order of their numbers, and the position after the last block."""
     found: list[tuple[bytes, int, bytes]] = []
     at = end = 0
     while (at := content.find(MAGIC, at)) >= 0 and at + HEAD.size <= len(content):

@@ -14,7 +14,7 @@ from imucal.io.streams import SAME_RATE, Stream, median_rate_hz, onto_clock
 __all__ = ["PhoneDecoder"]
 
 # Names under which Sensor Logger sends the specific force (acceleration with gravity) and the angular rate.
-# Only the samples with the name that arrives first are used for each sensor.
+# If a sensor is sent under both names, only the samples under the name that arrives first are used.
 ACCEL: Final = ("totalacceleration", "accelerometeruncalibrated")
 GYRO: Final = ("gyroscope", "gyroscopeuncalibrated")
 # Number of samples of each sensor from which the rates are determined.

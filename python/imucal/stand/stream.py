@@ -126,7 +126,7 @@ class StreamSource:
         self._thread.start()
 
     def read(self, wait_s: float) -> FloatArray:
-        """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first one."""
+        """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first sample."""
         rows: list[list[float]] = []
         self._arrivals = []
         try:
@@ -202,8 +202,8 @@ class StreamSource:
             try:
                 data = self._link.read()
                 if data:
-                    # The host time is taken in this thread, because the main thread may be waiting for the
-                    # disk.
+                    # The host time of arrival is recorded in this thread, because the main thread may be
+                    # waiting for the disk.
                     self._put(data)
             except LinkLostError as error:
                 if self._closed.is_set():

@@ -25,8 +25,8 @@ def compose(
 ) -> None:
     """Combine two calibrations of a unit into one. The second is estimated from data corrected by the first.
 
-    The result corrects raw samples as both do one after the other. Its uncertainty is that of the second
-    calibration. Effects that only the first calibration has keep their uncertainty.
+    The result corrects raw samples as both calibrations do one after the other. Its uncertainty is the
+    uncertainty of the second calibration. Effects that only the first calibration has keep their uncertainty.
 
     Example: imucal compose unit-0042.json second.json -o both.json
     """

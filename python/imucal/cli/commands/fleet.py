@@ -15,7 +15,7 @@ MODULES: Final = {
     },
     "fleet_store": {
         "list": "List the units of a store, also those without a result.",
-        "show": "Show all calibrations of a unit, or write the last one to a calibration file.",
+        "show": "Show all calibrations of a unit, or write its last calibration to a file.",
         "query": "Query a store by SQL (read-only).",
         "export": "Write all units of a store to a Parquet file.",
         "merge": "Merge the stores of several stations, or of the parts of a run, into one.",

@@ -30,8 +30,8 @@ def drift(
 ) -> None:
     """Test whether parameters change with the calibration date, for one unit or for all units.
 
-    A unit is reported if its p value is significant among those of all units, with a false discovery rate of
-    0.2 %. Shifts that all units of a station have in common on a day are taken off first.
+    A unit is reported if its p-value is significant among the p-values of all units, with a false discovery
+    rate of 0.2 %. Shifts that all units of a station have in common on a day are subtracted first.
 
     Example: imucal fleet drift units.sqlite --all --since 2026-01-01 --csv drift.csv
     """
@@ -90,7 +90,8 @@ def spc(
 ) -> None:
     """Draw control charts of each station, and find shifts common to the units of a station.
 
-    The measuring noise of each unit is taken off the moving ranges. A chart has the rules of the Western
+    The measurement noise of each unit is subtracted from the moving ranges. A chart has the rules of the
+    Western
     Electric handbook and a moving average (EWMA). The verdict depends only on shifts of a station, or of a
     station on one day, that are significant over all charts together.
 
@@ -126,7 +127,7 @@ def outliers(
     """Find odd units by their robust distance from all others, and name the parameter that decides.
 
     The distance is over all parameters and figures, with the covariance of each unit's measurement. A shift
-    that all units of a station have in common on a day belongs to the station and is taken off first.
+    that all units of a station have in common on a day belongs to the station and is subtracted first.
 
     Example: imucal fleet outliers units.sqlite --batch 2026-11 --csv odd.csv
     """

@@ -89,9 +89,9 @@ def grr(
 ) -> None:
     """Study the measurement: units x operators x repeats, by analysis of variance.
 
-    Shows repeatability, reproducibility, the number of distinct categories (ndc), and the repeatability over
-    the stated standard deviations: 1 if these are right on this stand. The verdict is poor if a parameter has
-    fewer than 5 categories.
+    Shows repeatability, reproducibility, the number of distinct categories (ndc), and the ratio of the
+    repeatability to the stated standard deviations, which is 1 if these are correct on this stand. The
+    verdict is poor if a parameter has fewer than 5 categories.
 
     Example: imucal fleet grr units.sqlite --role grr --by operator --limits limits.json
     """

@@ -57,7 +57,7 @@ def show(
     units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
-    """Show all calibrations of a unit, or write the last one to a calibration file.
+    """Show all calibrations of a unit, or write its last calibration to a file.
 
     Example: imucal fleet show units.sqlite 0042 -o 0042.json
     """
@@ -119,7 +119,7 @@ def merge(
 ) -> None:
     """Merge the stores of several stations, or of the parts of a run, into one.
 
-    A row that is in both is taken once. The other stores are not changed.
+    A row that is in several stores is copied once. The other stores are not changed.
 
     Example: imucal fleet merge all.sqlite units.sqlite
     """

@@ -77,8 +77,8 @@ def import_calibration(
 ) -> None:
     """Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or ArduPilot.
 
-    The correction is that of the other program. What its file does not state, such as a covariance, is absent
-    from the calibration file and listed.
+    The correction is the same as in the other program. If its file does not state a part of a calibration,
+    such as the covariance, this part is absent from the calibration file and listed.
 
     Example: imucal import imu.yaml -o imported.json
     """

@@ -25,8 +25,9 @@ def inspect(
 ) -> None:
     """Show sampling rate, faults and rests of recordings, and the parameters that they determine.
 
-    The standard deviation of every parameter is predicted from the rests, the moves and the noise at rest. It
-    is that of a calibration if the data contain no errors other than noise and the 21 parameters.
+    The standard deviation of every parameter is predicted from the rests, the moves and the noise at rest. A
+    calibration has these standard deviations if the data contain no errors other than noise and the 21
+    parameters.
 
     Ends with 2 if a calibration would refuse one of the recordings.
 

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["noise"]
 
-# Columns of the table of white noise. For each SI unit of the noise density, the factor and the unit of each
-# column. The two-sided noise density equals the random walk coefficient of the integrated signal. The
-# one-sided density is larger by a factor of sqrt(2).
+# Columns of the table of white noise. WHITE_NOISE_UNITS gives the factor and the unit of each column, by the
+# SI unit of the noise density. The two-sided noise density equals the random walk coefficient of the
+# integrated signal. The one-sided density is larger by a factor of sqrt(2).
 WHITE_NOISE = ("two-sided (filters)", "one-sided (datasheets)", "random walk")
 WHITE_NOISE_UNITS = {
     "rad/s/sqrt(Hz)": (

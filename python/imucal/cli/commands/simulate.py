@@ -21,7 +21,7 @@ MOTION = "Motion"
 UNIT = "Unit"
 PLACE = "Place and clock"
 
-# Options allowed when a run is repeated from a truth file: the output files.
+# If a run is repeated from a truth file, only these options are allowed. They name the output files.
 OUTPUTS = {"program", "output", "truth", "truth_samples", "save_unit", "json"}
 
 

@@ -87,9 +87,9 @@ def calibrate(
 ) -> None:
     """Run, calibrate, run a control program, judge, and export one unit.
 
-    A unit whose calibration is incomplete passes, unless --require good or the limits ask for more.
-    Ends with 0 if the unit passes, with 2 if it fails, with the reasons, and with 1 if there is no result or
-    a file of a unit that passes cannot be written.
+    A unit whose calibration is incomplete passes, unless --require good or the limits ask for more. The exit
+    code is 0 if the unit passes, 2 if it fails, and 1 if there is no result or a file of a unit that passes
+    cannot be written.
 
     Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
     """

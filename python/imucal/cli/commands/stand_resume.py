@@ -36,9 +36,9 @@ def resume(
 ) -> None:
     """Continue a run of `stand run` or `stand calibrate` that was killed or interrupted.
 
-    The journal contains the options and the program. The run continues with the first step that was not
-    done, in the same recording. If the motors are no longer where the run has left them, bring them to zero
-    and give --start-here: the steps are then repeated without holds up to this one.
+    The journal contains the options and the program. The run continues with the first step that was not done,
+    in the same recording. If the motors are no longer where the run has left them, bring them to zero and
+    give --start-here. The completed steps are then repeated without holds.
 
     Example: imucal stand resume units/0042
     """

@@ -200,7 +200,7 @@ def _outside(values: FloatArray, low: float | None, high: float | None) -> float
 
 
 def _tails(spread: Spread, std: float, low: float | None, high: float | None) -> float:
-    """Share of true values outside the limits, from the distribution of normal units and that of outliers."""
+    """Share of true values outside the limits, from the distributions of normal units and of outliers."""
     norm = scipy_part("stats").norm
 
     def outside(width: float) -> float:

@@ -1,4 +1,4 @@
-"""Groups of units whose temperature curves differ, such as those of two lots of a sensor."""
+"""Groups of units whose temperature curves differ, for example because the sensors are of two lots."""
 
 from __future__ import annotations
 

@@ -186,7 +186,8 @@ def gauge_study(
     if pooled:
         error_dof += dof["interaction"]
         error = (squares["interaction"] + within) / error_dof
-    # Denominator of the F tests: the pooled error if the interaction is pooled, otherwise the interaction.
+    # The denominator of the F tests is the pooled error if the interaction is pooled with the repeats, and
+    # the interaction otherwise.
     against = {"error": error, **squared} if pooled else {"error": squared["interaction"], **squared}
     against_dof = {"error": error_dof if pooled else dof["interaction"], **dof}
     tests = {

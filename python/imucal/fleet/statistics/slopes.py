@@ -148,7 +148,7 @@ def _joint(
 def _inverse(
     dated: Measurements, columns: Columns, values: FloatArray, rows: np.ndarray, picked: np.ndarray
 ) -> FloatArray:
-    """Inverse covariances, including repeatability beyond the stated noise; missing values have no weight."""
+    """Inverse covariances, with the repeatability in excess of the stated noise; 0 for missing values."""
     assert dated.covariances is not None
     covariances = dated.covariances[rows[:, None, None], picked[:, None], picked[None, :]].copy()
     stated = np.einsum("nii->ni", covariances)

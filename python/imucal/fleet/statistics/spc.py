@@ -36,7 +36,8 @@ EWMA_LIMIT: Final = 3.0
 MEDIAN_RANGE_OF_TWO: Final = 0.9538725524
 # Minimum number of units of a chart.
 FEWEST_UNITS: Final = 10
-# Rules by name: (m, n, k) means that m of n consecutive values are beyond k standard deviations on one side.
+# Rules by name. (m, n, k) means: of n consecutive values, m deviate by more than k standard deviations to one
+# side.
 RULES: Final = {
     "beyond_3_sigma": (1, 1, 3.0),
     "2_of_3_beyond_2_sigma": (2, 3, 2.0),

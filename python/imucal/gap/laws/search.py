@@ -38,8 +38,9 @@ CONTRADICTED: Final = 1e-3
 LEAST_BETTER: Final = 0.5
 # Minimum share of the gap that a law must close in one kind of control or held-out residuals.
 LEAST_CLOSED: Final = 0.3
-# Patterns of the remainder for which no law is searched: changes between sessions, and contradictions (of the
-# stand and the sensors, or of the recordings and the model). A missing law does not cause these patterns.
+# No law is searched if the remainder has one of these patterns. The first pattern is a change between
+# sessions. The second pattern is a contradiction between the stand and the sensors, or between the recordings
+# and the model. A missing law does not cause these patterns.
 NO_LAW: Final = ("between_sessions", "contradiction")
 # Maximum number of field values in one linearisation. With this number, the values take 400 MB of memory.
 MOST_VALUES: Final = 5e7

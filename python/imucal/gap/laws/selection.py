@@ -96,7 +96,7 @@ def select(given: Columns) -> list[Selected]:
 
 
 def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
-    """For each law, the index of the best variant of its constant, given those of the other laws."""
+    """For each law, the index of the best variant of its constant, given the variants of the other laws."""
     picks = [own[len(own) // 2] for own in variants]
     for place, own in enumerate(variants):
         others = [given.candidates[pick][1] for k, pick in enumerate(picks) if k != place]
