@@ -25,8 +25,8 @@ def diff(
         float,
         option(
             "--sigmas",
-            help="Significance threshold in standard deviations. With 3, 0.27 % of comparisons of an unchanged "
-            "unit are false alarms, over all parameters together.",
+            help="Significance threshold in standard deviations. With 3, 0.27 % of comparisons of an "
+            "unchanged unit are false alarms, over all parameters together.",
         ),
     ] = 3.0,
     units: UnitsOption = UnitSystem.datasheet,
