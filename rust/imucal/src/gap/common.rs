@@ -13,7 +13,7 @@ use crate::numerics::symmetric::SymmetricMatrix;
 /// stored. Products of two candidate columns are added by [`Common::weighing`], for a few candidates at a time.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// For each group of residuals: the products, in the normalised Gram matrix, that involve a column of the model.
+    /// For each group of residuals: those products of the normalised Gram matrix that involve a column of the model.
     parts: Vec<SymmetricMatrix>,
 }
 
@@ -21,7 +21,8 @@ pub(crate) struct Common<'a> {
 /// Only the rows of the model's columns are computed, because these rows are needed for every candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// Sums of the Gram matrices divided by their noise scales: before the elimination (`whole`) and after it (`sums`).
+    /// Sums of the Gram matrices, each divided by its noise scale. `whole` is the sum before the elimination, and
+    /// `sums` is the sum after it.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -36,8 +37,8 @@ impl<'a> Common<'a> {
         Self { columns, parts }
     }
 
-    /// Eliminates the model's parameters with the noise scales s_g^2. `None` if the normal matrix of the model is
-    /// singular.
+    /// Eliminates the model's parameters. The noise variances of each group of residuals are multiplied by its noise
+    /// scale s_g^2. `None` if the normal matrix of the model is singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
         Instructions::Best.run(SweepCommon(self, scales))
     }

@@ -43,7 +43,7 @@ pub(crate) struct Evidence {
     /// Natural logarithm of the evidence, nats. A constant that is equal for all models of the same residuals is
     /// omitted.
     pub(crate) log: f64,
-    /// -2 times the log likelihood, maximised over the parameters and the noise scales.
+    /// The maximum of the log likelihood over the parameters and the noise scales, times -2.
     pub(crate) deviance: f64,
     /// chi2 of all residuals, with standard deviations from sensor noise only. The noise scales are not applied.
     pub(crate) chi2: f64,
@@ -110,7 +110,7 @@ impl Gram {
         all
     }
 
-    /// Divisor that normalises each column: the larger of the column's length and the square root of its prior
+    /// Each column is divided by this number. It is the larger of the column's length and the square root of its prior
     /// precision.
     pub(super) fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();

@@ -189,7 +189,8 @@ impl Hypothesis {
         }
     }
 
-    /// Error of the sensor's input due to each column with coefficient 1, at each evaluation time, SI units.
+    /// Error of the sensor's input at each evaluation time for each column, SI units. The coefficient of the column is
+    /// 1.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -230,7 +231,7 @@ impl Hypothesis {
         }
     }
 
-    /// Deviation of the sensor parameter due to each column with coefficient 1, at each evaluation time.
+    /// Deviation of the sensor parameter at each evaluation time for each column. The coefficient of the column is 1.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),

@@ -1,4 +1,5 @@
-//! Gram matrices of a model with the additional columns of a generic hypothesis, for each group of residual rows.
+//! Gram matrices (products of Jacobian columns) of a model with a generic hypothesis, which adds columns to the model.
+//! There is one matrix for each group of residual rows.
 
 use faer::Mat;
 

@@ -16,8 +16,8 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Interval between the blocks inside a move at which hypotheses are evaluated, in blocks. It applies if accelerometer
-/// samples inside moves are not used. Every fifth block is sufficient, because biases vary slowly.
+/// Hypotheses are evaluated at one block in this number of blocks inside a move. It applies if accelerometer samples
+/// inside moves are not used. Every fifth block is sufficient, because biases vary slowly.
 const EVERY: usize = 5;
 /// Above this angular rate about an axis, rad/s, the rotation has a sign. At lower rates, the sign of the last rotation
 /// is kept. The value exceeds the noise of a consumer gyroscope.
@@ -31,7 +31,8 @@ pub(crate) struct Epoch {
     pub(crate) time_s: f64,
 }
 
-/// A linearisation of the residuals, with the quantities on which kernels depend at the rests and inside the moves.
+/// A linearisation of the residuals. It also contains the quantities on which kernels depend, at the rests and inside
+/// the moves.
 pub(crate) struct Setting<'a> {
     prepared: &'a Prepared<'a>,
     problem: Joint<'a>,
@@ -126,7 +127,7 @@ impl<'a> Setting<'a> {
         (epochs.into_iter().map(|(epoch, ..)| epoch).collect(), columns)
     }
 
-    /// Deviation on each axis for the given coefficients of a hypothesis, with the index of a rest. A hypothesis about
+    /// Deviation on each axis for the given coefficients of a hypothesis, and the index of the rest. A hypothesis about
     /// rests gives the deviation at each rest that the fit uses. A hypothesis about moves gives the deviation in the
     /// middle of each move, with the index of the rest before the move.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {

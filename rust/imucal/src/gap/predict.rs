@@ -20,7 +20,7 @@ use super::evidence::{Column, Gram, RIDGE};
 
 /// Number of cross-validation folds. Each fold is a contiguous period of the recordings.
 const FOLDS: usize = 6;
-/// Minimum ratio of a significant gain to its standard deviation.
+/// A gain is significant if it is larger than this multiple of its standard deviation.
 const SURE: f64 = 2.0;
 
 /// Increase of the log predictive density due to an effect, and the standard deviation of this increase, nats.
@@ -73,7 +73,7 @@ impl Held<'_> {
         let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
         let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
         let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
-        // After the rows are weighted, the columns are normalised to unit length. The residual is the last column.
+        // The rows are weighted first. The columns are then normalised to unit length. The residual is the last column.
         let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
         let size: Vec<f64> = (0..=n).map(length).collect();
         for (j, of_column) in size.iter().enumerate() {

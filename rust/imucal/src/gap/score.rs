@@ -20,7 +20,7 @@ use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::numerics::stats::p_value;
 use crate::numerics::workers::{in_order, processors};
 
-/// Trial standard deviations of the prior of an effect's parameters, in multiples of their typical size.
+/// Trial values of the standard deviation of the prior of an effect's parameters, in multiples of their typical size.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// Standard deviation of a prior, in multiples of the typical size, at which the prior has no influence on the fit.
 const NO_PRIOR: f64 = 1e4;
@@ -28,16 +28,16 @@ const NO_PRIOR: f64 = 1e4;
 /// parameter vector along this direction with a length of one typical size. With this threshold, a vector of a hundred
 /// typical sizes changes chi2 by at least 1.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
-/// Minimum p-value of a group's chi2 for sensor noise to explain the residuals of the group. If noise explains all
-/// groups, cross-validation is skipped.
+/// Sensor noise explains the residuals of a group if the p-value of their chi2 is above this value. If noise explains
+/// all groups, cross-validation is skipped.
 const NOISE_CHANCE: f64 = 0.01;
 /// p-value below which the scatter of residuals at rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
 /// The scatter of the residuals at rests is reported if their standard deviation is larger than this multiple of the
 /// white noise. Coloured noise and bias instability may cause smaller ratios.
 const WIDE: f64 = 2.5;
-/// Residual variance that may remain after a large effect is fitted, due to linearisation errors, as a share of the
-/// residual variance of the model without effects. Smaller scatter is not reported.
+/// Linearisation errors of a large effect may cause this share of the residual variance of the model without effects.
+/// Smaller scatter is not reported.
 const REMAINDER: f64 = 0.05;
 
 /// A candidate's score at the prior width and the trial time constant with the largest evidence.
@@ -108,7 +108,8 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
 
 /// Observability and score of a candidate relative to a model.
 struct Look {
-    /// Number of observable directions of the candidate's parameters, with all noise scales s_g^2 set to one.
+    /// Number of observable directions in the space of the candidate's parameters. All noise scales s_g^2 are set to
+    /// one.
     dof: usize,
     /// Sum over the parameters of the change of chi2 if the parameter changes by its typical size.
     trace: f64,
@@ -192,7 +193,7 @@ impl Candidate {
     }
 }
 
-/// For each candidate: the residuals of the model without the candidate that an effect of typical size causes. The
+/// For each candidate: the residuals that an effect of typical size causes in the model without this candidate. The
 /// parameters of the model are refitted to these residuals. For a candidate with a time constant, the trial value with
 /// the largest residuals is used.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {

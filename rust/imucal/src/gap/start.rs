@@ -16,12 +16,12 @@ use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_unobservable_hand_held};
 /// Averaging time of the specific force inside moves for the detection of hand motion, s. Accelerations by a hand last
 /// longer than this time, so the average still contains them.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
-/// Ratio of the scatter of the averaged specific force to noise, above which hand motion is detected. It is not
-/// detected if effects explain the scatter.
+/// Hand motion is detected if the scatter of the averaged specific force is larger than this multiple of noise, and if
+/// effects do not explain this scatter.
 const HAND: f64 = 10.0;
-/// Minimum share of the variance of the averaged specific force that effects of pure rotation leave unexplained if the
-/// unit is moved by hand. Without hand motion, the unexplained share is smaller. It is largest with a long lever arm
-/// and a noisy gyroscope.
+/// If the unit is moved by hand, effects of pure rotation leave at least this share of the variance of the averaged
+/// specific force unexplained. Without hand motion, the unexplained share is smaller. It is largest with a long lever
+/// arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 
 impl ForwardSearch<'_> {

@@ -14,9 +14,9 @@
 //! ```
 //!
 //! Every time course also contains white scatter from epoch to epoch. The evidence of each course is maximised over the
-//! sizes. The evidence of a switching course is that of its most likely states s, minus the information in these
-//! states. This information consists of the number of changes, their places, and the share of an epoch in which a
-//! change lies.
+//! sizes. The evidence of a switching course is computed for its most likely states s. The information in these states
+//! is subtracted from it. This information consists of the number of changes, their places, and the share of an epoch
+//! in which a change lies.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -165,8 +165,8 @@ impl Observed {
         Some(solved.col_as_slice(0).to_vec())
     }
 
-    /// Largest log evidence of a normal process. `covariance` is its covariance for unit size. The trial sizes are
-    /// multiples of `sizes`, and the scatter from epoch to epoch also has trial values.
+    /// Largest log evidence of a normal process over all trial sizes and trial scatters. `covariance` is the covariance
+    /// of the process for unit size. The trial sizes are multiples of `sizes`.
     fn best_of(&self, sizes: [f64; 3], covariance: impl Fn(&Epoch, &Epoch) -> f64) -> Option<f64> {
         let n = self.epochs.len();
         let unit = Mat::from_fn(n, n, |i, j| {
@@ -232,7 +232,8 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
     2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
 }
 
-/// Start values of the states: the deviations are projected on their principal direction and divided at three levels.
+/// Start values of the states. The deviations are projected on their principal direction, and each of three levels
+/// divides them into the states 0 and 1.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
     let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);
@@ -271,7 +272,7 @@ impl Scattered {
     fn most_likely_states(&self, states: &[f64], size: f64) -> f64 {
         let n = states.len();
         let mut states = states.to_vec();
-        // Sum over all epochs j of the information between epochs k and j, times the state of epoch j.
+        // For each epoch k: the sum over all epochs j of the information between k and j, times the state of j.
         let mut beside: Vec<Matrix3<f64>> =
             (0..n).map(|k| (0..n).map(|j| self.between(k, j) * states[j]).sum()).collect();
         let mut information: Matrix3<f64> = (0..n).map(|k| beside[k] * states[k]).sum();

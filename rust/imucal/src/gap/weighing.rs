@@ -1,8 +1,8 @@
 //! Evidence of a model with additional columns, for several prior widths of these columns (docs/model.md (23)).
 //!
-//! At fixed noise scales s_g^2, the sweep operator first eliminates the parameters of the model from the Gram matrix.
-//! The Schur complement S of the additional columns then gives the increase of the log evidence for every prior width
-//! s:
+//! The noise variances of each group g of residuals are multiplied by a noise scale s_g^2. At fixed noise scales, the
+//! sweep operator first eliminates the parameters of the model from the Gram matrix. The Schur complement S of the
+//! additional columns then gives the increase of the log evidence for every prior width s:
 //!
 //! ```text
 //! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, all sums over s_g^2
@@ -27,8 +27,8 @@ pub(crate) use left::Left;
 /// Maximum number of rounds of an iteration that alternately estimates the noise scales and the parameters. If the
 /// iteration does not converge, the result of the last round is used.
 const SCALE_ROUNDS: usize = 20;
-/// Convergence threshold: increase of the log evidence by an update of the noise scales, nats. Below it, the parameters
-/// are not refitted. A refit would increase the log evidence by at most 3 % of this threshold.
+/// If an update of the noise scales increases the log evidence by less than this number of nats, the parameters are not
+/// refitted. A refit would increase the log evidence by at most 3 % of this threshold.
 const FORESEEN: f64 = 0.05;
 
 /// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
@@ -78,7 +78,7 @@ impl<'a> Columns<'a> {
         self.model.len() + self.beside.len()
     }
 
-    /// Index in the Gram matrices of each column and, as the last entry, of the residual.
+    /// Index of each column in the Gram matrices. The last entry is the index of the residual.
     fn places(&self) -> Vec<usize> {
         let columns = self.model.iter().map(|column| column.place).chain(self.beside.iter().map(|(place, _)| *place));
         columns.chain([self.gram.residual]).collect()
@@ -154,8 +154,8 @@ impl<'a> Weighing<'a> {
         Instructions::Best.run(Settle(self, width, swept))
     }
 
-    /// Sum of the Gram matrices divided by their noise scales, before any elimination. Only the rows from row `from` on
-    /// are computed.
+    /// Sum of the Gram matrices before any elimination. Each matrix is divided by its noise scale. Only the rows from
+    /// row `from` on are computed.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
@@ -185,7 +185,7 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // The residual after the fit is the combination of the columns and the residual with these coefficients.
+            // With these coefficients, the sum of the columns and the residual is the residual after the fit.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
             // `held` contains the terms of the log evidence at the noise scales before this round. `gain` is the
