@@ -26,8 +26,8 @@ use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// Derivatives of a move's residuals with respect to one parameter, m/s^2. Only the part caused by the gravity
-/// directions of the adjacent rests is included. `start` is added to all residuals along each of the three directions.
+/// Derivatives of a move's residuals with respect to one parameter, m/s^2. They contain only the part that is caused by
+/// the gravity directions of the adjacent rests. `start` is added to all residuals along each of the three directions.
 /// `end` is added to the last residual along each of the two directions perpendicular to gravity.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
@@ -42,7 +42,7 @@ pub(super) struct Rows<'a> {
     place: usize,
 }
 
-/// Matrix that receives the rows.
+/// The matrix to which the rows are written.
 enum Target<'a> {
     Columns(&'a mut Mat<f64>),
     Lanes(&'a mut Lanes),

@@ -160,8 +160,8 @@ pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Computing time per sample with effects or with blocks inside the move, relative to the time for plain
-/// preintegration. The number of threads is computed from it.
+/// Computing time per sample with effects or with blocks inside the move, divided by the time for plain preintegration.
+/// The number of threads is computed from this ratio.
 const COST: usize = 30;
 
 impl Prepared<'_> {

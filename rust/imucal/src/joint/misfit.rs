@@ -98,8 +98,8 @@ impl Misfits {
     }
 }
 
-/// Threshold for linear dependence, dimensionless: the length of a column after projection orthogonal to the other
-/// columns, divided by its length. The value is far above rounding errors.
+/// A column is linearly dependent on the other columns if projection orthogonal to them reduces its length to less than
+/// this fraction. The value is far above rounding errors.
 const LEAST: f64 = 1e-6;
 
 /// Prediction errors of held-out rests and moves (model.md (34)). `None` if the other residuals do not determine all

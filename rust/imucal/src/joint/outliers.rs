@@ -41,8 +41,8 @@ const SIGNIFICANCE: f64 = 1e-5;
 /// A direction is tested only if one minus its leverage is above this limit (model.md (25)). One minus the leverage is
 /// the share of the variance along the direction that the fit leaves in the residual.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
-/// Minimum diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. A column with a smaller
-/// entry is linearly dependent on the other columns. The limit is far above rounding errors.
+/// A column of the scaled Jacobian is linearly dependent on the other columns if its diagonal entry of R in the QR
+/// decomposition is below this limit. The limit is far above rounding errors.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
 /// The residual of a prior is tested only if one minus its leverage is above this limit. With a smaller value, rounding
 /// errors dominate the standardised residual.
@@ -162,9 +162,9 @@ pub(crate) fn outliers(
     }
 }
 
-/// Rests whose norm is not predicted by the other rests, for example the only rest on one face of a box. Only the moves
-/// predict such a norm, so the excess scatter of the moves is used for it. The rows of the norms' design matrix are
-/// divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
+/// Rests whose norm the other rests do not predict, for example the only rest on one face of a box. Only the moves
+/// predict the norm of such a rest, so the test of this norm uses the excess scatter of the moves. The rows of the
+/// norms' design matrix are divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -246,8 +246,8 @@ pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usi
     linear.rates.iter().flat_map(|(rest, _)| [0, 1, 2].map(|axis| of_axis(*rest, axis))).collect()
 }
 
-/// Scale of the residuals of one kind relative to noise: the median of their decreases of chi2, d of model.md (25),
-/// divided by its expected median under the null hypothesis; at least one.
+/// Scale of the residuals of one kind relative to noise; at least one. Each decrease d of chi2 (model.md (25)) is
+/// divided by its expected median under the null hypothesis. The scale is the median of these ratios.
 fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
     let is_own = |group: &Group| group.kind == kind && group.is_of_later_epoch == later;
     let of_kind = judged.iter().filter(|(group, _, freedom)| is_own(group) && *freedom > 0);

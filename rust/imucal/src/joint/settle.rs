@@ -61,7 +61,7 @@ impl<'a> Settling<'a> {
     }
 }
 
-/// Inputs of the effects at a rest, except the force.
+/// Quantities at a rest on which the effects depend, except the force.
 pub(super) struct Still {
     pub(super) recording: usize,
     pub(super) samples: Range<usize>,
@@ -144,8 +144,8 @@ impl Terms<'_> {
         self.all.iter().any(|term| matches!(term.kind, Kind::User(_)))
     }
 
-    /// Converts the mean columns of user-defined effects over a segment to values at the midpoint of the segment. For
-    /// this, `share` times the second difference of the means of three consecutive segments is subtracted.
+    /// Converts the mean columns of user-defined effects over a segment to values at the midpoint of the segment. The
+    /// conversion subtracts `share` times the second difference of the means of three consecutive segments.
     pub(super) fn user_middles(
         &self,
         recording: usize,

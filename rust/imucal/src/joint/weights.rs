@@ -45,7 +45,7 @@ pub(crate) struct Weights {
     pub(crate) inside: Vec<InsideNoise>,
     /// Standard deviation of the residual of a rest relative to the stand, rad.
     pub(crate) stand_sigma_rad: f64,
-    /// Variance of one encoder reading, rad^2.
+    /// Noise variance of one encoder reading, rad^2.
     pub(crate) reading: f64,
     /// Standard deviation of each component of a move's direction residual from noise only, rad.
     pub(crate) move_sigma_rad: Vec<f64>,
@@ -76,7 +76,7 @@ impl Weights {
         Widening::of(prepared, linear, Some((found, &self.widening.scales)), kept)
     }
 
-    /// Weights at a linearisation with a given excess.
+    /// Weights at a linearisation, with a given excess of the residuals over noise.
     pub(super) fn with(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear, widening: &Widening) -> Self {
         let model = &linear.model;
         let scales = &widening.scales;
@@ -162,14 +162,14 @@ fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Part of a residual that is due to the errors of a rest's mean force. For each error: its index, and its standard
-/// deviation times the derivative of the residual.
+/// Dependence of a residual on the errors of a rest's mean force. For each error: its index, and its standard deviation
+/// times the derivative of the residual.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
 }
 
-/// Variance of a residual that is independent of all other residuals.
+/// Variance of that error of a residual that is independent of all other residuals.
 fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: &Scales) -> f64 {
     match source {
         Source::Norm(k) => {

@@ -1,5 +1,5 @@
-//! Cache of linearisations. For parameters near the last linearisation, a first-order update of it is used instead of a
-//! new integration of the samples.
+//! Cache of linearisations. Near the last linearisation, the cache computes a first-order update of that linearisation.
+//! The samples are then not integrated again.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -13,9 +13,10 @@ use crate::joint::model::Model;
 use crate::joint::terms::{Kinds, Term};
 use crate::numerics::lsq::Solution;
 
-/// Largest distance from the last linearisation at which the first-order update is used, in standard deviations. The
-/// neglected second-order terms are then at most a thousandth of a standard deviation. A search uses the update without
-/// further computation. If a final fit ends at an update, the samples are linearised again and the fit is continued.
+/// The first-order update is used up to this distance from the last linearisation. The distance is the norm of the
+/// change of the whitened residuals. The neglected second-order terms are then at most a thousandth of a standard
+/// deviation. A search uses the update without further computation. If a final fit ends at an update, the samples are
+/// linearised again and the fit is continued.
 const NEAR: f64 = 3.0;
 
 /// Cached linearisations, shared by all threads.
@@ -46,8 +47,8 @@ impl Nearby {
 }
 
 impl Joint<'_> {
-    /// Linearisation at these parameters. If the parameters are near the last linearisation, it is the first-order
-    /// update of that linearisation.
+    /// Linearisation at these parameters. If they are near the parameters of the last linearisation, the result is a
+    /// first-order update of the last linearisation.
     pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         for place in [&self.nearby.last, &self.nearby.near] {
             let place = known(place);
@@ -78,8 +79,8 @@ impl Joint<'_> {
         Ok(linear)
     }
 
-    /// Computes the linearisation at these parameters from the samples, if only a first-order update is known so far.
-    /// Returns whether it was computed.
+    /// If only a first-order update is known at these parameters, computes the linearisation from the samples. Returns
+    /// whether it was computed.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
         let is_moved = known(&self.nearby.last).parameters != parameters && self.moved(parameters, None)?.is_some();
         if is_moved {

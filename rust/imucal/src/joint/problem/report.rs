@@ -139,8 +139,8 @@ impl JointFit {
     }
 }
 
-/// For each move: the gravity directions at its ends, the standard deviation of the direction residual from noise only,
-/// and the rotation.
+/// For each move: the gravity directions at its ends, the rotation, and the standard deviation of the direction
+/// residual from noise only.
 pub(crate) fn moves_of(linear: &Linear, weights: &Weights) -> Vec<(Ends, Matrix3<f64>)> {
     let ends = |m: &AtMove, sigma_rad: f64| Ends { before: m.before.up, after: m.after.up, sigma_rad };
     linear.moves.iter().zip(&weights.move_sigma_rad).map(|(m, sigma)| (ends(m, *sigma), m.pass.rotation)).collect()

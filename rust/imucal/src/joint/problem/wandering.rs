@@ -1,4 +1,4 @@
-//! Whitening for errors that are correlated between rests: biases that vary between rests, rounding errors, and the
+//! Whitens errors that are correlated between rests. These are biases that vary between rests, rounding errors, and the
 //! pose error that all epochs of a long rest have in common.
 
 use faer::Mat;
@@ -16,18 +16,18 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// Limit that defines the quiet ends of a move, in quantisation steps. At a quiet end, the rate of an axis differs from
-/// the mean rate at the adjacent rest by less than this limit. The rounding error of the rate is then assumed to be
-/// that of the rest. In simulated moves, the computed rotation error agrees best with the true error at a limit of 0.8
-/// steps, for filter bandwidths from 5 to 40 Hz.
+/// This limit, in quantisation steps, defines the quiet ends of a move. At a quiet end, the rate of an axis differs
+/// from the mean rate at the adjacent rest by less than this limit. The rounding error of the rate is then assumed to
+/// be that of the rest. In simulated moves, the computed rotation error agrees best with the true error at a limit of
+/// 0.8 steps, for filter bandwidths from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
 /// Standard deviation of the error that the mean rates of all epochs of a long rest have in common, because the epochs
 /// have one pose, rad/s. It is 0.1 deg/s, the effect of 1 g on a consumer gyroscope (g-sensitivity). With this error,
 /// the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
-/// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
-/// model.md (28), and for the covariance of rounding errors in the means of the rests, model.md (37).
+/// Second whitening of the residuals of norms, moves and mean rates. It accounts for two covariances: that of biases
+/// that vary between rests (model.md (28)), and that of rounding errors in the means of the rests (model.md (37)).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the biases and errors. D contains the derivatives
     /// of the whitened residuals with respect to the bias at each rest, or with respect to the errors of its mean rate
@@ -194,8 +194,8 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Two matrices: the derivatives of the whitened residuals with respect to the rounding errors of the mean rates,
-    /// and those with respect to the rounding errors of the mean forces. Each rest has three columns.
+    /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for the rounding
+    /// errors of the mean rates, the second for those of the mean forces. Each rest has three columns.
     ///
     /// These errors are also multiplied by the factors on the standard deviations of norms and moves. Otherwise, the
     /// whitened residuals would hardly depend on these factors if rounding is the dominant error, and the factors would
@@ -209,7 +209,7 @@ impl Joint<'_> {
             for ((rest, by), axis) in line.by_means.iter().flat_map(|by| [0, 1, 2].map(|axis| (by, axis))) {
                 by_force[(row, 3 * rest + axis)] -= scale * by[axis];
             }
-            // The two components of a move are consecutive rows. Both are written when the first one is reached.
+            // The two components of a move are consecutive rows. Both rows are written when the first row is reached.
             if let Source::Move(k) = line.source
                 && linear.lines.get(row + 1).is_some_and(|next| next.source == line.source)
             {

@@ -4,7 +4,8 @@
 //! C = diag(own) + sum_e sigma_e^2 j_e j_e^T,   C = L L^T,   r <- L^-1 r,   J <- L^-1 J           model.md (19)
 //! ```
 //!
-//! Each error of a rest affects only the residuals of this rest and of its adjacent moves, so C and L are banded.
+//! C is the covariance of the residuals, and L is its Cholesky factor. Each error e of a rest affects only the
+//! residuals of this rest and of its adjacent moves, so C and L are banded.
 
 use faer::Mat;
 use pulp::{Simd, WithSimd};

@@ -22,11 +22,13 @@ pub(in crate::joint) const FACTORS: usize = 6;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Widening {
     pub(crate) scales: Scales,
-    /// Variance between rests of the mean rate of each axis of the gyroscope, squared raw units.
+    /// Variance of the mean rates between rests that noise does not explain, for each gyroscope axis, squared raw
+    /// units.
     pub(super) between_rests: [f64; 3],
     /// Bias instability of each axis of the gyroscope, raw units.
     pub(super) bias_instability: [f64; 3],
-    /// Variance of the mean rates between the epochs of a long rest, for each axis, squared raw units.
+    /// Variance of the mean rates between the epochs of a long rest that noise does not explain, for each gyroscope
+    /// axis, squared raw units.
     pub(super) epoch_rates: [f64; 3],
 }
 
@@ -55,7 +57,7 @@ pub(in crate::joint) struct Widened {
 }
 
 impl Widened {
-    /// Kinds of residuals whose standard deviations are increased in `self` or in `other`. The flag for bias
+    /// Kinds of residuals whose standard deviations are increased in `self`, in `other`, or in both. The flag for bias
     /// instability is that of `other`.
     pub(in crate::joint) fn union(self, other: Self) -> Self {
         let either = |(a, b): (bool, bool)| a || b;
@@ -116,7 +118,7 @@ impl Widening {
         all
     }
 
-    /// Quantities with these logarithms. Factors below 1 are set to 1.
+    /// Computes the quantities from their logarithms. Factors below 1 are set to 1.
     pub(in crate::joint) fn from_logarithms(all: &[f64; WIDENINGS]) -> Self {
         let value = |i: usize| all[i].exp();
         let [norms, moves, inside, stand_rests, stand_moves, epochs] = [0, 1, 2, 3, 4, 5].map(|i| value(i).max(1.0));
@@ -204,12 +206,12 @@ impl Scales {
         [self.norms, self.moves, self.inside, self.stand_rests, self.stand_moves, self.epochs]
     }
 
-    /// Largest of all factors.
+    /// The largest of the factors.
     pub(crate) fn largest(&self) -> f64 {
         self.all().into_iter().fold(1.0, f64::max)
     }
 
-    /// Scales at which chi2 of each kind equals its degrees of freedom.
+    /// Scales at which the chi2 of each kind of residuals equals its degrees of freedom.
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64], kept: Option<&Widened>) -> Self {
         let lines = &linear.lines;
         let groups = linear.groups();
