@@ -47,7 +47,7 @@ EXPORTS: Final = (
         "phyphox, zip",
         "as for CSV, with one file per sensor",
         "imucal convert phone.zip -o rec.csv",
-        "sensors with own time stamps are resampled",
+        "sensors with different time stamps are resampled",
     ),
     Export(
         "Sensor Logger, zip",
@@ -85,7 +85,7 @@ EXPORTS: Final = (
         "Shimmer Consensys, CSV (calibrated)",
         "Calibrated; one accelerometer (low noise or wide range) and the gyroscope",
         "imucal convert shimmer.csv -o rec.csv",
-        "the calibration of Consensys is in the data; a new one is valid after it",
+        "Consensys has applied its calibration; a new calibration is valid only for such data",
     ),
     Export(
         "ST MEMS Studio and Unico",
@@ -146,11 +146,11 @@ EXPORTS: Final = (
         "SensorLog (iOS)",
         "CSV with accelerometer and gyroscope",
         "imucal convert log.csv --columns 'time_s=accelerometerTimestamp_sinceReboot(s),...' -o rec.csv",
-        "iOS gives the accelerometer the other sign: a unit at rest reads -1 g on the axis that points up",
+        "iOS reverses the sign of the accelerometer: a unit at rest reads -1 g on the axis that points up",
     ),
     Export(
         "ROS 1, rostopic echo -p",
-        "rostopic echo -p /imu/data > imu.csv; better give the bag itself",
+        "rostopic echo -p /imu/data > imu.csv; give the bag itself if possible",
         "imucal convert imu.csv -o rec.csv",
         OTHERS,
     ),
@@ -158,7 +158,7 @@ EXPORTS: Final = (
         "PlotJuggler, CSV export",
         "angular_velocity and linear_acceleration of one sensor_msgs/Imu topic",
         "imucal convert pj.csv -o rec.csv",
-        "digits of the time stamps below 1 us; better give the bag itself",
+        "digits of the time stamps below 1 us; give the bag itself if possible",
     ),
     Export(
         "ActiGraph, IMU CSV",
@@ -210,7 +210,7 @@ EXPORTS: Final = (
         "Variense VMU931 and other loggers of one file per sensor",
         "one text file per sensor, with time and units in the header",
         "imucal convert acc.txt gyro.txt -o rec.csv",
-        "sensors with own time stamps are resampled",
+        "sensors with different time stamps are resampled",
     ),
     Export(
         "MATLAB, writetimetable",
@@ -252,7 +252,7 @@ EXPORTS: Final = (
         "ShimmerCapture, older exports",
         "calibrated data, with a line CAL and a line of units below the header",
         "imucal convert shimmer.csv -o rec.csv",
-        "the calibration of the program is in the data; a new one is valid after it",
+        "the program has applied its calibration; a new calibration is valid only for such data",
     ),
     Export(
         "phyphox, CSV in German, and apps in other languages",
@@ -265,7 +265,7 @@ EXPORTS: Final = (
         "ST DATALOG2, one CSV file per sensor",
         "convert the acquisition to CSV with the tools of the SDK",
         "imucal convert lsm6dsv16x_acc.csv lsm6dsv16x_gyro.csv -o rec.csv",
-        "sensors with own time stamps are resampled",
+        "sensors with different time stamps are resampled",
     ),
     Export(
         "Parquet and data frames of other programs",
@@ -275,13 +275,13 @@ EXPORTS: Final = (
     ),
     Export(
         "PX4, ulog2csv",
-        "ulog2csv -m sensor_accel,sensor_gyro flight.ulg; better give the log itself",
+        "ulog2csv -m sensor_accel,sensor_gyro flight.ulg; give the log itself if possible",
         "imucal convert flight_sensor_accel_0.csv flight_sensor_gyro_0.csv -o rec.csv",
         "temperature; PX4 has applied its calibration to `sensor_combined`, which is read as well",
     ),
     Export(
         "ROS 1, rosbag_to_csv",
-        "the topic of sensor_msgs/Imu; better give the bag itself",
+        "the topic of sensor_msgs/Imu; give the bag itself if possible",
         "imucal convert imu.csv -o rec.csv",
         "time stamps of the message, which the file splits into secs and nsecs: the time of receipt is read",
     ),
