@@ -15,8 +15,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Watch"]
 
-# Codes of warnings that are reported during recording, because a person can react to them. Other warnings are
-# reported by the calibration, which uses the whole recording. Errors are always reported, with the exceptions
+# Codes of warnings that are reported during recording, because a person can react to them. The calibration,
+# which uses the whole recording, reports all other warnings. Errors are always reported, with the exceptions
 # below.
 SAID_WARNINGS: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 # Findings that are reported again when the number of affected samples has grown. Other errors are repeated
