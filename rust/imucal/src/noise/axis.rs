@@ -13,21 +13,21 @@ use crate::error::Error;
 use crate::noise::allan::{overlapping_deviations, quarter_octave_factors};
 use crate::recording::Samples;
 
-/// Maximum deviation of the power in an octave from the model, in standard deviations. With a larger deviation, the
-/// model does not fit. The false alarm rate per octave is about 1e-6.
+/// The model does not fit if the power in an octave deviates from it by more than this number of standard deviations.
+/// The false alarm rate per octave is about 1e-6.
 pub(super) const MISFIT: f64 = 5.0;
-/// Minimum increase of twice the log-likelihood for quantisation to be included in the model. Without quantisation,
-/// random variation reaches this increase with a probability of 0.001.
+/// Quantisation is included in the model if it increases twice the log-likelihood by more than this value. Without
+/// quantisation, random variation reaches this increase with a probability of 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Numbers of octaves, counted down from half the sampling rate, that are omitted on trial. They are omitted if a
-/// filter has changed the noise. The cosines of a window of 32 values have wide side lobes, so power that is missing at
-/// high frequencies changes all cosines of a stage. Therefore complete stages of five octaves are omitted. The first
-/// octave of the next stage is also omitted, because its values are means of filtered noise.
+/// If a filter has changed the noise, the highest octaves below half the sampling rate are omitted. These numbers of
+/// octaves are tried. The cosines of a window of 32 values have wide side lobes, so power that is missing at high
+/// frequencies changes all cosines of a stage. Therefore complete stages of five octaves are omitted. The first octave
+/// of the next stage is also omitted, because its values are means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
 /// The white noise is estimated only if a count is at most this multiple of the standard deviation of the noise. With
 /// larger counts, rounding errors depend on the signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
-/// Minimum ratio of the duration of the record to the averaging time of an Allan deviation.
+/// The averaging time of an Allan deviation is at most the duration of the record divided by this number.
 const LONGEST_SHARE: usize = 3;
 
 /// Estimate of one noise parameter.

@@ -26,10 +26,10 @@ use super::power_law::{KINDS, PerKind};
 const MAX_BLOCKS: usize = 1024;
 /// Minimum number of blocks. With fewer blocks, steps cannot be distinguished from noise, so there is no search.
 const MIN_BLOCKS: usize = 64;
-/// Ratios of the time constant of a warm-up to the duration of the record. The last ratio is for a change at a constant
-/// rate.
+/// Trial time constants of a warm-up, as multiples of the duration of the record. The last value describes a change at
+/// a constant rate.
 const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LINEAR];
-/// Ratio of the time constant to the duration of the record at which the rate of change is practically constant.
+/// With a time constant of this multiple of the duration of the record, the rate of change is practically constant.
 const LINEAR: f64 = 1e3;
 /// Maximum duration of a change that counts as a step, s. After a bump, a unit settles within this time. No unit warms
 /// up so fast.

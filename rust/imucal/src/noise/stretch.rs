@@ -16,9 +16,11 @@ use crate::recording::Recording;
 /// Maximum share of lost or repeated samples in the interval. A larger share would change the power spectrum at high
 /// frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
-/// Minimum increase of the envelope for lost samples, in time steps. One lost sample increases the envelope by 1.
+/// Samples are lost if the envelope increases by more than this number of time steps. One lost sample increases the
+/// envelope by 1.
 const LOST: f64 = 0.6;
-/// Length of the window of the envelope, s. A time stamp may be late by this time without counting as lost samples.
+/// Length of the window of the envelope, s. A time stamp that is late by at most this time does not count as lost
+/// samples.
 const WINDOW_S: f64 = 1.0;
 /// Minimum number of samples in the window of the envelope.
 const FEWEST_IN_WINDOW: usize = 16;

@@ -1,4 +1,4 @@
-//! Memory aligned to cache lines. No SIMD register is then loaded from two cache lines.
+//! Memory aligned to cache lines. The values of one SIMD register are then always in one cache line.
 
 use std::ops::{Deref, DerefMut};
 

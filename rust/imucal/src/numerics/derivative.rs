@@ -33,7 +33,7 @@ const WIDER: f64 = 1.7;
 /// The width is chosen from the data only if there are at least this number of samples. With fewer samples, noise and
 /// motion cannot be separated, and the narrowest stencil is used.
 const FEWEST: usize = 4 * BOXES;
-/// Number of fourth differences from which the noise is estimated. The estimate then has an accuracy of one per cent.
+/// The noise is estimated from this number of fourth differences. The estimate then has an accuracy of one per cent.
 const ENOUGH: usize = 100_000;
 
 /// A differentiation rule for data at given times.
@@ -134,8 +134,8 @@ impl<'a> Derivative<'a> {
     }
 }
 
-/// Standard deviation of the white noise of each axis. It is computed from fourth divided differences, to which smooth
-/// motion hardly contributes.
+/// Standard deviation of the white noise of each axis. It is computed from fourth divided differences, because smooth
+/// motion hardly changes them.
 fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
     let apart = (values.len() / ENOUGH).max(1);
     let of_even = steps.are_even.then(|| weights_of_noise(&[0.0, 1.0, 2.0, 3.0, 4.0]));

@@ -26,7 +26,7 @@ pub struct FitReport {
     /// Number of residuals minus number of parameters.
     pub degrees_of_freedom: usize,
     /// Factor by which the standard deviations of the parameters are increased. It exceeds 1 only if chi2 is
-    /// significantly larger than noise explains, by at least three of its standard deviations.
+    /// significantly larger than noise explains. The excess must be at least three standard deviations of chi2.
     pub inflation: f64,
     /// Number of iterations of the solver.
     pub iterations: u64,
@@ -103,8 +103,8 @@ pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
 
 /// Decrease of chi2, `|P r|^2`, that the linear model predicts.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
-    /// Minimum ratio of a singular value to the largest singular value. In a direction with a smaller ratio, the
-    /// parameters are not determined, and the direction does not contribute to the gradient.
+    /// The parameters are determined along a direction only if its singular value is larger than this multiple of the
+    /// largest one. Other directions do not contribute to the gradient.
     const DETERMINED: f64 = 1e-12;
     let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
         return f64::INFINITY;

@@ -68,10 +68,11 @@ impl Solution {
     }
 }
 
-/// Convergence tolerance of a final result: relative length of a step, with step and parameters scaled by D. If the
-/// model describes the data, the remaining error is smaller than the last step by orders of magnitude.
+/// A final result has converged if the relative length of the step is below this limit. The step and the parameters are
+/// scaled by D. If the model describes the data, the remaining error is smaller than the last step by orders of
+/// magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
-/// Convergence tolerance of a start value: relative length of a step.
+/// A start value has converged if the relative length of the step is below this limit.
 pub(crate) const ROUGH: f64 = 1e-3;
 /// Maximum number of iterations of a fit. It is far above the number that a convergent fit needs.
 pub(crate) const ITERATION_LIMIT: u64 = 200;

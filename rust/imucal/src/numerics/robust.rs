@@ -5,12 +5,12 @@ use faer::Mat;
 use crate::numerics::lsq;
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// Minimum score of an outlier, in robust standard deviations. With normally distributed errors, the score of a valid
-/// item exceeds it with a probability of about 1e-6.
+/// An item is an outlier if its score, in robust standard deviations, exceeds this limit. With normally distributed
+/// errors, the score of a valid item exceeds the limit with a probability of about 1e-6.
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move: the norm of its residuals in a fit without it, in standard deviations of these
-/// residuals. Each rest or move has `size` consecutive rows.
+/// Score of each rest or move. It is the norm of the item's residuals in a fit without the item, in standard deviations
+/// of these residuals. Each rest or move has `size` consecutive rows.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)

@@ -2,8 +2,8 @@
 
 /// Maximum relative difference between time steps that count as equal.
 const UNEVEN: f64 = 0.01;
-/// Maximum ratio of adjacent time steps for cubic interpolation. For larger ratios, linear interpolation is more
-/// robust.
+/// Cubic interpolation is used only if adjacent time steps differ by at most this factor. For larger ratios, linear
+/// interpolation is more robust.
 const MOST_UNEVEN: f64 = 3.0;
 
 /// Interpolation of the rate between two samples.

@@ -19,8 +19,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use crate::recording::Recording;
 use crate::rests::moves::Move;
 
-/// Minimum ratio of the sum of squared rotations about the least rotated axis to that about the most rotated axis. With
-/// a smaller ratio, the motion does not determine P.
+/// The motion determines P only if the rotation about the least rotated axis is large enough. Its sum of squared
+/// rotations must be at least this multiple of that about the most rotated axis.
 const LEAST_TURN_SHARE: f64 = 0.01;
 /// Length of a block over which u is averaged, s.
 const BLOCK_S: f64 = 0.1;
@@ -57,8 +57,8 @@ pub(crate) fn rate_from_gravity(
     p.filter(|p| p.iter().all(|entry| entry.is_finite()))
 }
 
-/// Scale in `true rate = scale (raw - bias)`, with one value for all axes. It is for motion that does not determine P.
-/// `None` without motion.
+/// Scale in `true rate = scale (raw - bias)`, with one value for all axes. It is used if the motion does not determine
+/// P. `None` without motion.
 pub(crate) fn scale_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],

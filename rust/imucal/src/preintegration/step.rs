@@ -17,7 +17,8 @@ use super::sums::Sample;
 pub(super) struct AngleRange {
     /// Maximum rotation angle of a step, rad.
     pub(super) turn_rad: f64,
-    /// Numbers of terms that this range needs in the polynomial of the tangent and in that of the squared cosine.
+    /// Two numbers of terms that this range needs: for the polynomial of the tangent, and for that of the squared
+    /// cosine.
     terms: [usize; 2],
 }
 
@@ -175,7 +176,7 @@ impl<S: Simd> LaneState<S> {
         self.a[if CUBIC { 1 } else { 2 }]
     }
 
-    /// Contribution of the sample at the start of the next step to the sums, with a given weight.
+    /// What the sample at the start of the next step contributes to the sums, with a given weight.
     #[inline(always)]
     pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Sample<S> {
         let sample = self.sample::<CUBIC>();

@@ -14,8 +14,8 @@ use crate::rests::noise_density::{NoiseDensity, random_walk_rad, variance_per_ax
 use crate::rests::tremor::{Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, touches};
 
-/// Maximum ratio of a time step inside a move to the median sampling interval (model.md (7)). After a longer time step,
-/// the rotation cannot be integrated accurately, and the move is not used.
+/// A move is used only if its time steps are at most this multiple of the median sampling interval (model.md (7)). Over
+/// a longer time step, the rotation cannot be integrated accurately.
 const LONGEST_STEP: f64 = 2.5;
 
 /// Duration of the part of an unsteady rest from which the gravity direction is computed, s (model.md (13)). This part
@@ -27,8 +27,8 @@ const TENTHS: usize = 10;
 /// A rest counts as hand-held if the scatter of the rates within 0.1 s is larger than this multiple of the noise of the
 /// gyroscope. The ratio has a margin for the uncertainty of the estimated noise.
 const TREMBLING: f64 = 1.5;
-/// Minimum scatter of the rates within 0.1 s, for a rest to count as hand-held, rad/s. Hand tremor causes larger rates.
-/// The limit prevents false detections in recordings without noise.
+/// A rest does not count as hand-held if the scatter of its rates within 0.1 s is below this limit, rad/s. Hand tremor
+/// causes larger rates. The limit prevents false detections in recordings without noise.
 const STILL_RADPS: f64 = 1e-3;
 /// Lower bound of the standard deviation of the direction error of a move, rad. It is the integration error of a
 /// sampled rate, which is the only error in simulated data without noise.
@@ -88,7 +88,8 @@ pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
 /// is far from parallel to `up`, so neighbouring directions have the same axis. The axis of the smallest component is
 /// not used, because noise changes the order of two components near zero.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
-    /// Maximum absolute component of `up` along the axis. A unit vector always has a component below 0.58.
+    /// The absolute component of `up` along the chosen axis is below this limit. A unit vector always has a component
+    /// below 0.58.
     const ASIDE: f64 = 0.6;
     up.iter().position(|component| component.abs() < ASIDE).unwrap_or(0)
 }
@@ -113,7 +114,7 @@ impl Move {
 /// An interval between two rests that cannot be used as a move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Unusable {
-    /// First and last sample, duration and adjacent rests of the interval, stored in the fields of a [`Move`].
+    /// The interval, with its first and last sample, duration and adjacent rests in the fields of a [`Move`].
     pub(crate) span: Move,
     /// Reason code: `saturation` or `samples_missing`.
     pub(crate) reason: &'static str,

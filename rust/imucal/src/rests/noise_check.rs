@@ -1,4 +1,4 @@
-//! Check of noise and bias at the rests for values that no real sensor has. For hand-held units, the hand tremor is
+//! Checks noise and bias at the rests for values that no real sensor has. For hand-held units, the hand tremor is
 //! subtracted first.
 
 use imucal_core::sensor::Triad;

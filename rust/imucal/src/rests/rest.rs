@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::rounding::Rounding;
 
-/// Minimum unsteadiness (a ratio of variances) of a hand-held rest. The unsteadiness is near 1 for rests on a table and
-/// above this limit for rests in a hand (model.md (11)).
+/// A rest is hand-held if its unsteadiness (a ratio of variances) is above this limit (model.md (11)). The unsteadiness
+/// is near 1 for rests on a table.
 pub(super) const UNSTEADY: f64 = 2.0;
 
 /// Mean of a triad over a rest, in raw units.

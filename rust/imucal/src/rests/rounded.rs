@@ -13,18 +13,17 @@ use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
 use crate::rounding::{Levels, Rounding};
 
-/// Maximum difference between neighbouring readings whose samples are pooled, in quantisation steps. Readings are
-/// sorted in ascending order. The gyroscope has nearly equal readings at all rests. If they were treated as separate
-/// means, a wide transition between two levels, and thus large noise, would seem too likely.
+/// The samples of neighbouring readings are pooled if the readings differ by less than this number of quantisation
+/// steps. Readings are sorted in ascending order. The gyroscope has nearly equal readings at all rests. If they were
+/// treated as separate means, a wide transition between two levels, and thus large noise, would seem too likely.
 const SAME_READING: f64 = 0.15;
-/// Minimum share of the samples at a level that is more than 1.5 steps from the mean. A level with fewer samples is
-/// omitted. Its samples are due to a jolt or a transmission error, and a single such sample would dominate the
-/// estimated noise.
+/// A level that is more than 1.5 steps from the mean is omitted if it has at most this share of the samples. Its
+/// samples are due to a jolt or a transmission error, and a single such sample would dominate the estimated noise.
 const FOREIGN: f64 = 1e-3;
 
-/// Share of a rest at each end that is omitted when the samples at each level are counted. A filter delays the rate, so
-/// a rest that begins when a move ends still contains the last part of the move. With a filter bandwidth of 5 Hz, this
-/// part lasts 0.2 s.
+/// When the samples at each level are counted, this share of a rest is omitted at each end. A filter delays the rate,
+/// so a rest that begins when a move ends still contains the last part of the move. With a filter bandwidth of 5 Hz,
+/// this part lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
 /// The correlation of the noise increases the variance of a mean by the factor c of model.md (10). Rounding reduces the

@@ -7,11 +7,12 @@ use crate::noise::cosines::{Power, pooled};
 use crate::noise::likelihood::Likelihood;
 use crate::noise::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 
-/// Minimum gain of twice the log-likelihood for a component at a known time. With this gain and the penalty for the
-/// choice of the time, the false-alarm probability is about 1e-3 for a record without steps.
+/// A component at a known time is significant if it increases twice the log-likelihood by at least this value. With
+/// this limit and the penalty for the choice of the time, the false-alarm probability is about 1e-3 for a record
+/// without steps.
 const GAIN: f64 = 16.0;
-/// Additional penalty of a drift, as gain of twice the log-likelihood. A drift has one more parameter than a step,
-/// which must provide this gain. It corresponds to a likelihood ratio of 7.
+/// Additional penalty of a drift, subtracted from its gain of twice the log-likelihood. A drift has one more parameter
+/// than a step, and the additional parameter must provide this gain. It corresponds to a likelihood ratio of 7.
 const LENGTH: f64 = 4.0;
 /// Maximum number of components.
 const MAX_COMPONENTS: usize = 12;
@@ -77,8 +78,8 @@ impl Search<'_> {
         let residual = self.residual(present);
         let steady = self.fit(&residual, without_walk).0;
         let candidates = [present.theta, steady].map(|theta| self.best_shapes(&residual, &theta, present));
-        // The likelihood may have two maxima, one with a strong and one with a weak random walk. The fit therefore
-        // starts from both.
+        // The likelihood may have two maxima: one with a strong random walk, and one with a weak random walk. The fit
+        // is therefore started near each of them.
         let starts = [self.noise.kinds, without_walk].map(|kinds| (kinds, self.fit(self.z, kinds).0));
         let mut tried: Vec<Shape> = Vec::new();
         let mut best: Option<(f64, Explained)> = None;

@@ -13,7 +13,8 @@ use crate::numerics::stats::sample_interval_s;
 
 /// Number of boxes of a stencil. Five means determine a polynomial of fourth degree.
 pub(super) const BOXES: usize = 5;
-/// Maximum mean square of the difference of two derivatives that agree, as a multiple of the value expected from noise.
+/// Two derivatives agree if the mean square of their difference is at most this multiple of the value expected from
+/// noise.
 const AGREE: f64 = 2.0;
 /// Length of the segments in which two derivatives are compared, s. The derivatives must agree in every segment.
 const STRETCH_S: f64 = 1.0;
@@ -79,16 +80,16 @@ pub(super) struct Stencil {
 struct Even {
     /// The polynomial as a function of the means over the boxes.
     polynomial: Polynomial,
-    /// Weight of the mean over each box in the slope at the middle sample.
+    /// The slope at the middle sample is the sum of the means over the boxes times these weights.
     weights: [f64; BOXES],
-    /// Weight of the cumulative sum at each edge of a box in the slope at the middle sample.
+    /// The same slope is the sum of the cumulative sums at the edges of the boxes times these weights.
     edges: Edges,
 }
 
-/// Weight of the mean over each box (rows) in the coefficient of each power (columns) of the polynomial. Time is
-/// counted from the middle of the stencil, in box widths.
+/// Weights that give the coefficients of the polynomial (columns) from the means over the boxes (rows). Time is counted
+/// from the middle of the stencil, in box widths.
 type Polynomial = SMatrix<f64, BOXES, BOXES>;
-/// Weights of the cumulative sums at the edges of consecutive boxes in a slope.
+/// Weights of the cumulative sums at the edges of consecutive boxes. The weighted sum is a slope.
 type Edges = [f64; BOXES + 1];
 
 /// Converts weights of the box means to weights of the cumulative sums at the edges of the boxes.
@@ -175,7 +176,7 @@ impl Stencil {
         self.stride as f64 * self.steps.interval_s
     }
 
-    /// Means over each box of the powers of the time since sample `k`, with the time in box widths. The boxes begin at
+    /// The time since sample `k`, in box widths, is raised to each power and averaged over each box. The boxes begin at
     /// sample `first`. If there are fewer than five boxes, the polynomial has a lower degree.
     fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
         let mut powers = Polynomial::identity();
@@ -193,7 +194,8 @@ impl Stencil {
         powers
     }
 
-    /// Weight of the mean over each box in the slope of the polynomial at the time `at`, in box widths.
+    /// Weights that give the slope of the polynomial from the means over the boxes. The slope is that at the time `at`,
+    /// in box widths.
     fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
         std::array::from_fn(|j| {
             let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);
@@ -201,8 +203,8 @@ impl Stencil {
         })
     }
 
-    /// Whether noise of standard deviation `sigma` explains the difference between the slopes of both stencils. It must
-    /// do so in each segment and on each axis.
+    /// Whether noise of standard deviation `sigma` explains the difference between the slopes of both stencils. Noise
+    /// must explain the difference in each segment and on each axis.
     pub(super) fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
         let n = time_s.len();
         let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
@@ -332,8 +334,8 @@ impl Boxes {
         slope.xyz() / self.stride as f64
     }
 
-    /// Variance of the difference between the slopes of this stencil and of a narrower stencil, for data that are noise
-    /// of unit variance.
+    /// Variance of the difference between the slopes of this stencil and of a narrower stencil. The data are noise of
+    /// unit variance.
     fn noise_of_difference(&self, narrower: &Self) -> f64 {
         let of = |boxes: &Self, k: usize| {
             let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);
