@@ -41,8 +41,8 @@ FOLDER: Final = Path(__file__).parent / "shipped"
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # Ratio of the two-sided noise density N to the one-sided noise density of a datasheet (docs/model.md (22)).
 TWO_SIDED_PER_ONE_SIDED: Final = math.sqrt(0.5)
-# A tolerance of a datasheet is assumed to be this number of standard deviations of the drawn units, by kind
-# of tolerance.
+# Number of standard deviations of the drawn units that equals the tolerance of the datasheet. The number
+# depends on the kind of tolerance.
 DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
 # Parameters that are drawn at random, except effects: number of values and unit, in the order of drawing.
 DRAWN: Final[dict[str, tuple[int, str]]] = {

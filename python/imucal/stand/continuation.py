@@ -45,8 +45,8 @@ class Continuation:
         self.waiting: list[Timed] = []
         self._first = self._before = self._wraps = 0.0
         self._has_restarted = False
-        # Time since the last sample before the interruption, s, if the delay of the least delayed sample is
-        # zero.
+        # Time from the last sample before the interruption to the first sample after it, s. It is exact if at
+        # least one sample has arrived without delay.
         self._least_s = math.inf
 
     def add(self, timed: Timed, count: float) -> None:
