@@ -20,7 +20,7 @@ impl NumberColumns {
         Self { table: Some(Library::new(form)) }
     }
 
-    /// Adds a block. Returns false if the text is not plain.
+    /// Adds a block of text. Returns false if the text is not a plain table of numbers.
     fn add(&mut self, py: Python<'_>, block: &[u8]) -> bool {
         let Some(table) = &mut self.table else { return false };
         let is_plain = py.detach(|| table.add(block)) == Ok(());

@@ -12,14 +12,13 @@ use crate::joint::is_unobservable_hand_held;
 use crate::numerics::stats::p_value;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// Relative increase of chi2 per degree of freedom on unseen data, dimensionless. Below this increase, two fits count
-/// as predicting the data equally well.
+/// An increase of chi2 per degree of freedom on unseen data by at most this fraction does not count as a worse
+/// prediction.
 const SAME: f64 = 0.005;
-/// Relative increase of chi2 per degree of freedom on unseen data above which a prediction counts as worse,
-/// dimensionless. A larger threshold applies if there are so few unseen rests and moves that noise can cause an
-/// increase of this size.
+/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction.
+/// A larger threshold applies if there are so few unseen rests and moves that noise can cause an increase of this size.
 const MAY_BE_CHANCE: f64 = 0.1;
-/// Log Bayes factor of an effect, nats. An effect below it is accepted only if it improves the prediction of unseen
+/// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
 /// A prediction of unseen data counts as improved if its chi2 decreases by more than this number of standard deviations
@@ -28,8 +27,8 @@ const LEAST_IMPROVEMENT: f64 = 0.5;
 /// Minimum ratio of chi2 of unseen residuals to its expected value. Below this ratio, the excess of chi2 over noise is
 /// too small to divide by, and [`EffectShare::closed`] is not computed.
 const LEAST_EXCESS: f64 = 1.5;
-/// Maximum p-value of an effect's parameters in the final fit. An effect with a larger p-value is removed. A p-value of
-/// 1 % corresponds to 2.6 standard deviations of one parameter.
+/// An effect is removed if the p-value of its parameters in the final fit is larger than this value. A p-value of 1 %
+/// corresponds to 2.6 standard deviations of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
 /// An increase of chi2 of unseen data is significant above this number of standard deviations. The standard deviation
 /// is that of the increase under the null hypothesis.

@@ -146,7 +146,7 @@ pub(crate) fn design(
     })
 }
 
-/// Precision of the prior of each base parameter, and the difference of its value from the prior value.
+/// For each base parameter: the precision of its prior, and the difference between its value and the prior value.
 fn base_of(prepared: &Prepared<'_>, linear: &Linear) -> [(f64, f64); BASE] {
     held::precisions(prepared.held, &linear.model.parameters())
 }

@@ -17,7 +17,7 @@ const FIRST: f64 = 16.0;
 /// Largest upper bound of the non-centrality. The doubling ends there. No effect has enough parameters to need a larger
 /// value.
 const MOST: f64 = 1024.0;
-/// Relative change of the non-centrality at which the root search ends.
+/// The root search ends if the relative change of the non-centrality is below this value.
 const LAST_STEP: f64 = 1e-9;
 
 /// Non-centrality at which a chi2 test with `dof` degrees of freedom detects an effect with 90 % probability. The
@@ -75,9 +75,9 @@ impl Tails {
     }
 }
 
-/// Probability that a non-central chi2 variable exceeds the limit, and its derivative with respect to the
-/// non-centrality. The non-central distribution is a Poisson-weighted mixture of central chi2 distributions. Weights
-/// below the rounding error are omitted.
+/// Probability that a non-central chi2 variable exceeds the limit, and the derivative of this probability with respect
+/// to the non-centrality. The non-central distribution is a Poisson-weighted mixture of central chi2 distributions.
+/// Weights below the rounding error are omitted.
 fn exceeds(tails: &mut Tails, noncentrality: f64) -> [f64; 2] {
     let mean = noncentrality / 2.0;
     let (mut weight, mut sum, mut slope, mut k) = ((-mean).exp(), 0.0, 0.0, 0);

@@ -59,8 +59,8 @@ pub(super) struct Shares {
 
 /// Correlation length of the kernels of directions and attitudes. It is a distance between unit vectors.
 const LENGTH: f64 = 0.6;
-/// Maximum number of eigenfunctions per axis for a random walk. This number resolves periods down to a tenth of the
-/// recording's duration.
+/// Maximum number of eigenfunctions per axis for a random walk. With this number, the eigenfunctions resolve periods
+/// down to a tenth of the recording's duration.
 const MOST_WAVES: usize = 20;
 /// Maximum number of eigenfunctions per axis for all other kernels.
 const MOST: usize = 12;

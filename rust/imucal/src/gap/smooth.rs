@@ -3,7 +3,7 @@
 
 use faer::Mat;
 
-/// Minimum eigenvalue, as a share of the largest eigenvalue. Smaller eigenvalues are omitted.
+/// Eigenvalues below this share of the largest eigenvalue are omitted.
 const SMALLEST: f64 = 1e-3;
 
 /// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the centred kernel. `k = U diag(s) U^T` is the

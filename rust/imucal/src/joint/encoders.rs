@@ -34,7 +34,7 @@ use directions::directions;
 /// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error of a
 /// difference quotient is about the square of the step, 1e-8.
 const STEP_RAD: f64 = 1e-4;
-/// Largest change of an encoder reading that counts as a rounding error of the stored numbers, rad. The count
+/// A change of an encoder reading up to this size counts as a rounding error of the stored numbers, rad. The count
 /// (resolution) of any real encoder is far larger.
 const LEAST_COUNT_RAD: f64 = 1e-11;
 /// Number of fixed-point iterations for the motor angles. The encoder effects depend on the true motor angles and
@@ -176,8 +176,9 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest, rad: the components, perpendicular to the measured gravity direction, of the direction
-/// computed from the stand minus the measured direction. Each row contains the derivatives, followed by the residual.
+/// Two residuals of a rest, rad. The gravity direction computed from the stand minus the measured gravity direction has
+/// two components perpendicular to the measured direction. These are the residuals. Each row contains the derivatives,
+/// followed by the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,

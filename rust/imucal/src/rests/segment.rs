@@ -108,7 +108,8 @@ impl Segments {
         // Without an accelerometer, the gravity direction cannot be checked. An infinite gravity disables the check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        // At very low sampling rates, a block may last minutes. A lower limit is therefore needed.
+        // At very low sampling rates, a block may last minutes. A lower limit of the number of blocks is therefore
+        // needed.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))

@@ -29,12 +29,13 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
 /// Sum of the squares of the coefficients of the fourth difference.
 const SQUARES: f64 = 70.0;
-/// Length of the exponential weights, in averaging time constants. The omitted weights have a sum below 1 %.
+/// The exponential weights extend over this number of averaging time constants. The omitted weights have a sum below 1
+/// %.
 const REACH: f64 = 5.0;
 /// Maximum share of rests without measurable tremor in a hand-held recording (model.md (27)).
 const FEW: f64 = 0.1;
-/// Minimum ratio of the duration of a rest to the averaging time constant. It limits the time constant in short rests
-/// (model.md (27)).
+/// The averaging time constant is at most the duration of the rest divided by this number (model.md (27)). This limit
+/// applies in short rests.
 const ROOM: f64 = 6.0;
 
 /// Model of the tremor in a hand-held recording.

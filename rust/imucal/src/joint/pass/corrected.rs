@@ -25,7 +25,7 @@ pub(super) struct Corrected {
     has_effects: bool,
 }
 
-/// Integration step between two samples, with the weights of the samples in the mean over the step.
+/// Integration step between two samples. It contains the weights of the samples in the mean over the step.
 #[derive(Clone, Copy)]
 pub(super) struct Step {
     /// Index of the sample at the start of the step.

@@ -33,7 +33,7 @@ pub(super) struct Stretches {
     pub(super) durations_s: Vec<f64>,
     /// For each segment: whether the midpoints of the previous and the next segment are equally far away in time.
     pub(super) are_even: Vec<bool>,
-    /// Factor `1 - 1/n^2` of the second difference. It corrects for the mean being taken over n discrete samples.
+    /// Factor `1 - 1/n^2` of the second difference. It is needed because the mean is taken over n discrete samples.
     pub(super) spread: f64,
 }
 
@@ -115,8 +115,9 @@ impl Route<'_> {
             freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
     }
 
-    /// Rotation from the body frame at the midpoint of each segment to the start of the move, integrated from the rates
-    /// at the midpoints. Segments before the start of the move have the rotation of the first segment of the move.
+    /// Rotation from the body frame at the midpoint of each segment to the start of the move. It is integrated from the
+    /// rates at the midpoints. Segments before the start of the move have the rotation of the first segment of the
+    /// move.
     fn rotations(&self, start: usize, states: &[State<f64>], time_s: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
         let since_start_s = time_s[start] - (self.recording.time_s[self.span.first] - self.recording.time_s[0]);
@@ -178,8 +179,8 @@ fn is_even(time_s: &[f64], k: usize) -> bool {
     }
 }
 
-/// Converts means over segments to values at the midpoints of the segments. For this, `share` times the second
-/// difference of the means is subtracted. Segments with unequal spacing keep their mean.
+/// Converts means over segments to values at the midpoints of the segments. The conversion subtracts `share` times the
+/// second difference of the means. Segments with unequal spacing keep their mean.
 fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     let means = |state: &State<f64>| {
         let slope = state.surroundings.angular_acceleration.unwrap_or_default();

@@ -197,8 +197,8 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
     blocks.iter().map(Block::mean).sum::<Vector6<f64>>() / blocks.len() as f64
 }
 
-/// Minimum factor c of noise that counts as low-pass filtered. For white noise, the estimated factor is almost always
-/// smaller.
+/// Noise counts as low-pass filtered if its factor c is at least this value. For white noise, the estimated factor is
+/// almost always smaller.
 const FILTERED: f64 = 1.7;
 
 /// Data for the factor c of model.md (10): the variance of a mean divided by the variance of a mean of white noise. The
@@ -242,7 +242,7 @@ impl Colour {
         self.samples = self.samples.max(other.samples);
     }
 
-    /// Converts the factor of means over 0.25 s to the factor of long means.
+    /// Converts the factor c of means over 0.25 s to the factor c of long means.
     ///
     /// Low-pass filtered noise is correlated across the boundary of consecutive means, so the differences of these
     /// means are too small. The factor is therefore too small by the ratio `1 - 1.5 / (pi^2 tau B)`. tau is the

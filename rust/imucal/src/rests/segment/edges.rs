@@ -103,7 +103,8 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
     range
 }
 
-/// Removes the first and the last part of the adjacent moves, which noise hides. Blocks outside `within` are not used.
+/// A rest may contain the end of the move before it and the start of the move after it, hidden in noise. This function
+/// removes these parts from the rest. Blocks outside `within` are not used.
 ///
 /// The jerk of a move is bounded, so a move begins with the angle c t^3 and the rate 3 c t^2. The time since the start
 /// of the move is therefore three times the angle divided by the rate. The angle is accumulated from 0.2 s inside the
