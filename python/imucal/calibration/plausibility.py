@@ -128,7 +128,7 @@ def _require_range(node: Node, triad: Triad, sensor: str, unit: str) -> None:
 
 
 def require_gravity(node: Node) -> float:
-    """Local gravity, m/s^2; FormatError if it occurs nowhere on Earth."""
+    """Local gravity, m/s^2. Raises FormatError if it occurs nowhere on Earth."""
     gravity, (low, high) = node.number(), _core.GRAVITY_ON_EARTH_MPS2
     if not low <= gravity <= high:
         raise FormatError(
@@ -160,7 +160,10 @@ def require_temperature_range(node: Node) -> tuple[float, float] | None:
 
 
 def require_noise(node: Node) -> dict[str, float]:
-    """The noise figures; FormatError for an unknown name, a missing axis, or noise that no sensor has."""
+    """The noise figures.
+
+    Raises FormatError for an unknown name, a missing axis, or noise that no sensor has.
+    """
     figures = {name: node.get(name).number() for name in node.mapping()}
     for name, value in figures.items():
         parts = re.fullmatch(

@@ -260,7 +260,7 @@ def _require_range(node: Node, low: float, high: float) -> float:
 
 
 def require_sha256(node: Node) -> str:
-    """A hash of a file; FormatError for any other text."""
+    """A hash of a file. Raises FormatError for any other text."""
     text = node.text()
     if not re.fullmatch("[0-9a-f]{64}", text):
         raise FormatError(

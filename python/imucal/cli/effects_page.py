@@ -12,7 +12,7 @@ NEEDS = {
     "time": "relative to the first sample",
     "temperature": "the column temp_degc, relative to 25 degC",
     "angular_acceleration": "the derivative of the rate, smoothed as the motion permits (model.md (16))",
-    "attitude": "unknown to a correction, so the effect stays in the data; it is not a sensor error",
+    "attitude": "not known when data are corrected, so the effect is not removed; it is no sensor error",
     "stand": "the motors that rotate the unit; not part of the correction of the sensors",
 }
 

@@ -50,12 +50,12 @@ def to_json(document: Any) -> str:
 
 
 def write_json(document: Any, path: str | os.PathLike[str]) -> None:
-    """Write a document as JSON, atomically; InputError if it cannot be written."""
+    """Write a document as JSON, atomically. Raises InputError if it cannot be written."""
     write_text(path, to_json(document) + "\n")
 
 
 def read_json(path: str | os.PathLike[str]) -> Node:
-    """Read a JSON document; FormatError if the file is not JSON."""
+    """Read a JSON document. Raises FormatError if the file is not JSON."""
     # This import is in the function, because it loads the readers of all formats, which users of arrays do
     # not need.
     from imucal.document.source import open_file

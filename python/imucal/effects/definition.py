@@ -83,7 +83,10 @@ class UserEffect:
         return
 
     def required_field(self) -> Callable[[State], ArrayLike]:
-        """The field; InputError if the effect was loaded from a file, which does not contain the function."""
+        """The field.
+
+        Raises InputError if the effect was loaded from a file, which does not contain the function.
+        """
         if self.field is None:
             raise InputError(
                 f"the definition of the effect {self.name} is not in the file: pass it as user_effects=[...] "
@@ -128,7 +131,7 @@ class UserEffect:
 
 
 def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
-    """User-defined effects by name; InputError for any other type."""
+    """User-defined effects by name. Raises InputError for any other type."""
     found = {}
     for effect in user_effects:
         if not isinstance(effect, UserEffect):

@@ -167,7 +167,7 @@ class Priors:
 
 
 def holds_of(hold: Hold) -> tuple[HoldTuple, ...]:
-    """The parameters to hold, as the compiled library expects them; InputError for an invalid form."""
+    """The parameters to hold, as the compiled library expects them. Raises InputError for an invalid form."""
     if isinstance(hold, str):
         hold = [hold]
     if isinstance(hold, Mapping):

@@ -183,7 +183,7 @@ class Fleet(Judging):
             yield from documents(connection, where, arguments)
 
     def calibration(self, serial: str) -> Calibration:
-        """The last calibration of a unit; InputError if there is none."""
+        """The last calibration of a unit. Raises InputError if there is none."""
         found = [document for _, document in self.documents(serial=serial)]
         if not found:
             raise InputError(f"{os.fspath(self.path)} has no calibration of unit {serial!r}")

@@ -120,7 +120,7 @@ class Options:
 
     @property
     def text(self) -> str:
-        """The options as canonical JSON; InputError for functions and other objects."""
+        """The options as canonical JSON. Raises InputError if an option is not a plain value."""
         document = {
             "read": plain(dict(self.read)),
             "calibrate": {

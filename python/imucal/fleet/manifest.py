@@ -59,7 +59,7 @@ def count_of_manifest(path: str | os.PathLike[str]) -> int:
 
 
 def shard_of(text: str) -> tuple[int, int]:
-    """The numbers I and N in `I/N`; InputError for any other text."""
+    """The numbers I and N in `I/N`. Raises InputError for any other text."""
     number, slash, count = text.partition("/")
     if slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count):
         return int(number), int(count)

@@ -69,7 +69,7 @@ def conditions(given: Mapping[str, str | None]) -> tuple[str, list[str]]:
 def query(
     connection: sqlite3.Connection, sql: str, arguments: Sequence[Any] = ()
 ) -> tuple[list[str], list[Any]]:
-    """Column names and rows of a statement that reads; InputError for any other statement."""
+    """Column names and rows of a statement that reads. Raises InputError for any other statement."""
     try:
         cursor = connection.execute(sql, arguments)
         if cursor.description is None:
@@ -175,7 +175,7 @@ def _measurements(
 def documents(
     connection: sqlite3.Connection, where: str, arguments: Sequence[Any]
 ) -> Iterator[tuple[str, Any]]:
-    """For each current row with a result, serial number and JSON document."""
+    """Yield the serial number and the JSON document of each current row with a result."""
     rows = connection.execute(
         "SELECT m.serial, d.document, d.covariance FROM measurements m JOIN documents d ON d.job = m.id "
         f"WHERE {where} ORDER BY m.date, m.serial, m.id",

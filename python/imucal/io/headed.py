@@ -190,7 +190,10 @@ def require_agreement(name: str, layout: Layout, names: Sequence[str], *, check_
 
 
 def _by_header(text: Text, rate_hz: float | None) -> Table:
-    """The table of a text whose header states all sensors, axes and units; FormatError if it does not."""
+    """The table of a text whose header states all sensors, axes and units.
+
+    Raises FormatError if the header does not state them.
+    """
     layout = text.layout
     header, head = layout_header(layout), Head(text)
     certain = certain_time(header, head, rate_hz is not None)

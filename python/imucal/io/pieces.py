@@ -44,7 +44,7 @@ def csv_pieces(
 
 
 def _names(path: str | os.PathLike[str], layout: Layout, columns: str | Sequence[str] | None) -> list[str]:
-    """The names of the columns; NotInPartsError if the whole text is needed to determine them."""
+    """The names of the columns. Raises NotInPartsError if the whole text is needed to determine them."""
     name = Path(path).name
     if columns is None and not any(map(is_canonical, layout.names or [])):
         raise NotInPartsError(name)

@@ -105,7 +105,7 @@ class Limits:
         return Limits(**fields_of(read_json(path), user_effects), source=open_file(path).source)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the limits file, atomically; InputError if it cannot be written."""
+        """Write the limits file, atomically. Raises InputError if it cannot be written."""
         write_json(self.to_dict(), path)
 
     def to_dict(self) -> dict[str, Any]:

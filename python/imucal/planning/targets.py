@@ -18,7 +18,7 @@ NUMBER: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\
 
 
 def targets_of(given: Mapping[str, float | str], effects: Sequence[str]) -> dict[str, float]:
-    """Targets by group in SI units; InputError for an unknown group or unit."""
+    """Targets by group in SI units. Raises InputError for an unknown group or unit."""
     targets = {}
     for group, target in given.items():
         if group in GROUPS:

@@ -21,7 +21,7 @@ BEGINNING: Final = 100
 
 
 def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    """The recordings as a list; InputError if their raw units or axes differ."""
+    """The recordings as a list. Raises InputError if their raw units or axes differ."""
     unit_data = as_recordings(recordings)
     if not unit_data:
         raise InputError("there is no recording: give at least one")

@@ -385,7 +385,10 @@ def _magnetometers(names: Iterable[str]) -> list[tuple[str, str, str]]:
 
 
 def as_recording(given: Any) -> Recording:
-    """`given` if it is a Recording, or the recording in a data frame; InputError for any other type."""
+    """`given` if it is a Recording, or the recording in a data frame.
+
+    Raises InputError for any other type.
+    """
     if isinstance(given, Recording):
         return given
     if is_frame(given):

@@ -120,7 +120,7 @@ class StandLimits:
         return StandLimits((first, second, third), **numbers, forbidden_deg=tuple(map(_zone, zones)))
 
     def write(self, path: str | os.PathLike[str], *, description: str = "") -> None:
-        """Write the file, atomically; InputError for a hand, which has no file."""
+        """Write the file, atomically. Raises InputError for a hand, which has no file."""
         if self.in_hand:
             raise InputError("limits of a hand have no file: pass the name, hand")
         zones = [

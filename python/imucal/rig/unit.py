@@ -322,7 +322,10 @@ def _require_spread(spread: Node, sources: Collection[str]) -> None:
 
 
 def _drawn_effect(spread: Node, name: str) -> tuple[int, str, float]:
-    """Number of values, unit and typical size of an effect; FormatError if there is none of this name."""
+    """Number of values, unit and typical size of an effect.
+
+    Raises FormatError if no effect has this name.
+    """
     try:
         effect = find(name)
     except InputError as error:

@@ -159,7 +159,10 @@ class CoreSetup:
 
 
 def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
-    """The setup in a truth file; InputError if the definition of an effect written in Python is missing."""
+    """The setup in a truth file.
+
+    Raises InputError if the definition of an effect written in Python is missing.
+    """
     require_fields(node, SETUP_FIELDS, "the setup of a run")
     require_fields(node.get("temperature"), ("time_s", "temp_degc"), "a temperature")
     for name, (low, high) in LINK.items():

@@ -41,7 +41,10 @@ class Fitted:
 def fitted_effects(
     unit: UnitFiles, effects: Sequence[str], beside: Sequence[str] = ()
 ) -> tuple[str, dict[str, Fitted], str]:
-    """Serial number, fit of each effect that the recordings determine, and an error message or "".
+    """Fit each effect to the recordings of a unit.
+
+    Returns the serial number, the fits of the effects that the recordings determine, and an error message.
+    The message is empty if at least one effect is determined.
 
     beside   effects that are estimated together with each of `effects`
     """
