@@ -13,8 +13,7 @@ use imucal_core::effects::Effect;
 use crate::calibrate::{Outcome, TermEstimate};
 use crate::recording::Recording;
 
-/// Maximum absolute correlation of two parameters. A larger correlation is reported as a pair that is not separately
-/// observable.
+/// Two parameters are reported as not separately observable if their absolute correlation is larger than this value.
 const TRADED: f64 = 0.95;
 /// Usual error of a sensitivity of a MEMS sensor before calibration, as a fraction of the sensitivity. A larger
 /// standard deviation is reported.
@@ -22,8 +21,8 @@ const USUAL_SENSITIVITY_ERROR: f64 = 0.01;
 /// Usual biases of a MEMS accelerometer, m/s^2, and of a MEMS gyroscope, rad/s. A larger standard deviation of a bias
 /// is reported.
 const USUAL_BIAS: [f64; 2] = [0.2, 0.02];
-/// Minimum time constant without a finding, as a fraction of the duration of the longest recording. An effect with a
-/// shorter time constant decays almost immediately.
+/// A time constant below this fraction of the duration of the longest recording is reported. An effect with a shorter
+/// time constant decays almost immediately.
 const SHORTEST_SHARE: f64 = 0.01;
 
 /// A parameter, or a group of parameters, that a calibration determines poorly.

@@ -19,11 +19,11 @@ use crate::held::{GROUPS, HeldParameter, PriorCost, PriorSource};
 use crate::joint::force_by_parameters;
 use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 
-/// Maximum share of the variance of a held parameter that is due to its prior. With a larger share, the recordings
-/// contain less information than the prior, and the parameter is reported as not determined by the recordings.
+/// A held parameter is reported as not determined by the recordings if its prior causes more than this share of its
+/// variance. The recordings then contain less information than the prior.
 const MAX_PRIOR_SHARE: f64 = 0.5;
-/// Maximum difference between prior and recordings, in standard deviations of this difference. A larger difference is
-/// reported as a contradiction. The significance level of the limit is 6e-7.
+/// A contradiction between prior and recordings is reported if they differ by more than this number of standard
+/// deviations of the difference. The significance level of the limit is 6e-7.
 const MAX_CONTRADICTION: f64 = 5.0;
 
 /// One held parameter with its prior and its estimate.

@@ -31,7 +31,7 @@ use crate::two_stage::observability::{
 /// The unit counts as rotated between two rests if the gravity directions at the rests differ by more than this angle,
 /// rad.
 const TURNED_RAD: f64 = 0.35;
-/// Maximum angle between two gravity directions that count as equal, rad.
+/// Two gravity directions count as equal if the angle between them is below this limit, rad.
 const ALIKE_RAD: f64 = 0.05;
 /// The gyroscope counts as responding to motion if the rms rate in a move is larger than this multiple of the noise at
 /// rest, on at least one axis.

@@ -18,12 +18,11 @@ use crate::verdict::Verdict;
 /// parameter counts as different. With 15 parameters and ten recordings, noise exceeds this limit in one of a million
 /// calibrations.
 const DIFFERENT: f64 = 6.0;
-/// Minimum difference of a sensitivity that counts as different, as a fraction of the mean scale. A smaller difference
-/// has no practical effect, even if it is significant.
+/// Two sensitivities count as different if they differ by at least this fraction of the mean scale. A smaller
+/// difference has no practical effect, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
-/// Maximum ratio for recordings that fit together: chi2 per degree of freedom of the fit to all recordings, divided by
-/// that of the separate fits. An effect that the model lacks increases both values equally, so the ratio stays near
-/// one.
+/// Recordings fit together if chi2 per degree of freedom of the fit to all recordings is at most this multiple of that
+/// of the separate fits. An effect that the model lacks increases both values equally, so the ratio stays near one.
 const WORSE_TOGETHER: f64 = 4.0;
 /// Recordings fit together only if the fit to all recordings excludes at most this share of the rests that the separate
 /// fits use. This limit is needed because the rests of a second unit may be excluded as outliers, so that chi2

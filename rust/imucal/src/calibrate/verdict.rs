@@ -10,11 +10,11 @@ use crate::numerics::lsq::Termination;
 use crate::recording::Recording;
 use crate::verdict::{Reason, RecordingSet, Verdict};
 
-/// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few rests or moves may be
-/// disturbed accidentally, but a larger share shows that the model is wrong.
+/// In a good calibration, at most this share of the rests, or of the moves, contradicts the other rests or moves. A few
+/// rests or moves may be disturbed accidentally, but a larger share shows that the model is wrong.
 pub(super) const MAX_CONTRADICTING_SHARE: f64 = 0.1;
-/// Maximum share of rests in a good calibration whose mean rates are far from those of the other rests. A few slow
-/// rotations may be mistaken for rests.
+/// In a good calibration, at most this share of the rests has mean rates that are far from those of the other rests. A
+/// few slow rotations may be mistaken for rests.
 const MAX_MOVING_SHARE: f64 = 0.2;
 /// p-value of chi2 above which the residuals are reported as too small for the estimated noise. With a correct noise
 /// estimate, this happens in one of a million calibrations.

@@ -9,14 +9,14 @@ use crate::recording::Recording;
 /// Minimum number of samples in a packet. Two samples with one stamp are not a packet, because they may be a row that
 /// was written twice.
 const LEAST_SAMPLES: f64 = 3.0;
-/// Minimum number of packets for a finding.
+/// A finding is reported only for at least this number of packets.
 const FEWEST_PACKETS: usize = 10;
 /// Maximum time step between packets, s. A longer time step is a pause of a logger that sleeps.
 const LONGEST_S: f64 = 2.0;
-/// Minimum share of the recording's duration that the time steps between packets must cover.
+/// The time steps between packets must cover at least this share of the recording's duration.
 const SHARE_OF_TIME: f64 = 0.5;
-/// Minimum share of packets whose number of samples is near the typical number. Random loss of samples leaves groups of
-/// varying size, and this limit excludes it.
+/// At least this share of the packets must have nearly the typical number of samples. Random loss of samples leaves
+/// groups of varying size, and this limit excludes it.
 const ALIKE: f64 = 0.9;
 /// The number of samples of a packet counts as equal to the typical number if the two differ by at most this fraction.
 /// A difference of one sample is always permitted.

@@ -22,8 +22,8 @@ const SPREAD: [f64; 2] = [0.2, 0.5];
 /// A clock counts as regular if no time step deviates from the median by more than this fraction. With a regular clock,
 /// the slower checks of spread and gaps are skipped.
 const REGULAR: f64 = 0.2;
-/// Limit of the share of samples with the time stamp of the previous sample. Above this limit, the finding is an error,
-/// otherwise a warning.
+/// Some samples may have the time stamp of the previous sample. If their share is above this limit, the finding is an
+/// error, otherwise a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
 /// Time steps between consecutive finite time stamps.

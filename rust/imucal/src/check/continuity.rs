@@ -18,13 +18,14 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile_of;
 use crate::recording::{Recording, Samples};
 
-/// Maximum deviation of a time stamp from sample number / rate, in time steps. Below it, stamps count as computed from
-/// the sample number. The limit allows stamps that are rounded to a ninth of the time step.
+/// Time stamps count as computed from the sample number if they deviate from sample number / rate by at most this
+/// number of time steps. The limit allows stamps that are rounded to a ninth of the time step.
 const EVEN: f64 = 0.12;
 /// `k` is used only if the norm of `m` is at least this multiple of the standard deviation of the noise of `d_i - m`.
 /// At this norm, the noise of `k` has a standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
-/// Maximum difference between `d_(i-1)` and `d_(i+1)`, relative to `m`, for a motion to count as smooth.
+/// A motion counts as smooth if the difference between `d_(i-1)` and `d_(i+1)` is at most this multiple of the norm of
+/// `m`.
 const SMOOTH: f64 = 0.5;
 /// `k` is used only if the component of `d_i` perpendicular to `m` is at most this multiple of the norm of `m`.
 const ACROSS: f64 = 0.35;
@@ -35,7 +36,7 @@ const LOST: [f64; 2] = [1.75, 2.25];
 const BETWEEN: [f64; 2] = [1.35, 1.65];
 /// Number of rows that are examined together. Their data fit into the cache.
 const BLOCK: usize = 4096;
-/// Minimum number of lost samples for a finding.
+/// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
 /// A fault is reported only if the number of `k` in [`LOST`] is at least this multiple of the number of `k` in
 /// [`BETWEEN`].

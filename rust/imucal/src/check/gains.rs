@@ -18,8 +18,9 @@ const GAIN: [f64; 2] = [0.75, 1.25];
 /// ratio of the limits of [`GAIN`].
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
-/// Smallest reported deviation from 1 of a gain that all axes of a gyroscope have in common. The error of a quartz
-/// clock is far smaller. The error of a sensor's internal oscillator, or of a guessed sampling rate, can be larger.
+/// A gain that all axes of a gyroscope have in common is reported if it deviates from 1 by more than this value. The
+/// error of a quartz clock is far smaller. The error of a sensor's internal oscillator, or of a guessed sampling rate,
+/// can be larger.
 const COMMON_GAIN: f64 = 0.01;
 
 /// The axes have a common gain if the gain of each axis is close to the mean gain. Its deviation from the mean must be

@@ -15,15 +15,15 @@ use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 use crate::simulate::gimbal::rotation_world_from_body;
 
-/// Maximum magnitude of the motor angles for the stand to count as being in its zero position, rad.
+/// The stand counts as being in its zero position if the magnitude of each motor angle is at most this limit, rad.
 const STAND_ZERO_RAD: f64 = 0.02;
 /// An axis counts as pointing up if the unit up vector has at least this component along the axis. The limit is the
 /// cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
-/// Minimum agreement of a hypothesis with the measurements for it to be accepted. There are two hypotheses for a
-/// reading of -g on z: the z axis points down, or the accelerometer has the reversed sign of gravity. Each hypothesis
-/// predicts the up direction at each rest from the motor angles. The agreement is the mean cosine of the angle between
-/// predicted and measured direction. The limit is the cosine of 20 deg.
+/// A hypothesis is accepted only if its agreement with the measurements is above this limit. There are two hypotheses
+/// for a reading of -g on z: the z axis points down, or the accelerometer has the reversed sign of gravity. Each
+/// hypothesis predicts the up direction at each rest from the motor angles. The agreement is the mean cosine of the
+/// angle between predicted and measured direction. The limit is the cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
 /// One of the two hypotheses is chosen only if their agreements differ by more than this value. The predicted
 /// directions differ only in the sign of the x component, so rests with a horizontal x axis do not distinguish the

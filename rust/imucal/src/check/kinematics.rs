@@ -23,11 +23,11 @@ const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
 /// A unit is recommended if the scale of P deviates by at most this fraction from the conversion factor of the unit,
 /// for example from deg/s to rad/s.
 const KNOWN: f64 = 0.25;
-/// Minimum ratio of the smallest to the largest singular value of P for any finding. With a smaller ratio, the motion
-/// does not determine P.
+/// The motion determines P only if the smallest singular value of P is at least this multiple of the largest one.
+/// Otherwise, no finding is reported.
 const WELL_DETERMINED: f64 = 0.1;
-/// Minimum correlation of P with a signed permutation for a finding that names the permutation (1: identical; 0.97:
-/// rotated by 18 deg).
+/// A finding names a signed permutation only if the correlation of P with it is at least this value (1: identical;
+/// 0.97: rotated by 18 deg).
 const CLEAR: f64 = 0.85;
 
 /// Checks `rate_from_raw`, which is P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in

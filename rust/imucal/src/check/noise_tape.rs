@@ -22,12 +22,13 @@ const SCALE_QUANTILE: f64 = 0.8;
 /// The [`SCALE_QUANTILE`] of the absolute value of a standard normal variable. Dividing by it converts the quantile to
 /// a standard deviation.
 const SCALE_OF_NORMAL: f64 = 1.28;
-/// Minimum scale relative to the largest reading. Smaller differences are rounding errors of the arithmetic.
+/// An axis is used only if its scale is larger than this multiple of its largest reading. Smaller differences are
+/// rounding errors of the arithmetic.
 const MIN_SCALE: f64 = 1e-9;
 /// Maximum number of samples from which a scale is estimated. With this number, its error is below 3 %.
 const SCALE_SAMPLES: usize = 4096;
-/// Maximum relative difference between two sampling rates that count as equal. Clocks of one unit agree to about 1e-4,
-/// and different nominal sampling rates differ by more.
+/// Two sampling rates count as equal if their relative difference is at most this value. Clocks of one unit agree to
+/// about 1e-4, and different nominal sampling rates differ by more.
 const SAME_RATE: f64 = 2e-3;
 
 /// A recording with the index ranges of its rests.

@@ -6,11 +6,11 @@ use crate::recording::Samples;
 
 /// Minimum number of equal consecutive samples in a plateau.
 pub(super) const PLATEAU: usize = 3;
-/// Minimum change of the channel directly before and after a plateau, in steps of the converter. A rounded peak changes
-/// by one or two steps.
+/// Directly before and after a plateau, the channel must change by at least this number of steps of the converter. A
+/// rounded peak changes by one or two steps.
 const EDGE_STEPS: f64 = 3.0;
-/// Minimum change of another axis of the triad during the plateau, in converter steps of that axis. It excludes rests
-/// without noise.
+/// During the plateau, another axis of the triad must change by at least this number of its converter steps. This
+/// condition excludes rests without noise.
 const SIBLING_STEPS: f64 = 2.0;
 /// Minimum difference between the plateau and the samples one plateau length before its start and after its end, in
 /// steps of the converter. At high sampling rates and with coarse steps, even a clipped channel changes slowly next to
@@ -21,8 +21,8 @@ const FAR_STEPS: f64 = 12.0;
 /// axis.
 const SIBLING_SHARE: f64 = 0.05;
 
-/// Maximum probability that noise is the cause of the plateaus at an extreme value. With this limit, one recording
-/// without saturation in 1e5 is refused.
+/// Plateaus at an extreme value are reported only if noise causes them with at most this probability. With this limit,
+/// one recording without saturation in 1e5 is refused.
 const BY_CHANCE: f64 = 1e-5;
 /// Upper limit of the assumed probability that noise makes two consecutive samples equal. If the noise is below one
 /// step, most consecutive samples near an extreme value are equal, so the limit is needed.

@@ -10,11 +10,12 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// Minimum ratio of a rail to the largest value of its triad. A rail is the value at which an axis is clipped. The axes
-/// of a triad have the same range, so their rails differ only by the scales of the axes.
+/// A rail is the value at which an axis is clipped. It is at least this multiple of the largest value of its triad. The
+/// axes of a triad have the same range, so their rails differ only by the scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
-/// Minimum ratio of an accelerometer rail to the median of |f|, which is 1 g. No accelerometer has a smaller range.
+/// An accelerometer rail is at least this multiple of the median of |f|, which is 1 g. No accelerometer has a smaller
+/// range.
 const LOWEST_RAIL_G: f64 = 1.3;
 /// Two rails belong to one measurement range if their distances from the zero reading differ by at most this fraction.
 const ONE_RANGE: f64 = 1e-4;

@@ -5,9 +5,9 @@ use super::part::Part;
 use crate::finding::Finding;
 use crate::recording::Recording;
 
-/// Maximum number of consecutive equal rows that count as repeated. A longer sequence is a rest without noise.
+/// Up to this number of consecutive equal rows count as repeated. A longer sequence is a rest without noise.
 const LONGEST_REPEAT: usize = 8;
-/// Minimum number of repeated rows for a finding.
+/// A finding is reported only for at least this number of repeated rows.
 const FEWEST: usize = 5;
 
 /// Reports rows whose values all equal the values of the previous row, while the time differs.

@@ -7,7 +7,7 @@ use crate::finding::{Finding, Place};
 use crate::parameters::of_axes;
 use crate::recording::{Recording, Samples};
 
-/// Minimum share of the recording over which an axis must be constant to count as stuck.
+/// An axis counts as stuck if it is constant over at least this share of the recording.
 const STUCK_SHARE: f64 = 0.5;
 /// Another axis counts as moving if its values span at least this number of steps of the converter.
 const MOVING_STEPS: f64 = 8.0;

@@ -5,8 +5,8 @@ use crate::finding::{Finding, general};
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Minimum difference between consecutive temperatures that is reported as a jump, K. At usual sampling rates, a sensor
-/// does not warm up so fast.
+/// A difference between consecutive temperatures above this value, K, is reported as a jump. At usual sampling rates, a
+/// sensor does not warm up so fast.
 const TEMPERATURE_STEP_K: f64 = 5.0;
 /// Plausible temperatures of an inertial sensor, degC. Datasheets give operating ranges up to -55 to 125 degC, and
 /// storage ranges of -40 to 125 degC or -65 to 150 degC. A temperature outside the limits is in another unit or is a

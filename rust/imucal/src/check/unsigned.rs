@@ -18,10 +18,10 @@ const BITS: std::ops::RangeInclusive<u32> = 8..=32;
 /// Width of the region at each end of the number range, as a share of the range. A jump goes from the region at one end
 /// to the region at the other end.
 const END: f64 = 0.125;
-/// Minimum number of jumps for a finding. Fewer jumps may be single wrong samples.
+/// A finding is reported only for at least this number of jumps. Fewer jumps may be single wrong samples.
 const FEWEST_JUMPS: u64 = 3;
-/// Minimum ratio of the number of jumps in unsigned counts to the number of jumps that remain if the counts are read as
-/// signed numbers.
+/// The number of jumps in unsigned counts must be at least this multiple of the number of jumps that remain if the
+/// counts are read as signed numbers.
 const LEFT: u64 = 10;
 /// Number of samples in a block that fits into the processor's cache.
 const PART: usize = 256;

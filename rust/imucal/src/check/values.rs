@@ -14,10 +14,11 @@ const LARGEST_FORCE_MPS2: f64 = 1e5;
 const LARGEST_RATE_RADPS: f64 = 1e4;
 /// Largest magnitude of a raw count. It is that of a signed integer of 32 bits, the widest output of converters.
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
-/// Minimum share of impossible samples for the recommendation to name a wrong unit of the channel as the cause.
+/// The recommendation names a wrong unit of the channel as the cause if at least this share of its samples is
+/// impossible.
 const WRONG_UNIT_SHARE: f64 = 0.01;
-/// Minimum share of rows that have values of one sensor only. If both sensors exceed this share, they have separate
-/// time stamps.
+/// The two sensors have separate time stamps if, for each sensor, at least this share of the rows has values of this
+/// sensor only.
 const OWN_ROWS: f64 = 0.1;
 
 /// Samples with NaN or infinity, and the columns in which these values occur.

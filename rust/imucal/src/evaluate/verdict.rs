@@ -14,11 +14,11 @@ const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
 /// Corrected rate above which a calibration has wrong units, deg/s. It is the range of the fastest MEMS gyroscopes on
 /// the market (ADXRS649).
 const FASTEST_DEGPS: f64 = 20_000.0;
-/// Maximum share of samples above [`FASTEST_DEGPS`]. It is not zero, because single wrong samples are no evidence
-/// against a calibration.
+/// At most this share of the samples may be above [`FASTEST_DEGPS`]. The share is not zero, because single wrong
+/// samples are no evidence against a calibration.
 const MAX_FAST_SHARE: f64 = 1e-3;
-/// Minimum number of usable rests for a verdict on an accelerometer without a gyroscope. If there are both sensors, a
-/// single move is sufficient, because it has two rests.
+/// An accelerometer without a gyroscope is judged only from at least this number of usable rests. If there are both
+/// sensors, a single move is sufficient, because it has two rests.
 const MIN_RESTS: usize = 2;
 /// The calibration is reported to make the unit worse if the residuals with it are larger than this multiple of the
 /// residuals without it. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal

@@ -20,7 +20,7 @@ use crate::parameters::{self, ACCELEROMETER, WORDS};
 pub(crate) const REST_ERROR_MPS2: f64 = 0.005;
 /// Model error of the gravity direction after a move of a real unit, rad (0.2 deg).
 pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
-/// Maximum change of a determined parameter due to the model errors above, as a fraction of its size.
+/// A parameter is determined if the model errors above change it by at most this fraction of its size.
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// Maximum deviation of a rest's mean rate from the median, in robust standard deviations. If the deviation is larger,
-/// the interval contains a slow rotation and is not a rest.
+/// If the mean rate of a rest deviates from the median by more than this number of robust standard deviations, the
+/// interval contains a slow rotation and is not a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
