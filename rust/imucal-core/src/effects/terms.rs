@@ -95,7 +95,8 @@ impl<'a, F: RealField + Copy> Sum<'a, F> {
         Self { values, next: 0, sum: same(F::zero()) }
     }
 
-    /// Value of the next parameter. In the plain form, a parameter of only the full form is zero.
+    /// Value of the next parameter. If the effect has its plain form, the parameters that only the full form has are
+    /// zero.
     #[inline(always)]
     fn value(&mut self) -> F {
         let value = self.values.get(self.next).copied().unwrap_or(F::zero());

@@ -105,7 +105,8 @@ impl UnitData<'_> {
         }
     }
 
-    /// Replaces a message about motion that one stage lacks by a message about all motion that the calibration lacks.
+    /// If one of the two stages lacks motion, its message names only this motion. This function returns a message about
+    /// all motion that the calibration lacks.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {

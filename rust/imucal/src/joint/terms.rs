@@ -50,7 +50,7 @@ pub(crate) struct Term<'a> {
     pub(crate) linear: usize,
     /// Index of the first parameter of this term among the parameters of all terms.
     pub(crate) first: usize,
-    /// Whether a prior may determine the directions of the effect's parameters that the recordings do not determine.
+    /// Whether the fit may use a prior where the recordings do not determine all parameters of the effect.
     pub(crate) partly: bool,
 }
 

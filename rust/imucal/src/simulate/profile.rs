@@ -108,8 +108,8 @@ impl Course {
         Self::first_half(share)
     }
 
-    /// A smoother profile from 0 to 1, `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7` with u = `share`. Its first three
-    /// derivatives are zero at both ends, and all derivatives are continuous between the ends.
+    /// Smooth profile from 0 to 1: `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7` with u = `share`. Its first three derivatives
+    /// are zero at both ends, and all derivatives are continuous between the ends.
     #[inline]
     pub(super) fn smooth_step(share: f64) -> Self {
         // The second half is the mirrored first half, because the polynomial loses digits by cancellation near u = 1.

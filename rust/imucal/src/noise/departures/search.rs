@@ -234,7 +234,8 @@ impl Search<'_> {
         residual
     }
 
-    /// Noise parameters fitted to the cosines `residual`, and minus twice the log-likelihood of the fit.
+    /// Fits the noise parameters to the cosines `residual`. Returns the parameters, and minus twice the log-likelihood
+    /// of the fit.
     fn fit(&self, residual: &[f64], kinds: [bool; KINDS]) -> (PerKind, f64) {
         let squares: Vec<f64> = residual.iter().map(|z| z * z).collect();
         let mut powers = pooled(&squares, &self.blocks.expected, self.blocks.samples as f64);
