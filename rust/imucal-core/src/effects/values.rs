@@ -189,7 +189,10 @@ impl<F: RealField + Copy> EffectSet<F> {
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
         let [rate_counts, force_counts] = reads;
         let (rate_size, force_size) = (largest(&seen_rate), largest(&seen_force));
-        for _ in 0..MAX_PASSES {
+        // Without optimisation, the iterator of a range contains a check that can panic (Rust 1.96).
+        let mut passes = 0;
+        while passes < MAX_PASSES {
+            passes += 1;
             let (on_rate, on_force) = self.at(&state);
             let (own_rate, own_force) = own(&state);
             let (on_rate, on_force) = (add(&on_rate, &own_rate), add(&on_force, &own_force));
