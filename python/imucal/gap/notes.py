@@ -201,8 +201,8 @@ def session_in_words(step: SessionStep) -> str:
             f"; the temperature changed by {change_k:.1f} K, which would be {_per_kelvin(step, change_k)}"
         )
     words += (
-        f"; control chi2 per degree of freedom {step.chi2_per_dof:.4g}, with biases of its own "
-        f"{step.chi2_per_dof_own:.4g}"
+        f"; chi2 per degree of freedom of the control recordings is {step.chi2_per_dof:.4g}, and "
+        f"{step.chi2_per_dof_own:.4g} after a fit of their biases"
     )
     if step.chi2_per_dof_own > ABOVE_NOISE:
         words += ", so the biases alone do not explain the control recordings"

@@ -85,6 +85,8 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
     if signals is None:
         return
     kind = "control recording" if signals.is_control else "recording"
+    # A recording of arrays has the name "recording" if the caller gave none.
+    name = f" {signals.recording}" if signals.recording != "recording" else ""
     of_hand = (
         " A hand moved the unit, so within the move the accelerometer also measures the hand."
         if gap.is_hand_moved
@@ -96,7 +98,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
         plot.move_signals(
             signals, has_effects=bool(gap.effects or gap.laws), is_hand_moved=gap.is_hand_moved
         ),
-        f"Move {signals.move} of the {kind} {signals.recording}: gravity as the accelerometer measures it, "
+        f"Move {signals.move} of the {kind}{name}: gravity as the accelerometer measures it, "
         f"and as the gyroscope predicts it from the rest before the move (shaded).{of_hand}",
     )
 

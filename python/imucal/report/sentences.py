@@ -158,6 +158,8 @@ def _closed(gap: Gap) -> str:
         return ""
     figure: Mapping[str, Any] = gap.gap
     where = "On the control recordings" if gap.control_set is not None else "On held-out rests and moves"
+    if gap.remainder is not None and gap.remainder.session is not None:
+        where += ", after a fit of their biases,"
     metric = METRICS.get(figure["metric"], figure["metric"])
     closed = min(100.0, max(0.0, 100 * figure["closed"]))
     return (
