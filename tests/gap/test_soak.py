@@ -64,6 +64,36 @@ def test_hysteresis_is_told_from_a_lag():
     np.testing.assert_allclose(size, 10.0 * k[::-1], rtol=0.1)
 
 
+def test_two_lags_are_found_with_their_time_constants():
+    k = np.array([2e-3, -1e-3, 3e-3])
+
+    def two(degc, lagged):
+        slow, value = np.empty_like(degc), degc[0]
+        for n, now in enumerate(degc):
+            value += 0.1 / (200.0 + 0.1) * (now - value)
+            slow[n] = value
+        return k * ((lagged - 25.0) + (slow - degc))[:, None]
+
+    found = imucal.soak(sweep(6, force=two, tau_s=20.0)).accelerometer
+    assert [term.name.removeprefix("accel_bias_temperature") for term in found.terms] == ["", "_lag", "_lag"]
+    fast, slow = found.terms[1:]
+    for lag, tau_s in ((fast, 20.0), (slow, 200.0)):
+        assert abs(lag.parameters["tau"] - tau_s) < 4 * lag.std["tau"] < tau_s
+        np.testing.assert_allclose([lag.parameters[axis] for axis in "xyz"], k, rtol=0.2)
+    assert (found.left < 0.5).all()
+
+
+def test_a_real_sweep_is_described_by_two_lags(data_file):
+    rows = np.genfromtxt(data_file("tofupilot_thermal/imu_raw_data.csv"), names=True)
+    force, rate = (np.column_stack([rows[f"imu{kind}{axis}"] for axis in "xyz"]) for kind in ("acc", "gyro"))
+    # The time stamps are not those of the sweep, so the rows are the time.
+    time_s = np.arange(len(rows)) / 10.0
+    found = imucal.soak(imucal.Recording(time_s, force, rate, temperature_degc=rows["imutemperature"]))
+    for sensor in found.sensors:
+        assert [term.name.rsplit("_", 1)[-1] for term in sensor.terms] == ["temperature", "lag", "lag"]
+        assert (sensor.left < 0.4).all()
+
+
 def test_the_degree_is_that_of_the_reading():
     def cubic(degc, _):
         d = (degc - 25.0)[:, None]

@@ -5,15 +5,15 @@
 
 A soak or a sweep in one pose determines no scale and no misalignment. It does determine how the mean reading
 depends on the temperature and on the temperature history. The recording is averaged over epochs. Models with
-polynomials in the temperature, its rate, a lag and hysteresis are compared by cross-validation, in which each
-model is fitted by least squares to nine tenths of the epochs and predicts the other epochs.
+polynomials in the temperature, its rate, one or two lags and hysteresis are compared by cross-validation, in
+which each model is fitted by least squares to nine tenths of the epochs and predicts the other epochs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from typing import Any, Final
 
 import numpy as np
@@ -47,7 +47,8 @@ STANDARD_ERRORS: Final = 2.5
 MOST_TURN_RAD: Final = 0.35
 # The time constant of a lag is searched in several rounds. The two constants are the number of trial values
 # per round and the number of rounds. Each round searches between the neighbours of the best value of the
-# previous round. In the last round, consecutive trial values differ by 1 %.
+# previous round. In the last round, consecutive trial values differ by 1 %. For two lags, the first round
+# compares all pairs of values, and the other rounds search one time constant after the other.
 TAUS: Final = 11
 ROUNDS: Final = 3
 AXES: Final = "xyz"
@@ -61,19 +62,23 @@ FORMULAS: Final = {
         "k (T - T0) + q (T - T0)^2 + c (T - T0)^3",
     ),
     "rate": ("k dT/dt",),
-    "lag": ("k (T_tau - T), tau dT_tau/dt = T - T_tau",),
+    "lag": (
+        "k (T_tau - T), tau dT_tau/dt = T - T_tau",
+        "(k + q (T - T0)) (T_tau - T), tau dT_tau/dt = T - T_tau",
+        "(k + q (T - T0) + c (T - T0)^2) (T_tau - T), tau dT_tau/dt = T - T_tau",
+    ),
     "hysteresis": ("k s", "s (k + q (T - T0))", "s (k + q (T - T0) + c (T - T0)^2)"),
 }
 SUFFIXES: Final = {
     "polynomial": ("", "_square", "_cube"),
     "rate": ("",),
-    "lag": ("",),
+    "lag": ("", "_linear", "_square"),
     "hysteresis": ("", "_linear", "_square"),
 }
 UNITS: Final = {
     "polynomial": ("/K", "/K^2", "/K^3"),
     "rate": ("/(K/s)",),
-    "lag": ("/K",),
+    "lag": ("/K", "/K^2", "/K^3"),
     "hysteresis": ("", "/K", "/K^2"),
 }
 SENSORS: Final = {"gyroscope": "gyro", "accelerometer": "accel"}
@@ -186,15 +191,22 @@ class Soak:
 
 @dataclass(frozen=True)
 class Form:
-    """A model: effects with their numbers of parameters. A lag (time constant `tau_s`) is the last effect."""
+    """A model: effects with their numbers of parameters. Lags with the time constants `taus_s` are last."""
 
     effects: tuple[tuple[str, int], ...] = ()
-    tau_s: float | None = None
+    taus_s: tuple[float, ...] = ()
 
     @property
     def size(self) -> int:
         """Number of parameters of all axes."""
-        return sum(count for _, count in self.effects) + (self.tau_s is not None)
+        return sum(count for _, count in self.effects) + len(self.taus_s)
+
+    @property
+    def terms(self) -> Iterator[tuple[str, int, float | None]]:
+        """Name, number of parameters and time constant of each effect."""
+        plain = len(self.effects) - len(self.taus_s)
+        for (name, count), tau_s in zip(self.effects, (None,) * plain + self.taus_s, strict=True):
+            yield name, count, tau_s
 
 
 def soak(recording: Recording, *, calibration: Calibration | None = None) -> Soak:
@@ -285,19 +297,19 @@ class _Search:
         self.sensor, self.mean, self.edges = sensor, mean, edges
         self.prefix = f"{SENSORS[sensor]}_bias_temperature"
         self.difference, self.history = degc - REFERENCE_DEGC, history
-        self.folds = (np.arange(len(mean)) // BLOCK) % FOLDS
+        folds = (np.arange(len(mean)) // BLOCK) % FOLDS
+        self.of_fold = [np.flatnonzero(folds == fold) for fold in range(FOLDS)]
         self.known: dict[tuple[str, float | None], FloatArray] = {}
         self.cubic = Form(((self.prefix, 9),))
-        # The residuals of each axis are divided by the residuals of the cubic model, so that all axes have
-        # similar weights.
+        # The residuals of each axis are divided by those of the cubic model, so that all axes have similar
+        # weights.
         self.scale = np.sqrt((self._held_out(self.cubic) ** 2).mean(axis=0))
         self.scale = np.maximum(self.scale, np.finfo(np.float64).tiny)
 
     def _columns(self, form: Form) -> FloatArray:
         """Matrix of the linear fit: a column of ones, and the columns of the terms, (N, 1 + p)."""
         columns = [np.ones((len(self.mean), 1))]
-        for name, count in form.effects:
-            tau_s = form.tau_s if name.endswith("_lag") else None
+        for name, count, tau_s in form.terms:
             if (name, tau_s) not in self.known:
                 cause = self._cause(name, tau_s)
                 powers = np.column_stack([cause, cause * self.difference, cause * self.difference**2])
@@ -313,26 +325,34 @@ class _Search:
             return self.history.rate_kps()
         return self.history.direction() if name.endswith("_hysteresis") else self.difference
 
-    def _fit(self, form: Form, used: Any = slice(None)) -> FloatArray:
+    def _fit(self, form: Form) -> FloatArray:
         """The coefficients of all axes, (1 + p, 3)."""
         columns = self._columns(form)
         size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-        found = np.linalg.lstsq(columns[used] / size, self.mean[used], rcond=1e-10)[0]
+        found = np.linalg.lstsq(columns / size, self.mean, rcond=1e-10)[0]
         solved: FloatArray = found / size[:, None]
         return solved
 
     def _held_out(self, form: Form) -> FloatArray:
         """Residuals of each epoch, predicted by a fit to the other folds, (N, 3)."""
-        residual, columns = np.empty_like(self.mean), self._columns(form)
-        for fold in range(FOLDS):
-            out = self.folds == fold
-            residual[out] = self.mean[out] - columns[out] @ self._fit(form, ~out)
+        columns = self._columns(form)
+        basis, sizes, _ = np.linalg.svd(columns / np.maximum(np.abs(columns).max(axis=0), 1e-300), False)
+        basis = basis[:, sizes > 1e-10 * sizes[0]]
+        # The columns of the basis are orthonormal, so the normal matrix of the other folds is the unit matrix
+        # minus the part of the fold. The addend makes it invertible if one fold alone determines a direction.
+        parts = [(basis[own], self.mean[own]) for own in self.of_fold]
+        normals = np.stack([basis_of.T @ basis_of for basis_of, _ in parts])
+        sums = basis.T @ self.mean - np.stack([basis_of.T @ mean for basis_of, mean in parts])
+        fitted = np.linalg.solve((1.0 + 1e-10) * np.eye(basis.shape[1]) - normals, sums)
+        residual = np.empty_like(self.mean)
+        for own, (basis_of, mean), values in zip(self.of_fold, parts, fitted, strict=True):
+            residual[own] = mean - basis_of @ values
         return residual
 
     def _errors(self, form: Form) -> FloatArray:
         """Mean square of the held-out residuals in each fold, relative to the cubic model, (folds,)."""
         squares = ((self._held_out(form) / self.scale) ** 2).mean(axis=1)
-        return np.array([squares[self.folds == fold].mean() for fold in range(FOLDS)])
+        return np.array([squares[own].mean() for own in self.of_fold])
 
     def _forms(self) -> Iterator[Form]:
         """All models without a lag."""
@@ -344,39 +364,58 @@ class _Search:
             own = ((self.prefix, 3 * degree),) if degree else ()
             yield Form((*own, *other))
 
-    def _with_lag(self, form: Form) -> Form:
-        """The form with an additional lag whose time constant gives the best prediction."""
-        effects = (*form.effects, (f"{self.prefix}_lag", 3))
+    def _with_lags(self, form: Form, counts: tuple[int, ...]) -> Form:
+        """The form with additional lags whose time constants give the best prediction."""
+        effects = (*form.effects, *((f"{self.prefix}_lag", count) for count in counts))
         span_s = float(self.history.since[-1])
-        low, high = max(span_s / 300.0, 1.0), span_s / 2.0
-        best = low
-        for _ in range(ROUNDS):
-            grid = np.geomspace(low, high, TAUS)
-            errors = [float(self._errors(Form(effects, float(tau_s))).mean()) for tau_s in grid]
-            place = int(np.argmin(errors))
-            best = float(grid[place])
-            low, high = grid[max(place - 1, 0)], grid[min(place + 1, TAUS - 1)]
+        grid = np.geomspace(max(span_s / 300.0, 1.0), span_s / 2.0, TAUS)
+
+        def error(taus_s: tuple[float, ...]) -> float:
+            return float(self._errors(Form(effects, taus_s)).mean())
+
+        best = min(combinations(map(float, grid), len(counts)), key=error)
+        ratio = float(grid[1] / grid[0])
+        for _ in range(ROUNDS - 1):
+            for k in range(len(counts)):
+                trials = best[k] * np.geomspace(1.0 / ratio, ratio, TAUS)
+                best = min(((*best[:k], float(tau_s), *best[k + 1 :]) for tau_s in trials), key=error)
+            ratio = float(ratio ** (2.0 / (TAUS - 1)))
         return Form(effects, best)
+
+    def _lagged(self, plain: Sequence[Form], lags: int) -> Iterator[Form]:
+        """Models with one or two lags.
+
+        To first order, the lag of a polynomial is its derivative times the lag of the temperature. In a
+        model with two lags, the coefficients therefore have one degree less than the polynomial.
+        """
+        turn = f"{self.prefix}_hysteresis"
+        for form in plain:
+            if form.effects[:1] not in [((self.prefix, 3 * degree),) for degree in (1, 2, 3)]:
+                continue
+            own, others = form.effects[0][1], form.effects[1:]
+            if lags == 1 and others in ((), ((turn, 3),), ((turn, 9),)):
+                yield self._with_lags(form, (3,))
+            if others == () and (lags == 2 or own > 3):
+                yield self._with_lags(form, (own,) * lags)
 
     def best(self) -> Form:
         """The simplest model whose prediction is not significantly worse than the best prediction."""
         plain = list(self._forms())
-        turn = f"{self.prefix}_hysteresis"
-        linear = {((self.prefix, 3),), ((self.prefix, 6),), ((self.prefix, 9),)}
-        can_lag = [
-            form
-            for form in plain
-            if form.effects[:1] in linear and form.effects[1:] in ((), ((turn, 3),), ((turn, 9),))
-        ]
-        forms = [*plain, *(self._with_lag(form) for form in can_lag)]
-        errors = {form: self._errors(form) for form in forms}
-        first = min(forms, key=lambda form: float(errors[form].mean()))
+        errors = {form: self._errors(form) for form in [*plain, *self._lagged(plain, 1)]}
+
+        def first() -> Form:
+            return min(errors, key=lambda form: float(errors[form].mean()))
+
+        # Two lags are compared only if one lag predicts better than every model without a lag.
+        if first().taus_s:
+            errors.update({form: self._errors(form) for form in self._lagged(plain, 2)})
+        best = errors[first()]
 
         def is_as_good(form: Form) -> bool:
-            change = errors[form] - errors[first]
+            change = errors[form] - best
             return bool(change.mean() <= STANDARD_ERRORS * change.std(ddof=1) / np.sqrt(FOLDS))
 
-        return min((form for form in forms if is_as_good(form)), key=lambda form: form.size)
+        return min(filter(is_as_good, errors), key=lambda form: form.size)
 
     def result(self) -> SoakedSensor:
         """The best model, fitted to all epochs."""
@@ -389,8 +428,9 @@ class _Search:
         size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
         spread = np.sqrt(np.diag(np.linalg.pinv((columns / size).T @ (columns / size)))) / size
         unit = "rad/s" if self.sensor == "gyroscope" else "m/s^2"
+        tau_stds = iter(self._tau_stds(form))
         terms, place = [], 1
-        for name, count in form.effects:
+        for name, count, tau_s in form.terms:
             kind = name.removeprefix(f"{self.prefix}_") if name != self.prefix else "polynomial"
             values, std, units = {}, {}, {}
             for degree in range(count // 3):
@@ -399,8 +439,8 @@ class _Search:
                     values[own] = float(solved[place + degree, axis])
                     std[own] = float(held_out[axis] * spread[place + degree])
                     units[own] = f"{unit}{UNITS[kind][degree]}"
-            if kind == "lag" and form.tau_s is not None:
-                values["tau"], std["tau"], units["tau"] = form.tau_s, self._tau_std(form), "s"
+            if tau_s is not None:
+                values["tau"], std["tau"], units["tau"] = tau_s, next(tau_stds), "s"
             terms.append(SoakTerm(name, FORMULAS[kind][count // 3 - 1], values, std, units))
             place += count // 3
         constant = solved[0]
@@ -408,18 +448,24 @@ class _Search:
             self.sensor, unit, tuple(terms), constant, self.mean, fitted, cubic, held_out, self.scale
         )
 
-    def _tau_std(self, form: Form) -> float:
-        """Standard deviation of the time constant, from the curvature of the squared residuals, s."""
-        step = 0.1
+    def _tau_stds(self, form: Form) -> FloatArray:
+        """Standard deviations of the time constants, from the curvature of the squared residuals, s."""
+        taus_s, step = np.array(form.taus_s), 0.1
 
-        def squares(factor: float) -> float:
-            own = Form(form.effects, form.tau_s * factor if form.tau_s is not None else None)
+        def squares(logs: FloatArray) -> float:
+            own = Form(form.effects, tuple(map(float, taus_s * np.exp(logs))))
             left = (self.mean - self._columns(own) @ self._fit(own)) / self.scale
             return float((left**2).sum())
 
-        low, middle, high = (squares(np.exp(k * step)) for k in (-1, 0, 1))
-        curvature = (low - 2.0 * middle + high) / step**2
-        noise = middle / (3.0 * len(self.mean))
-        return (
-            float(form.tau_s * np.sqrt(2.0 * noise / curvature)) if form.tau_s and curvature > 0 else np.nan
-        )
+        steps = step * np.eye(len(taus_s))
+        curvature = np.array(
+            [
+                [squares(a + b) - squares(a - b) - squares(b - a) + squares(-a - b) for b in steps]
+                for a in steps
+            ]
+        ).reshape(len(taus_s), len(taus_s)) / (4.0 * step**2)
+        noise = squares(np.zeros(len(taus_s))) / (3.0 * len(self.mean))
+        if not (np.linalg.eigvalsh(curvature) > 0.0).all():
+            return np.full(len(taus_s), np.nan)
+        stds: FloatArray = taus_s * np.sqrt(2.0 * noise * np.diag(np.linalg.inv(curvature)))
+        return stds
