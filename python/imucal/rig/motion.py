@@ -20,7 +20,7 @@ from imucal.document.agreement import require_fields
 from imucal.document.json_document import Node, read_json, write_json
 from imucal.document.whole import check_count, check_seed
 from imucal.errors import FormatError, InputError
-from imucal.rig.program_bounds import fault_of
+from imucal.rig.program_bounds import Fault, fault_of, too_many
 from imucal.rig.stand import Stand, stand_of
 
 __all__ = ["Motion", "Program", "Static", "Step", "Tumble"]
@@ -273,17 +273,22 @@ def motion_from(node: Node) -> Motion:
 def program_of(node: Node) -> Program:
     """The program in a file."""
     require_fields(node, PROGRAM_FIELDS, "a program file")
+    items = node.get("steps").items()
+    _refuse(node, too_many(len(items)))
     steps = []
-    for item in node.get("steps").items():
+    for item in items:
         require_fields(item, STEP_FIELDS, "a step")
         turn_deg = _triple(item.get("turn_deg").array(3).tolist())
         steps.append(Step(turn_deg, item.get("move_s").number(), item.get("hold_s").number()))
     if not steps:
         raise FormatError(f"{node.file}: $.steps is empty: a program needs at least one step")
-    fault = fault_of(steps)
+    _refuse(node, fault_of(steps))
+    return Program(tuple(steps), stand_of(node.get("stand")) if "stand" in node.mapping() else None)
+
+
+def _refuse(node: Node, fault: Fault | None) -> None:
     if fault is not None:
         raise FormatError(f"{node.file}: {fault.path.replace('$', node.path, 1)} {fault.reason}")
-    return Program(tuple(steps), stand_of(node.get("stand")) if "stand" in node.mapping() else None)
 
 
 def _triple(values: Sequence[float]) -> tuple[float, float, float]:

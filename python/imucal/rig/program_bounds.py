@@ -13,6 +13,7 @@ __all__ = [
     "MAX_STEP_S",
     "Fault",
     "fault_of",
+    "too_many",
     "turned_too_far",
 ]
 
@@ -56,10 +57,18 @@ class Fault(NamedTuple):
     reason: str
 
 
+def too_many(count: int) -> Fault | None:
+    """The fault of a program with more steps than the largest number, or None."""
+    if count > MAX_STEPS:
+        return Fault("$.steps", f"has {count} items: a program has at most {MAX_STEPS} steps")
+    return None
+
+
 def fault_of(steps: Sequence[Timed]) -> Fault | None:
     """The first field that is out of bounds, or None. NaN is out of all bounds."""
-    if len(steps) > MAX_STEPS:
-        return Fault("$.steps", f"has {len(steps)} items: a program has at most {MAX_STEPS} steps")
+    fault = too_many(len(steps))
+    if fault is not None:
+        return fault
     angles_deg, duration_s = [0.0, 0.0, 0.0], 0.0
     for index, step in enumerate(steps):
         path = f"$.steps[{index}]"
