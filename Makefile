@@ -198,14 +198,17 @@ $(VENV)/.sdist: $(SOURCES) tests/package/sdist_smoke.py | $(VENV)/.tools
 	$(CARGO_TARGET_DIR)/sdist-venv/bin/python tests/package/sdist_smoke.py
 	@touch $@
 
-# One process per core; the tests of a file share what they have simulated, so a file stays in one process.
+# Tests with a common costly fixture stay in one process (tests/conftest.py). One process more than processors, because
+# tests wait for other programs. Compiled test files are kept, or each process would compile all of them.
+PYTEST = PYTHONDONTWRITEBYTECODE= $(PY) -m pytest --dist loadgroup --no-loadscope-reorder \
+	--numprocesses $$($(PY) -c 'import os; print(1 + (os.cpu_count() or 1))')
 test-python: $(VENV)/.installed
 	$(call say,Python: tests against the installed wheel)
-	$(PY) -m pytest --numprocesses auto --dist loadfile
+	$(PYTEST)
 
 test-python-fast: $(VENV)/.installed
 	$(call say,Python: tests that are not slow)
-	$(PY) -m pytest --numprocesses auto --dist loadfile -m 'not slow'
+	$(PYTEST) -m 'not slow'
 
 # Each simulator keeps a processor busy, and needs another one at times, so two processors for each.
 FIRMWARE_AT_ONCE ?= 1

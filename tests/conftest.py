@@ -16,6 +16,25 @@ from children import HANGS_S
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+def place_of_shared_fixtures(item):
+    """The file or folder with a fixture that this test shares with others, or None."""
+    fixtures = [fixture for (*_, fixture) in item._fixtureinfo.name2fixturedefs.values()]
+    places = {fixture.baseid for fixture in fixtures if fixture.scope in ("module", "package", "session")}
+    # The fixtures of this file and of pytest cost little, so each process makes its own.
+    return min(places - {"", "tests"}, key=len, default=None)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Tests with a common costly fixture run in one process (`--dist loadgroup`); slow tests begin."""
+    places = {item: place_of_shared_fixtures(item) or item.nodeid for item in items}
+    slow = {place for item, place in places.items() if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: places[item] not in slow)
+    for item, place in places.items():
+        if place != item.nodeid:
+            item.add_marker(pytest.mark.xdist_group(place))
+
+
 @pytest.fixture(scope="session")
 def data_file():
     """Path of a real recording; skips without the folder, fails if the file alone is missing."""
