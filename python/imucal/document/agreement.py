@@ -7,7 +7,6 @@ correct.
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
@@ -82,6 +81,8 @@ def require_fields(node: Node, known: Sequence[str], what: str) -> None:
     """Raise FormatError for an unknown field, with the known field of the most similar name."""
     for name in node.mapping():
         if name not in known:
+            import difflib
+
             close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             hint = f"is it {close[0]}?" if close else f"there are {', '.join(known)}"
             raise FormatError(f"{node.file}: {node.path}.{name} is no field of {what}: {hint}")

@@ -8,7 +8,6 @@ that ends with its process. The next process that writes into the folder removes
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -101,6 +100,8 @@ class TemporaryFile:
             # Not all file systems support files without a name.
             with suppress(OSError):
                 return os.open(self._folder, os.O_TMPFILE | os.O_RDWR, 0o666)
+        import tempfile
+
         _remove_left_behind(self._folder)
         descriptor, name = tempfile.mkstemp(prefix=PREFIX, suffix=SUFFIX, dir=self._folder)
         self._name = Path(name)

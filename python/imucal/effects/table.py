@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from functools import cache
 
@@ -65,6 +64,8 @@ def has_parameter(effect: str, name: str) -> bool:
 
 def not_known(name: str, known: Iterable[str]) -> InputError:
     """The error for an unknown name, with similar names."""
+    import difflib
+
     close = difflib.get_close_matches(name, list(known), cutoff=0.5)
     hint = f"is it {' or '.join(close)}? " if close else ""
     return InputError(f"there is no effect {name!r}: {hint}`imucal effects` lists them all")

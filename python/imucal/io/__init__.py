@@ -9,13 +9,9 @@ from typing import Any, Literal
 from imucal.data_frame import is_frame
 from imucal.document.source import require_file
 from imucal.errors import InputError
-from imucal.io.canonical import write_columns, write_parts
 from imucal.io.faults import faults_named
 from imucal.io.formats import FORMATS
-from imucal.io.isolated import read_in_child
 from imucal.io.names import NAMES
-from imucal.io.recognition import recognise
-from imucal.io.sensor_files import are_pair
 from imucal.io.temperature_counts import TempScale, scale_of, with_temperature
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import column_names
@@ -145,12 +141,12 @@ def _pieces(
     """The recording in pieces, or in one piece."""
     known = FORMATS[format]
     with faults_named(paths, known.title):
-        if known.isolated and (pieces := read_in_child(paths, format, known.title, options)) is not None:
-            yield from pieces
-        elif known.pieces is not None:
-            yield from known.pieces(*paths, **options)
-        else:
-            yield known.read(*paths, **options)
+        pieces = None
+        if known.isolated:
+            from imucal.io.isolated import read_in_child
+
+            pieces = read_in_child(paths, format, known.title, options)
+        yield from known.pieces(*paths, **options) if pieces is None else pieces
 
 
 def _axes(axes: str | None) -> Callable[[Recording], Recording]:
@@ -176,7 +172,7 @@ def _chosen(
             )
     for path in paths:
         require_file(path)
-    chosen = format or recognise(paths, options)
+    chosen = format or _recognised(paths, options)
     if chosen not in FORMATS:
         raise InputError(f"unknown format {chosen!r}: give one of {', '.join(FORMATS)}")
     known = FORMATS[chosen]
@@ -195,22 +191,34 @@ def _chosen(
     return chosen, options
 
 
+def _recognised(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any]) -> str:
+    from imucal.io.recognition import recognise
+
+    return recognise(paths, options)
+
+
 def write(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write a recording as CSV or Parquet, depending on the extension of `path` (.csv, .parquet).
 
     Columns have canonical names, in SI units or counts. Reading the file returns every number bit for bit.
     The file is written atomically. Raises InputError if it cannot be written.
     """
+    from imucal.io.canonical import write_columns
+
     write_columns(column_names(as_recording(recording)), path)
 
 
 def write_pieces(pieces: Iterable[Recording], path: str | os.PathLike[str]) -> None:
     """Write a recording that is given in one or more pieces. The file equals the file that `write` gives."""
+    from imucal.io.canonical import write_parts
+
     write_parts((column_names(piece) for piece in pieces), path)
 
 
 def files_per_recording(format: str | None, paths: Sequence[str | os.PathLike[str]] = ()) -> int:
     """The number of files of one recording: 2 if each sensor has a separate file, otherwise 1."""
     if format is None and len(paths) == 2:
+        from imucal.io.sensor_files import are_pair
+
         return 2 if are_pair(paths) else 1
     return FORMATS[format].files if format in FORMATS else 1

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from imucal.arrays import FloatArray
-from imucal.document.atomic import write_atomically
 from imucal.document.source import first_bytes, open_large
 from imucal.errors import FormatError, ImucalError, InputError
 from imucal.io.alone import recording_of_any_text
@@ -19,6 +18,7 @@ from imucal.io.mapping import mapping_of
 from imucal.io.named_table import by_header
 from imucal.io.names import is_canonical
 from imucal.io.parquet_pages import require_plausible_pages, require_plausible_rows
+from imucal.io.starts import PARQUET_MAGIC
 from imucal.io.table import ROWS_AT_ONCE, Stored, Table
 from imucal.io.text import open_path
 from imucal.io.vocabulary import recording_from_table
@@ -34,8 +34,6 @@ __all__ = [
     "write_parts",
 ]
 
-# First bytes of a Parquet file.
-PARQUET_MAGIC = b"PAR1"
 # Size of the read buffer for a Parquet column chunk, bytes.
 BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
@@ -87,6 +85,8 @@ def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
 
 def write_parts(parts: Iterable[Columns], path: str | os.PathLike[str]) -> None:
     """Write columns that are given in one or more parts. The file equals the file of `write_columns`."""
+    from imucal.document.atomic import write_atomically
+
     require_ending(path)
     written = _parquet_writer if Path(path).suffix.lower() == PARQUET else _csv_writer
     with write_atomically(path) as file:

@@ -25,13 +25,12 @@ from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.extra import library
 from imucal.io.remarks import damaged, remark
+from imucal.io.starts import DATAFLASH_MAGIC
 from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
 from imucal.recording.recording import Recording
 
-__all__ = ["DATAFLASH_MAGIC", "read_dataflash"]
+__all__ = ["read_dataflash"]
 
-# First bytes of a dataflash log.
-DATAFLASH_MAGIC = b"\xa3\x95"
 # Message names. Before version 4.1 the name contained the instance: IMU2, IMU3, ACC1, ACC2, ...
 MESSAGE = re.compile(r"(IMU|ACC|GYR)([1-9]?)")
 ACCEL, GYRO = ("AccX", "AccY", "AccZ"), ("GyrX", "GyrY", "GyrZ")

@@ -2,25 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import importlib
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
-from imucal.io.canonical import read_csv, read_parquet
-from imucal.io.columns import read_columns
-from imucal.io.dataflash import read_dataflash
-from imucal.io.euroc import read_euroc
-from imucal.io.hdf5 import read_hdf5
-from imucal.io.imu_tk import read_imu_tk
-from imucal.io.matlab import read_matlab
-from imucal.io.numpy_files import read_numpy
-from imucal.io.pieces import csv_pieces, parquet_pieces
-from imucal.io.realsense import read_realsense
-from imucal.io.ros import read_mcap, read_rosbag
-from imucal.io.sensor_files import read_folder, read_pair
-from imucal.io.sentences import read_labels, read_vectornav
-from imucal.io.ulog import read_ulog
-from imucal.io.witmotion import read_witmotion
 from imucal.recording.recording import Recording
 
 __all__ = ["FORMATS", "Format"]
@@ -30,7 +16,8 @@ __all__ = ["FORMATS", "Format"]
 class Format:
     """A file format; one row of the catalogue.
 
-    read      reads a recording; its keyword arguments are the options of the format
+    reader    module of this folder and its function that reads a recording; the module is loaded when it is
+              first needed, because a command reads files of one format
     title     name for people
     files     number of files of one recording
     extra     optional extra of the package that the format needs, or None
@@ -38,14 +25,15 @@ class Format:
     reads     data that the reader takes from a file
     units     units of the data, and where they are defined
     time      origin of the time stamps
-    options   keyword arguments of `read`
+    options   keyword arguments of the reader
     example   files and options of an `imucal convert` command
-    pieces    reads a recording in pieces, with the same options; None if files can only be read as a whole
+    in_pieces  module and function that reads a recording in pieces, with the same options; None if files can
+              only be read as a whole
     isolated  whether the file is read in a child process with limited memory and time, because the library
               for the format does not verify the lengths and offsets in a file
     """
 
-    read: Callable[..., Recording]
+    reader: str
     title: str
     files: int
     extra: str | None
@@ -55,8 +43,26 @@ class Format:
     time: str
     options: tuple[str, ...]
     example: str
-    pieces: Callable[..., Iterator[Recording]] | None = None
+    in_pieces: str | None = None
     isolated: bool = False
+
+    def read(self, *paths: Any, **options: Any) -> Recording:
+        """Read a recording; the keyword arguments are the options of the format."""
+        recording: Recording = _function(self.reader)(*paths, **options)
+        return recording
+
+    def pieces(self, *paths: Any, **options: Any) -> Iterator[Recording]:
+        """Read a recording in pieces, or in one piece if files can only be read as a whole."""
+        if self.in_pieces is None:
+            yield self.read(*paths, **options)
+        else:
+            yield from _function(self.in_pieces)(*paths, **options)
+
+
+def _function(name: str) -> Any:
+    """A function of this folder by the names of its module and of the function, `canonical.read_csv`."""
+    module, _, function = name.partition(".")
+    return getattr(importlib.import_module(f"imucal.io.{module}"), function)
 
 
 NAMED_UNITS = (
@@ -87,7 +93,7 @@ CUT_OFF = "a truncated log is read up to its last complete message"
 
 FORMATS: Final[dict[str, Format]] = {
     "csv": Format(
-        read_csv,
+        "canonical.read_csv",
         "CSV with a header",
         1,
         None,
@@ -100,10 +106,10 @@ FORMATS: Final[dict[str, Format]] = {
         ("columns", "rate_hz"),
         "other.csv --columns time_ms=t,accel_x_g=ax,accel_y_g=ay,accel_z_g=az,"
         "gyro_x_dps=gx,gyro_y_dps=gy,gyro_z_dps=gz",
-        csv_pieces,
+        "pieces.csv_pieces",
     ),
     "parquet": Format(
-        read_parquet,
+        "canonical.read_parquet",
         "Parquet",
         1,
         None,
@@ -113,10 +119,10 @@ FORMATS: Final[dict[str, Format]] = {
         DATED_TIME,
         ("columns", "rate_hz"),
         "run.parquet",
-        parquet_pieces,
+        "pieces.parquet_pieces",
     ),
     "columns": Format(
-        read_columns,
+        "columns.read_columns",
         "Text without a canonical header",
         1,
         None,
@@ -129,7 +135,7 @@ FORMATS: Final[dict[str, Format]] = {
         "log.txt --columns accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,- --rate-hz 100",
     ),
     "imu_tk": Format(
-        read_imu_tk,
+        "imu_tk.read_imu_tk",
         "imu_tk pair",
         2,
         None,
@@ -142,7 +148,7 @@ FORMATS: Final[dict[str, Format]] = {
         "acc.mat gyro.mat",
     ),
     "pair": Format(
-        read_pair,
+        "sensor_files.read_pair",
         "one text file per sensor",
         2,
         None,
@@ -155,7 +161,7 @@ FORMATS: Final[dict[str, Format]] = {
         "Accelerometer.csv Gyroscope.csv",
     ),
     "folder": Format(
-        read_folder,
+        "sensor_files.read_folder",
         "folder or zip of text files",
         1,
         None,
@@ -168,7 +174,7 @@ FORMATS: Final[dict[str, Format]] = {
         "phone.zip",
     ),
     "labels": Format(
-        read_labels,
+        "sentences.read_labels",
         "label:value lines",
         1,
         None,
@@ -183,7 +189,7 @@ FORMATS: Final[dict[str, Format]] = {
         "gyro_x_radps=gx,gyro_y_radps=gy,gyro_z_radps=gz",
     ),
     "vectornav": Format(
-        read_vectornav,
+        "sentences.read_vectornav",
         "sentences of VectorNav, and others like NMEA 0183",
         1,
         None,
@@ -197,7 +203,7 @@ FORMATS: Final[dict[str, Format]] = {
         "imu.txt --rate-hz 100",
     ),
     "witmotion": Format(
-        read_witmotion,
+        "witmotion.read_witmotion",
         "WitMotion binary packets",
         1,
         None,
@@ -209,7 +215,7 @@ FORMATS: Final[dict[str, Format]] = {
         "wt901.bin --rate-hz 100",
     ),
     "euroc": Format(
-        read_euroc,
+        "euroc.read_euroc",
         "EuRoC",
         1,
         None,
@@ -221,7 +227,7 @@ FORMATS: Final[dict[str, Format]] = {
         "data.csv",
     ),
     "realsense": Format(
-        read_realsense,
+        "realsense.read_realsense",
         "RealSense CSV",
         1,
         None,
@@ -233,7 +239,7 @@ FORMATS: Final[dict[str, Format]] = {
         "d435i_imu_pose.csv",
     ),
     "rosbag": Format(
-        read_rosbag,
+        "ros.read_rosbag",
         "ROS 1 and ROS 2 bags",
         1,
         "ros",
@@ -246,7 +252,7 @@ FORMATS: Final[dict[str, Format]] = {
         isolated=True,
     ),
     "mcap": Format(
-        read_mcap,
+        "ros.read_mcap",
         "MCAP",
         1,
         "ros",
@@ -259,7 +265,7 @@ FORMATS: Final[dict[str, Format]] = {
         isolated=True,
     ),
     "ulog": Format(
-        read_ulog,
+        "ulog.read_ulog",
         "PX4 ULog",
         1,
         "px4",
@@ -274,7 +280,7 @@ FORMATS: Final[dict[str, Format]] = {
         isolated=True,
     ),
     "dataflash": Format(
-        read_dataflash,
+        "dataflash.read_dataflash",
         "ArduPilot dataflash",
         1,
         "ardupilot",
@@ -290,7 +296,7 @@ FORMATS: Final[dict[str, Format]] = {
         isolated=True,
     ),
     "matlab": Format(
-        read_matlab,
+        "matlab.read_matlab",
         "MATLAB .mat, all versions",
         1,
         "matlab",
@@ -303,7 +309,7 @@ FORMATS: Final[dict[str, Format]] = {
         isolated=True,
     ),
     "hdf5": Format(
-        read_hdf5,
+        "hdf5.read_hdf5",
         "HDF5",
         1,
         "hdf5",
@@ -316,7 +322,7 @@ FORMATS: Final[dict[str, Format]] = {
         isolated=True,
     ),
     "numpy": Format(
-        read_numpy,
+        "numpy_files.read_numpy",
         "NumPy .npz and .npy",
         1,
         None,

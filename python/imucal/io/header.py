@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 from unicodedata import combining, normalize
 
 from imucal.io.programs import Program, program_of
@@ -80,7 +80,7 @@ LINEAR: Final = {
     *("linear", "lin", "linearacceleration", "linacc", "linaccel"),
     *("lineare", "lineaire", "lineal"),
 }
-TIME: Final = re.compile(
+TIME: Final = (
     r"^(t|time|times|timestamp|timestamps|stamp|ts|sec|secs|seconds|elapsed|epoch|unix|millis|micros|clock|"
     r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|yyyy|uptime|"
     r"packettime|systime|timeus|timems|loggingtime|ms|us|ns|zeit|temps|tiempo|tempo|tijd)$"
@@ -88,16 +88,15 @@ TIME: Final = re.compile(
 # Words in names of secondary time columns, which are used only if there is no other time column.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
 # Descriptor of a quantity in the names of MicroStrain, such as `X Accel [x8004]`.
-DESCRIPTOR: Final = re.compile(r"\s*\[x[0-9A-Fa-f]{4}\]")
-WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%")
+DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
+WORD: Final = r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%"
 # Names that join sensor and axis in one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
-JOINED: Final = re.compile(
+JOINED: Final = (
     r"^(?:(a|acc|accel|ac|f|gf|g|gy|gyr|gyro|w|omega)([xyz])|([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
 )
 
 
-@dataclass(frozen=True)
-class Triad:
+class Triad(NamedTuple):
     """Three columns of one sensor.
 
     columns  names in the file, in the order x, y, z
@@ -152,7 +151,7 @@ def header_of(
     prefix = _shared_start([name for name in names if name])
     for name, text in zip(names, described, strict=True):
         bare, unit = split_unit(text)
-        bare = re.sub(r"_CAL$|_cal$", "", DESCRIPTOR.sub("", bare.removeprefix(prefix)))
+        bare = re.sub(r"_CAL$|_cal$", "", re.sub(DESCRIPTOR, "", bare.removeprefix(prefix)))
         words = _words(bare)
         if _is_time(words, unit):
             if _is_part_of_stamp(name, names):
@@ -228,7 +227,7 @@ def unknown_units(described: Sequence[str]) -> list[str]:
 def _words(name: str) -> list[str]:
     """The words of a name in lower case, without accents."""
     plain = "".join(c for c in normalize("NFKD", name) if not combining(c))
-    return [word.lower() for word in WORD.findall(plain)]
+    return [word.lower() for word in re.findall(WORD, plain)]
 
 
 def _shared_start(names: Sequence[str]) -> str:
@@ -243,8 +242,8 @@ def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[st
     of = unit[0] if unit else ""
     if of in ("time", "temp", "angle", "other"):
         return None
-    joined = JOINED.match(
-        re.sub(r"^[^a-z]+|[^a-z]+$", "", bare.lower().rpartition(".")[2].rpartition("/")[2])
+    joined = re.match(
+        JOINED, re.sub(r"^[^a-z]+|[^a-z]+$", "", bare.lower().rpartition(".")[2].rpartition("/")[2])
     )
     if joined:
         word, axis = (joined[1], joined[2]) if joined[1] else (joined[4], joined[3])
@@ -328,7 +327,7 @@ def _is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
         return False
     if words == ["gps", "tow"]:
         return True
-    return any(TIME.match(word) for word in words) and not any(
+    return any(re.match(TIME, word) for word in words) and not any(
         word in NOT_TIME or word in OTHER or word in ACCEL or word in GYRO for word in words
     )
 

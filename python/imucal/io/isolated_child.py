@@ -28,8 +28,7 @@ def serve(request: dict[str, Any]) -> None:
         error: ImucalError | None = None
         try:
             with faults_named(paths, known.title):
-                pieces = known.pieces(*paths, **options) if known.pieces else [known.read(*paths, **options)]
-                for piece in pieces:
+                for piece in known.pieces(*paths, **options):
                     write_recording(piece, stream)
         except ImucalError as failure:
             error = failure

@@ -6,18 +6,18 @@ second line with the unit of each column may follow the header. Rows of data are
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from imucal.errors import FormatError
 from imucal.io.names import is_canonical
 from imucal.io.unit_words import unit_of
 
 __all__ = ["HEAD", "Layout", "is_number", "is_value", "layout_of", "plain_text", "split_line"]
+
+# Patterns are texts: `re` compiles a pattern at its first use, and most files need few of them.
 
 # Size of the start of a file in which header and first row are searched, bytes.
 HEAD: Final = 1 << 16
@@ -29,23 +29,21 @@ SAMPLE_LINES: Final = 60
 # Minimum number of numeric fields in a line for a separator to be accepted.
 LEAST_NUMBERS: Final = 3
 NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
-DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+DECIMAL_COMMA: Final = r"[-+]?\d*,\d+([eE][-+]?\d+)?"
 # Matches the start of a date or a time of day, which `imucal.io.dates` parses.
-DATE: Final = re.compile(
-    r"(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|\w{3,9}\.? \d{1,2}, \d{4}|"
-    r"\d+ days? )",
-    re.ASCII,
+DATE: Final = (
+    r"(?a)(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|\w{3,9}\.? \d{1,2}, \d{4}|"
+    r"\d+ days? )"
 )
-COMMENT: Final = re.compile(r"^\s*(#|%|//)+\s*")
+COMMENT: Final = r"^\s*(#|%|//)+\s*"
 # The time stamp that the Arduino serial monitor writes before each line.
-ARRIVAL: Final = re.compile(rb"\d\d:\d\d:\d\d\.\d{3} -> ")
+ARRIVAL: Final = rb"\d\d:\d\d:\d\d\.\d{3} -> "
 SEPARATORS: Final = ("\t", ";", ",", " ")
 # Byte order marks and their encodings.
 BOMS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
-@dataclass(frozen=True)
-class Layout:
+class Layout(NamedTuple):
     """The positions of the parts of a text table, and its column names.
 
     names      column names, or None without a header
@@ -81,8 +79,7 @@ class Layout:
         ]
 
 
-@dataclass(frozen=True)
-class _Line:
+class _Line(NamedTuple):
     number: int
     text: str
 
@@ -102,8 +99,7 @@ def plain_text(name: str, content: bytes) -> bytes:
             if zeros and zeros.count(0) == len(zeros) and len(zeros) > 20:
                 return content[: len(content) // 2 * 2].decode(encoding, "replace").encode()
         raise FormatError(f"{name} is a binary file, not text: give the recording as CSV or Parquet")
-    match = ARRIVAL.match(content)
-    if match is not None:
+    if re.match(ARRIVAL, content):
         content = _with_arrival_column(content)
     if b"\r" in content[:HEAD] and b"\n" not in content[: 16 * HEAD] and b"\n" not in content:
         content = content.replace(b"\r", b"\n")
@@ -194,6 +190,8 @@ def split_line(text: str, separator: str) -> list[str]:
     if separator == " ":
         return [field.strip('"') for field in text.split()]
     if '"' in text:
+        import csv
+
         try:
             quoted = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
         except (csv.Error, StopIteration):
@@ -203,7 +201,7 @@ def split_line(text: str, separator: str) -> list[str]:
 
 
 def _fields(text: str) -> list[str]:
-    text = COMMENT.sub("", text)
+    text = re.sub(COMMENT, "", text)
     separator = next((mark for mark in SEPARATORS if mark in text), ",")
     return split_line(text, separator)
 
@@ -215,9 +213,9 @@ def is_number(field: str) -> bool:
 
 def is_value(field: str, decimal: str = ".") -> bool:
     """Whether a field is a number or begins like a date."""
-    if decimal == "," and DECIMAL_COMMA.fullmatch(field):
+    if decimal == "," and re.fullmatch(DECIMAL_COMMA, field):
         return True
-    return NUMBER.fullmatch(field) is not None or DATE.match(field) is not None
+    return NUMBER.fullmatch(field) is not None or re.match(DATE, field) is not None
 
 
 def _separator(lines: list[_Line], first: list[_Line], width: int | None) -> str:
@@ -251,7 +249,7 @@ def _decimal(lines: list[_Line], separator: str) -> str:
     if separator == "," and not any('"' in line.text for line in lines[-SAMPLE_LINES:]):
         return "."
     for line in lines[-SAMPLE_LINES:]:
-        if "," in line.text and any(DECIMAL_COMMA.fullmatch(f) for f in split_line(line.text, separator)):
+        if "," in line.text and any(re.fullmatch(DECIMAL_COMMA, f) for f in split_line(line.text, separator)):
             return ","
     return "."
 
@@ -308,7 +306,7 @@ def _header(
 
 def _names(text: str, separator: str, first: list[str]) -> list[str] | None:
     """The fields of a line if it can be the header of a row with the fields `first`."""
-    text = COMMENT.sub("", text)
+    text = re.sub(COMMENT, "", text)
     for mark in (separator, *(mark for mark in SEPARATORS if mark != separator)):
         if mark not in text:
             continue

@@ -14,13 +14,11 @@ from imucal.errors import FormatError
 from imucal.io.extra import library
 from imucal.io.hdf5 import hdf5_arrays
 from imucal.io.named_arrays import Array, NamedArrays, StoredArray, recording_from_arrays
+from imucal.io.starts import MATLAB_MAGIC
 from imucal.recording.recording import Recording
 
-__all__ = ["MATLAB_MAGIC", "read_matlab"]
+__all__ = ["read_matlab"]
 
-# First bytes of MAT-files of level 5 (MATLAB 5 to 7.2) and 7.3. Level 4 has no such bytes, so it needs
-# format="matlab".
-MATLAB_MAGIC: Final = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 # Classes of the variables that contain numbers.
 NUMERIC: Final = (
     "double",

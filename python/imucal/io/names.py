@@ -30,7 +30,7 @@ SKIP = ("-", "skip")
 RAW_TEMPERATURE = "temp_lsb"
 
 AXES = {"accel": "xyz", "gyro": "xyz", "stand": "123"}
-TRIAD_NAME = re.compile(r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)")
+TRIAD_NAME = r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)"
 
 
 def is_canonical(name: str) -> bool:
@@ -45,7 +45,7 @@ def is_canonical(name: str) -> bool:
 
 def triad_part(name: str) -> tuple[str, str, str] | None:
     """("accel", "x", "mps2") for accel_x_mps2; None for a name that is not a triad column."""
-    match = TRIAD_NAME.fullmatch(name)
+    match = re.fullmatch(TRIAD_NAME, name)
     if match is None:
         return None
     triad, axis, unit = match[1] or match[3], match[2] or match[4], match[5]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
 import io
 import os
-import zipfile
 import zlib
 from pathlib import Path
 from typing import Final
@@ -29,6 +27,8 @@ def unpacked(name: str, content: bytes) -> bytes:
     """The content of a file, decompressed if it is a gzip file."""
     if not content.startswith(GZIP):
         return content
+    import gzip
+
     limit = max(LARGEST_RATIO * len(content), ALWAYS_ALLOWED)
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
@@ -57,6 +57,8 @@ class Archive:
     """The text files in a zip archive."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        import zipfile
+
         self.name = Path(path).name
         try:
             with zipfile.ZipFile(path) as archive:
@@ -77,6 +79,8 @@ class Archive:
 
     def read(self, member: str, count: int = -1) -> bytes:
         """The content of a file in the archive, or its first `count` bytes."""
+        import zipfile
+
         try:
             with zipfile.ZipFile(self._path) as archive, archive.open(member) as file:
                 size = archive.getinfo(member)

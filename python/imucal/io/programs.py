@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 __all__ = ["Program", "program_of"]
 
 
-@dataclass(frozen=True)
-class Program:
+class Program(NamedTuple):
     """A program, and the units according to its manual.
 
     name         name of the program in messages

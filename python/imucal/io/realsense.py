@@ -22,9 +22,8 @@ from imucal.io.remarks import lines_left_out
 from imucal.io.streams import Stream, recording_from_streams
 from imucal.recording.recording import Recording
 
-__all__ = ["is_realsense", "read_realsense"]
+__all__ = ["read_realsense"]
 
-HEADER: Final = b"Stream Type,F#,HW Timestamp (ms)"
 HARDWARE: Final = "HW Timestamp (ms)"
 HOST: Final = "Host Timestamp(ms)"
 VALUES: Final = ("3DOF_x", "3DOF_y", "3DOF_z")
@@ -34,11 +33,6 @@ SAME_UNIT: Final = 0.1
 # Lines of a stream that do not consist of numbers are skipped. If their share is larger than this number, the
 # file is refused.
 MOST_GARBLED: Final = 0.01
-
-
-def is_realsense(start: bytes) -> bool:
-    """Whether the start of a text has the header that rs-convert and rs-data-collect write."""
-    return HEADER in start
 
 
 def read_realsense(path: str | os.PathLike[str]) -> Recording:

@@ -10,13 +10,10 @@ from typing import Any, Final
 
 from imucal.document.source import first_bytes, is_folder
 from imucal.errors import FormatError
-from imucal.io.canonical import PARQUET_MAGIC
-from imucal.io.dataflash import DATAFLASH_MAGIC
 from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
 from imucal.io.layout import HEAD, is_number
 from imucal.io.mapping import mapping_of
-from imucal.io.matlab import MATLAB_MAGIC
 from imucal.io.names import NAMES
 from imucal.io.packed import (
     OLD_SPREADSHEET,
@@ -25,12 +22,15 @@ from imucal.io.packed import (
     kind_of_zip,
     unpacked_start,
 )
-from imucal.io.realsense import is_realsense
-from imucal.io.ros import ROS1_MAGIC
-from imucal.io.sentences import are_labels, are_sentences
+from imucal.io.starts import (
+    DATAFLASH_MAGIC,
+    MATLAB_MAGIC,
+    PARQUET_MAGIC,
+    REALSENSE_HEADER,
+    ROS1_MAGIC,
+    ULOG_MAGIC,
+)
 from imucal.io.text import head_of
-from imucal.io.ulog import ULOG_MAGIC
-from imucal.io.witmotion import are_packets
 
 __all__ = ["recognise"]
 
@@ -55,7 +55,9 @@ STARTS: Final = (
 # First bytes of a log of Betaflight, Cleanflight or INAV.
 BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
 # First line of a log of ArduPilot that Mission Planner has converted to text.
-ARDUPILOT_TEXT: Final = re.compile(rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, ")
+ARDUPILOT_TEXT: Final = rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, "
+# Every text of labels or sentences contains at least one of these characters.
+MARKS_OF_LABELS: Final = b":=$[*"
 # Extensions that only one format uses. They identify the format if the first bytes of the file are damaged.
 ENDINGS: Final = {
     ".parquet": "parquet",
@@ -92,18 +94,16 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     for magic, name in STARTS:
         if start.startswith(magic):
             return name
-    if start[:1] == b"\x55" and are_packets(first_bytes(path, HEAD)):
+    if start[:1] == b"\x55" and _are_packets(path):
         return "witmotion"
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
     head = unpacked_start(path.name, path, HEAD)
     _refuse_text_log(path, head)
-    if is_realsense(head):
+    if REALSENSE_HEADER in head:
         return "realsense"
-    if are_sentences(head):
-        return "vectornav"
-    if are_labels(head):
-        return "labels"
+    if any(mark in head for mark in MARKS_OF_LABELS) and (kind := _labels_or_sentences(head)) is not None:
+        return kind
     if "columns" in options and mapping_of(options["columns"]) is None:
         return "columns"
     if "columns" in options:
@@ -128,6 +128,20 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     )
 
 
+def _are_packets(path: Path) -> bool:
+    from imucal.io.witmotion import are_packets
+
+    return are_packets(first_bytes(path, HEAD))
+
+
+def _labels_or_sentences(head: bytes) -> str | None:
+    from imucal.io.sentences import are_labels, are_sentences
+
+    if are_sentences(head):
+        return "vectornav"
+    return "labels" if are_labels(head) else None
+
+
 def _has_header(path: str | os.PathLike[str]) -> bool:
     return head_of(path)[1].names is not None
 
@@ -146,7 +160,7 @@ def _refuse_blackbox(path: Path) -> None:
 
 
 def _refuse_text_log(path: Path, head: bytes) -> None:
-    if ARDUPILOT_TEXT.match(head):
+    if re.match(ARDUPILOT_TEXT, head):
         raise FormatError(
             f"{path.name} is a log of ArduPilot as text: give the log itself (.bin), or write the samples of "
             f"one IMU with `mavlogdump.py --format csv --types IMU {path.name} > imu.csv`, and give that file"

@@ -20,13 +20,12 @@ from imucal.document.source import Source, first_bytes, is_folder, open_large, p
 from imucal.errors import FormatError, InputError
 from imucal.io.extra import library
 from imucal.io.mcap import messages_of_mcap, topics_of_mcap
+from imucal.io.starts import ROS1_MAGIC
 from imucal.io.streams import Stream, recording_from_streams
 from imucal.recording.recording import Recording
 
-__all__ = ["ROS1_MAGIC", "read_mcap", "read_rosbag"]
+__all__ = ["read_mcap", "read_rosbag"]
 
-# First bytes of a ROS 1 bag.
-ROS1_MAGIC: Final = b"#ROSBAG V"
 IMU: Final = "sensor_msgs/msg/Imu"
 # First element of a covariance that marks a quantity as not measured.
 NOT_MEASURED: Final = -1.0

@@ -5,20 +5,21 @@ Such lines are skipped with a warning that reports their number. If there are to
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from imucal.errors import FormatError
-from imucal.finding import Finding
 from imucal.io.arrow_values import arrow_of, truth_of
 from imucal.io.dates import FORMS, is_date_column, nanoseconds
-from imucal.io.layout import DATE, Layout, is_number, is_value, split_line
+from imucal.io.last_line import LastLine
+from imucal.io.layout import DATE, Layout, is_number, split_line
 from imucal.io.names import SKIP, is_canonical, time_unit
 from imucal.io.remarks import lines_left_out
 from imucal.io.table import Table
 
-__all__ = ["LastLine", "cleaned_columns", "without_blank_rows"]
+__all__ = ["cleaned_columns", "without_blank_rows"]
 
 # Rows with a field that is not a number, for example after an error on a serial line, are skipped. If their
 # share is larger than this number, the file is refused.
@@ -28,58 +29,9 @@ MOST_GARBLED: Final = 0.01
 MOST_TEXT: Final = 1.0
 # Arrow's maximum block size, bytes. With this size Arrow infers the column types from the whole file.
 LARGEST_BLOCK: Final = 2**31 - 1
-# Number of rows, before the last row, with which the last row is compared. If its last field has fewer
-# decimals than in these rows, it may have been cut off.
-COMPARED_ROWS: Final = 20
 # Regular expression of a number, for RE2; {point} is the decimal point.
 NUMBER: Final = r"^\s*[-+]?(\d+{point}?\d*|{point}\d+)([eE][-+]?\d+)?\s*$|^\s*[-+]?(?i:nan|inf|infinity)\s*$"
 COMMENTS: Final = ("#", "%", "//")
-
-
-class LastLine:
-    """The last line of a text, which is skipped if it is incomplete.
-
-    A line without a line end is incomplete if it has too few fields, or if its last field has fewer decimals
-    than the last fields of all compared rows.
-    """
-
-    def __init__(self, content: bytes, layout: Layout) -> None:
-        self.end = len(content)
-        self.cut = ""
-        if content.endswith(b"\n") or not layout.first:
-            return
-        start = content.rfind(b"\n") + 1
-        if start <= layout.start:
-            return
-        line = content[start:].decode(errors="replace")
-        before = content[max(layout.start, start - (1 << 14)) : start].split(b"\n")[1:-1][-COMPARED_ROWS:]
-        if line.strip() and _is_cut(line, [row.decode(errors="replace") for row in before], layout):
-            self.end, self.cut = start, line.strip()
-
-    def findings(self, file: str) -> tuple[Finding, ...]:
-        """A warning if the last line was skipped."""
-        left = [f"an incomplete last line ({self.cut[:40]!r})"]
-        return (lines_left_out(file, left, 1),) if self.cut else ()
-
-
-def _is_cut(line: str, before: Sequence[str], layout: Layout) -> bool:
-    fields = split_line(line, layout.separator)
-    rows = [split_line(row, layout.separator) for row in before if row.strip()]
-    if not rows or any(len(row) != len(rows[0]) for row in rows):
-        return False
-    if len(fields) < len(rows[0]):
-        return any(is_value(field, layout.decimal) for field in fields)
-    if len(fields) > len(rows[0]):
-        return False
-    if not fields[-1] or not is_value(fields[-1], layout.decimal):
-        return all(is_value(row[-1], layout.decimal) for row in rows)
-    decimals = {len(row[-1].rpartition(layout.decimal)[2]) for row in rows if layout.decimal in row[-1]}
-    return (
-        len(rows) >= COMPARED_ROWS // 2
-        and len(decimals) == 1
-        and all(layout.decimal in row[-1] for row in rows)
-        and len(fields[-1].rpartition(layout.decimal)[2]) < decimals.pop()
-    )
 
 
 def without_blank_rows(table: Table) -> Table:
@@ -118,7 +70,7 @@ class _LeftOut:
     def note(self, row: Any) -> str:
         fields = [field.strip() for field in (row.text or "").replace(";", ",").replace("\t", ",").split(",")]
         text = (row.text or "").strip()
-        numbers = sum(is_number(field) or DATE.match(field) is not None for field in fields)
+        numbers = sum(is_number(field) or re.match(DATE, field) is not None for field in fields)
         is_text = text.startswith(COMMENTS) or 2 * numbers < len(fields)
         self.lines.append((row.number - 1, text, is_text))
         return "skip"

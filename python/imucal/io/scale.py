@@ -8,8 +8,7 @@ MEMS sensors.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -47,8 +46,7 @@ UNIT_TEXT: Final = {
 }
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """An interpretation of numbers without a unit.
 
     likely  suffix of the canonical names for the likely unit, or None

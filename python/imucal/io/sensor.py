@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,9 @@ __all__ = [
 ACCEL_UNITS: Final = {"m/s^2": "mps2", "g": "g", "mg": "mg", "lsb": "lsb"}
 GYRO_UNITS: Final = {"rad/s": "radps", "deg/s": "dps", "mdeg/s": "mdps", "lsb": "lsb"}
 # Words in file names that identify the sensor if its columns are only called x, y, z.
-GYRO_FILE: Final = re.compile(r"gyr|angular|rotation.?rate|omega", re.IGNORECASE)
-ACCEL_FILE: Final = re.compile(r"acc|g-?force|specific", re.IGNORECASE)
-OTHER_FILE: Final = re.compile(r"linear|gravity(?!.*acc)|user|mag|orient|baro|without", re.IGNORECASE)
+GYRO_FILE: Final = r"(?i)gyr|angular|rotation.?rate|omega"
+ACCEL_FILE: Final = r"(?i)acc|g-?force|specific"
+OTHER_FILE: Final = r"(?i)linear|gravity(?!.*acc)|user|mag|orient|baro|without"
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,7 @@ class Sensor:
         return Head(self.text)
 
 
-@dataclass(frozen=True)
-class Units:
+class Units(NamedTuple):
     """The units given by the caller, as suffixes of canonical names, or None."""
 
     time: str | None
@@ -87,10 +86,10 @@ def sensor_of(text: Text) -> Sensor:
             return Sensor(text, header, triads[0], what)
     if header.plain:
         triad, what = header.plain[0]
-        if OTHER_FILE.search(text.name):
+        if re.search(OTHER_FILE, text.name):
             what = "linear"
         elif not what:
-            is_gyro, is_accel = GYRO_FILE.search(text.name), ACCEL_FILE.search(text.name)
+            is_gyro, is_accel = re.search(GYRO_FILE, text.name), re.search(ACCEL_FILE, text.name)
             what = "gyro" if is_gyro else "accel" if is_accel else ""
         return Sensor(text, header, triad, what)
     linear = " (its acceleration is without gravity)" if header.linear else ""

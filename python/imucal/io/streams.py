@@ -14,8 +14,7 @@ The resampling is reported as a finding of the recording.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +38,7 @@ LARGEST_RATIO = 10.0
 GAP_STEPS = 2.5
 
 
-@dataclass(frozen=True, eq=False)
-class Stream:
+class Stream(NamedTuple):
     """The samples of one sensor, as stored in the file.
 
     name              name in the file

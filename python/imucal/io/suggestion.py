@@ -19,7 +19,7 @@ from imucal.io.unit_words import split_unit
 __all__ = ["columns_suggested", "suggestion"]
 
 # A sampling rate in a line before the header: "Update Rate: 100.0Hz", "Sample rate,100 Hz", "#sps,100".
-RATE: Final = re.compile(r"(?i)\b(?:rate|sps)\b\W{0,4}(\d+(?:\.\d+)?)")
+RATE: Final = r"(?i)\b(?:rate|sps)\b\W{0,4}(\d+(?:\.\d+)?)"
 
 
 def suggestion(
@@ -96,7 +96,7 @@ def _with_rates(header: Header, names: Sequence[str]) -> Header:
 
 def _rate_in(preamble: Sequence[str]) -> str:
     """The only sampling rate in the lines before the header, Hz; a placeholder if there is none."""
-    rates = {float(found) for line in preamble for found in RATE.findall(line)}
+    rates = {float(found) for line in preamble for found in re.findall(RATE, line)}
     return f"{rates.pop():g}" if len(rates) == 1 else "HZ"
 
 

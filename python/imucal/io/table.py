@@ -16,14 +16,13 @@ __all__ = ["ROWS_AT_ONCE", "Stored", "Table", "parts"]
 ROWS_AT_ONCE: Final = 1 << 16
 
 
-@dataclass(frozen=True)
 class Stored:
     """A column whose values are read when needed. `batches` reads columns of the file by their names."""
 
-    name: str
-    type: Any
-    rows: int
-    batches: Callable[[list[str]], Iterator[Any]]
+    def __init__(
+        self, name: str, type: Any, rows: int, batches: Callable[[list[str]], Iterator[Any]]
+    ) -> None:
+        self.name, self.type, self.rows, self.batches = name, type, rows, batches
 
     def __len__(self) -> int:
         return self.rows

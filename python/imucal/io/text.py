@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Final
@@ -17,10 +16,10 @@ from typing import Any, Final
 import imucal._core as _core
 from imucal.document.source import File, Source, first_bytes, hashed_blocks, open_file
 from imucal.errors import FormatError
+from imucal.io.last_line import LastLine
 from imucal.io.layout import HEAD, Layout, layout_of, plain_text
 from imucal.io.names import SKIP, is_canonical, time_unit
 from imucal.io.packed import GZIP, unpacked, unpacked_start
-from imucal.io.rows import LastLine, cleaned_columns, without_blank_rows
 from imucal.io.table import Table
 
 __all__ = ["NotInPartsError", "Text", "head_of", "headed_parts", "open_path", "open_text", "read_rows"]
@@ -108,7 +107,7 @@ class _StoredText(Text):
         with Path(self._path).open("rb") as file:
             size = file.seek(0, os.SEEK_END)
             file.seek(max(self.layout.start, size - TAIL))
-            return bool(LastLine(file.read(), replace(self.layout, start=0)).cut)
+            return bool(LastLine(file.read(), self.layout._replace(start=0)).cut)
 
 
 def _parsed(layout: Layout, used: list[bool], blocks: Iterator[bytes]) -> list[Any] | None:
@@ -226,6 +225,8 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
             return Table(text.name, kept, numbers, place)
     import pyarrow as pa
     from pyarrow import csv
+
+    from imucal.io.rows import cleaned_columns, without_blank_rows
 
     if not layout.first:
         empty = pa.chunked_array([pa.array([], pa.float64())])

@@ -25,9 +25,8 @@ from imucal.io.remarks import damaged, remark
 from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
 from imucal.recording.recording import Recording
 
-__all__ = ["ULOG_MAGIC", "read_ulog"]
+__all__ = ["read_ulog"]
 
-ULOG_MAGIC = b"ULog\x01\x12\x35"
 NEEDED = "sensor_accel with sensor_gyro, or sensor_combined"
 # Value of accelerometer_timestamp_relative in a sensor_combined message without an accelerometer sample.
 INVALID_RELATIVE_TIME = 0x7FFFFFFF

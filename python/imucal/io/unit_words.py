@@ -38,13 +38,12 @@ _SPELLINGS: Final[dict[tuple[str, str], str]] = {
 }
 _UNIT: Final = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
 # Matches a unit in brackets anywhere in a name.
-_BRACKETS: Final = re.compile(r"[\[({]([^\[\](){}]*(?:\([^()]*\)[^\[\](){}]*)*)[\])}]")
+_BRACKETS: Final = r"[\[({]([^\[\](){}]*(?:\([^()]*\)[^\[\](){}]*)*)[\])}]"
 # Matches a unit in the last words of a name, such as time_us, gyro_x_rad_per_s, "Gyr X deg/s".
-_ENDING: Final = re.compile(
-    r"[_ .]?(rad[_ ]?per[_ ]?s|rad/s(?:ec)?|radps|rad_s|mdps|mdeg/s|dps|deg/s(?:ec)?|deg[_ ]per[_ ]s|deg_s|"
-    r"°/s|m/s[²2^]+|m/s/s|mps2|m_s2|(?<=[_ .xyz])(?:mps|mss)|(?<=[_ .])(?:mg|g|lsb|raw|counts?|ms|us|µs|ns|s|"
-    r"sec|secs|seconds|millis|micros|nanos|milliseconds|microseconds|nanoseconds))$",
-    re.IGNORECASE,
+_ENDING: Final = (
+    r"(?i)[_ .]?(rad[_ ]?per[_ ]?s|rad/s(?:ec)?|radps|rad_s|mdps|mdeg/s|dps|deg/s(?:ec)?|deg[_ ]per[_ ]s|"
+    r"deg_s|°/s|m/s[²2^]+|m/s/s|mps2|m_s2|(?<=[_ .xyz])(?:mps|mss)|(?<=[_ .])(?:mg|g|lsb|raw|counts?|ms|us|µs|ns|s|"
+    r"sec|secs|seconds|millis|micros|nanos|milliseconds|microseconds|nanoseconds))$"
 )
 _ENDING_UNIT: Final = {
     "mps": ("accel", "mps2"),
@@ -62,10 +61,10 @@ def unit_of(text: str) -> tuple[str, str] | None:
 
 def split_unit(name: str) -> tuple[str, tuple[str, str] | None]:
     """A column name without the unit, and the quantity and suffix of the unit as from `unit_of`."""
-    for match in reversed(list(_BRACKETS.finditer(name))):
+    for match in reversed(list(re.finditer(_BRACKETS, name))):
         if (unit := unit_of(match[1])) is not None:
             return f"{name[: match.start()]} {name[match.end() :]}".strip(), unit
-    ending = _ENDING.search(name.strip())
+    ending = re.search(_ENDING, name.strip())
     if ending is not None:
         word = ending[1].lower()
         unit = _ENDING_UNIT.get(word) or unit_of(word.replace("per", "/").replace("_", "").replace(" ", ""))
