@@ -2,12 +2,14 @@
 
 import ast
 import inspect
+import json
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import cloudpickle
+import numpy as np
 import pytest
 
 import imucal
@@ -60,6 +62,49 @@ def test_a_calibration_loads_what_it_needs(tmp_path):
     assert not {"pyarrow", "imucal.report", "imucal.gap.find", *UNUSED} & new
     others = {name for name in new if name.startswith("imucal.cli.commands.")}
     assert others == {"imucal.cli.commands.calibrate"}
+
+
+# What a calibration without effects, control recordings, held parameters and output files does not need.
+PARTS_UNUSED = {
+    *("calibration.file", "document.atomic", "document.json_document", "effects.effect", "effects.formula"),
+    *("estimation.evaluate", "estimation.means", "estimation.priors", "limits.judgement", "rig.unit"),
+}
+LIBRARIES_UNUSED = {"csv", "difflib", "gzip", "json", "subprocess", "tempfile", "traceback", "zipfile"}
+# Creating a dataclass takes about half a millisecond, and compiling a pattern about a quarter. The numbers are
+# those of this calibration; a larger number needs a reason.
+MOST_DATACLASSES, MOST_PATTERNS = 36, 4
+COUNTED = """
+import dataclasses, json, re
+own = [module for name, module in sys.modules.items() if name.startswith("imucal")]
+values = {id(value): value for module in own for value in vars(module).values()}.values()
+dataclasses_made = [v for v in values if isinstance(v, type) and dataclasses.is_dataclass(v)]
+patterns = [value for value in values if isinstance(value, re.Pattern)]
+print(json.dumps([len(dataclasses_made), len(patterns)]))
+"""
+
+
+@pytest.mark.parametrize("files", [1, 2])
+def test_a_calibration_does_not_load_what_it_does_not_need(tmp_path, files):
+    recording = imucal.simulate("random", seed=1, rate_hz=50.0).recording
+    paths = [tmp_path / "acc.txt", tmp_path / "gyro.txt"] if files == 2 else [tmp_path / "run.csv"]
+    options = ["--format", "imu_tk", "--accel-unit", "m/s^2", "--gyro-unit", "rad/s"] if files == 2 else []
+    if files == 2:
+        for path, samples in zip(paths, (recording.specific_force, recording.angular_rate), strict=True):
+            np.savetxt(path, np.column_stack([recording.time_s, samples]))
+    else:
+        imucal.write(recording, paths[0])
+    calibrating = f"from imucal.cli import main\nmain({['calibrate', *map(str, paths), *options]!r})"
+    new = loaded(calibrating) - loaded("")
+    assert not {f"imucal.{name}" for name in PARTS_UNUSED} & new
+    assert not LIBRARIES_UNUSED & new
+    readers = {f"imucal.io.{form.reader.partition('.')[0]}" for form in imucal.io.FORMATS.values()}
+    of_text = {f"imucal.io.{name}" for name in ("canonical", "euroc", "imu_tk", "sensor_files")}
+    assert new & readers <= of_text
+    script = f"import sys\n{calibrating}\n{COUNTED}"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    dataclasses_made, patterns = json.loads(done.stdout.splitlines()[-1])
+    assert 20 < dataclasses_made <= MOST_DATACLASSES
+    assert 0 < patterns <= MOST_PATTERNS
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])

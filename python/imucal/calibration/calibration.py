@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,19 +20,19 @@ from numpy.typing import ArrayLike
 from imucal.arrays import FloatArray, as_matrix
 from imucal.calibration.correction import correct, correct_recording, left_in_data, takes_pieces
 from imucal.calibration.figures import figures_text
-from imucal.calibration.file import document_of, fields_of, require_consistent
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.references import References
 from imucal.calibration.triad import Parameter
 from imucal.calibration.verdict import Verdict, saved_verdict
-from imucal.document.atomic import write_text
-from imucal.document.json_document import Node, read_json, to_json
 from imucal.document.plain import plain
-from imucal.effects.definition import UserEffect, by_name
 from imucal.errors import FormatError, InputError
 from imucal.notebook import html_of
 from imucal.recording.recording import Recording, as_recording
+
+if TYPE_CHECKING:
+    from imucal.document.json_document import Node
+    from imucal.effects.definition import UserEffect
 
 __all__ = ["Calibration", "require_calibration"]
 
@@ -199,6 +199,8 @@ class Calibration(SensorModel):
 
     def to_dict(self) -> dict[str, Any]:
         """The fields of the calibration file."""
+        from imucal.calibration.file import document_of
+
         return document_of(self, self.parameters, {f.name: getattr(self, f.name) for f in fields(self)})
 
     @staticmethod
@@ -206,6 +208,8 @@ class Calibration(SensorModel):
         document: Mapping[str, Any], name: str = "calibration", *, user_effects: Sequence[UserEffect] = ()
     ) -> Calibration:
         """The calibration in a document from `to_dict`. Raises FormatError that names an invalid field."""
+        from imucal.document.json_document import Node
+
         return _calibration_of(Node(plain(document), "$", name), user_effects)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -214,6 +218,9 @@ class Calibration(SensorModel):
         Raises InputError if it cannot be written, if a number is not finite, and for a calibration that
         `load` would refuse because it contradicts itself.
         """
+        from imucal.document.atomic import write_text
+        from imucal.document.json_document import Node, to_json
+
         document = self.to_dict()
         text = to_json(document)
         try:
@@ -232,10 +239,15 @@ class Calibration(SensorModel):
         Raises InputError if the file cannot be read, and FormatError that names a wrong field if it is not a
         calibration.
         """
+        from imucal.document.json_document import read_json
+
         return _calibration_of(read_json(path), user_effects)
 
 
 def _calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibration:
+    from imucal.calibration.file import fields_of, require_consistent
+    from imucal.effects.definition import by_name
+
     own = by_name(user_effects)
     # An InputError about contradictory values is converted to a FormatError that names the file.
     try:

@@ -11,7 +11,7 @@ each iteration calls the library for the effects of the catalogue.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +21,14 @@ import imucal._core as _core
 from imucal.arrays import FloatArray, SampleArray, as_rows
 from imucal.calibration.model import SensorModel
 from imucal.calibration.triad import Triad
-from imucal.effects.definition import UserEffect
-from imucal.effects.effect import EffectValues
-from imucal.effects.state import State
 from imucal.errors import InputError
 from imucal.recording.axes import UNCHANGED
 from imucal.recording.recording import Recording, require_sensors, samples_of_both
+
+if TYPE_CHECKING:
+    from imucal.effects.definition import UserEffect
+    from imucal.effects.effect import EffectValues
+    from imucal.effects.state import State
 
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
@@ -198,6 +200,8 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     own = list(model.own_effects())
     if not own:
         return recording
+    from imucal.effects.state import State
+
     others = model.without_user_effects()
     accelerometer, gyroscope = model.both()
     raw_force, raw_rate = samples_of_both(recording)

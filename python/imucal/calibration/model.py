@@ -9,19 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 
 import imucal._core as _core
 from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES, Frame, Parameter, Triad, as_frame
-from imucal.effects.definition import UserEffect, check_values, definitions, named_numbers
-from imucal.effects.effect import Effect, EffectValues
-from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.recording.axes import UNCHANGED, Axes
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording, Sensor
 from imucal.units import STANDARD_GRAVITY_MPS2
+
+if TYPE_CHECKING:
+    from imucal.effects.definition import UserEffect
+    from imucal.effects.effect import Effect, EffectValues
 
 __all__ = ["SensorModel"]
 
@@ -67,9 +68,7 @@ class SensorModel:
         names = {values.name for values in self.effects}
         if len(names) < len(self.effects):
             raise InputError(f"an effect occurs twice in {[values.name for values in self.effects]}")
-        known = definitions(self.user_effects)
-        for values in self.effects:
-            check_values(known.get(values.name) or find(values.name), values)
+        self._check_effects()
         used = tuple(effect for effect in self.user_effects if effect.name in names)
         of_catalogue = len(self.effects) - len(used)
         if of_catalogue > _core.MAX_EFFECTS:
@@ -82,6 +81,17 @@ class SensorModel:
         twice = next((name for name in parameters if parameters.count(name) > 1), None)
         if twice is not None:
             raise InputError(f"two parameters have the name {twice}: give your effect another name")
+
+    def _check_effects(self) -> None:
+        """Raise InputError for values that do not match the definition of their effect."""
+        if not self.effects and not self.user_effects:
+            return
+        from imucal.effects.definition import check_values, definitions
+        from imucal.effects.table import find
+
+        known = definitions(self.user_effects)
+        for values in self.effects:
+            check_values(known.get(values.name) or find(values.name), values)
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
@@ -119,28 +129,36 @@ class SensorModel:
                 row, column = ("xyz".index(axis) for axis in entry)
                 value = float(triad.sensitivity[row, column])
                 found.append(Parameter(f"{sensor}_sensitivity_{entry}", value, None, scale_unit))
+        return (*found, *self._effect_parameters())
+
+    def _effect_parameters(self) -> Iterator[Parameter]:
+        if not self.effects:
+            return
+        from imucal.effects.definition import named_numbers
+
         for effect in self.effects:
             for parameter, number in named_numbers(self.definition(effect), effect):
-                found.append(Parameter(f"{effect.name}_{parameter.name}", number, None, parameter.unit))
-        return tuple(found)
+                yield Parameter(f"{effect.name}_{parameter.name}", number, None, parameter.unit)
 
     def definition(self, values: EffectValues) -> Effect | UserEffect:
         """The definition of one of `effects`, from the catalogue or from the user."""
+        from imucal.effects.definition import definitions
+
         return definitions(self.user_effects)[values.name]
 
     def catalogue_effects(self) -> Iterator[Effect]:
         """The definitions of the effects that are in the catalogue."""
+        own = {effect.name for effect in self.user_effects}
         for values in self.effects:
-            effect = self.definition(values)
-            if isinstance(effect, Effect):
-                yield effect
+            if values.name not in own:
+                yield cast("Effect", self.definition(values))
 
     def own_effects(self) -> Iterator[tuple[UserEffect, EffectValues]]:
         """The user-defined effects with their values."""
+        own = {effect.name: effect for effect in self.user_effects}
         for values in self.effects:
-            effect = self.definition(values)
-            if isinstance(effect, UserEffect):
-                yield effect, values
+            if values.name in own:
+                yield own[values.name], values
 
     def without_user_effects(self: Model) -> Model:
         """The model with only the effects of the catalogue, which the compiled library implements."""

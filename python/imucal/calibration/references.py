@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, cast, get_args
 
 import numpy as np
 
 import imucal._core as _core
 from imucal.arrays import FloatArray
-from imucal.document.json_document import Node
 from imucal.errors import FormatError, InputError
 from imucal.units import STANDARD_GRAVITY_MPS2
+
+if TYPE_CHECKING:
+    from imucal.document.json_document import Node
 
 __all__ = ["References", "references_of"]
 

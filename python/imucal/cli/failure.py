@@ -7,11 +7,8 @@ result.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
-import shlex
-import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -29,7 +26,7 @@ __all__ = ["TRACEBACK", "command_offered", "is_fault", "message_of", "no_result_
 TRACEBACK: Final = "IMUCAL_TRACEBACK"
 # OFFERED matches the name of a smaller model that a message proposes. WITH_MODEL lists the commands with the
 # option --model.
-OFFERED: Final = re.compile(r"\bmodel='(\w+)'")
+OFFERED: Final = r"\bmodel='(\w+)'"
 WITH_MODEL: Final = ("calibrate", "gap")
 
 
@@ -44,9 +41,11 @@ def command_offered(error: BaseException, arguments: Sequence[str]) -> str:
 
     arguments   arguments of the command that ended with the error
     """
-    offered = OFFERED.search(str(error)) if isinstance(error, NotEnoughMotionError) else None
+    offered = re.search(OFFERED, str(error)) if isinstance(error, NotEnoughMotionError) else None
     if offered is None or not arguments or arguments[0] not in WITH_MODEL:
         return ""
+    import shlex
+
     others = list(arguments[1:])
     for at in reversed([i for i, argument in enumerate(others) if argument.startswith("--model")]):
         del others[at : at + (1 if "=" in others[at] else 2)]
@@ -79,6 +78,8 @@ def _foreseen(error: BaseException) -> str | None:
 
 def _fault(error: BaseException) -> str:
     """The message for a bug: error, location, and how to show the traceback."""
+    import traceback
+
     last = traceback.extract_tb(error.__traceback__)[-1]
     what = " ".join(str(error).split())[:500]
     return (
@@ -159,6 +160,8 @@ def _may_be_replaced(path: str) -> bool:
     """Whether `path` does not exist, is not a regular file, or contains an earlier result with a verdict."""
     if not Path(path).is_file():
         return True
+    import json
+
     try:
         with Path(path).open("rb") as file:
             # Only files that start like a JSON object are read completely, because a recording may be large.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -134,17 +134,24 @@ class Output:
         """The unit and scale in which a quantity with this name and SI unit is printed."""
         return self._units.units(name, si_unit)
 
-    def document(self, document: Mapping[str, Any]) -> None:
-        """Write the JSON document if it was requested."""
+    def document(self, document: Mapping[str, Any] | Callable[[], Mapping[str, Any]]) -> None:
+        """Write the JSON document if it was requested.
+
+        document  the document, or a function that is called for it only if it is written
+        """
+        if self._json_path is not None:
+            self._write(document() if callable(document) else document, self._json_path)
+        Output.documents += 1
+
+    def _write(self, document: Mapping[str, Any], path: str) -> None:
         from imucal.cli.as_typed import document_as_typed
         from imucal.document.json_document import to_json, write_json
 
         document = document_as_typed(document)
-        if self._json_path == "-":
+        if path == "-":
             print(to_json(document))
-        elif self._json_path is not None:
-            write_json(document, self._json_path)
-        Output.documents += 1
+        else:
+            write_json(document, path)
 
     def line(self, text: str, highlighted: str | None = None) -> None:
         """Print a line of text without wrapping it, with options as they are typed.

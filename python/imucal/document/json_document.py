@@ -11,7 +11,6 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from typing import Any
 
 import numpy as np
@@ -21,12 +20,7 @@ from imucal.document.atomic import write_text
 from imucal.document.plain import plain
 from imucal.errors import FormatError, InputError
 
-__all__ = ["Node", "now", "read_json", "to_json", "write_json"]
-
-
-def now() -> str:
-    """The current time for a document: ISO 8601, UTC, with a resolution of one second."""
-    return datetime.now(timezone.utc).isoformat(timespec="seconds")
+__all__ = ["Node", "read_json", "to_json", "write_json"]
 
 
 def to_json(document: Any) -> str:

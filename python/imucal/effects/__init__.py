@@ -1,8 +1,6 @@
 """Effects: systematic errors beyond sensitivity and bias, from the catalogue or defined by the user."""
 
-from imucal.effects.definition import UserEffect
-from imucal.effects.effect import Effect, EffectParameter, EffectValues
-from imucal.effects.state import State
-from imucal.effects.table import catalogue, find
+import lazy_loader
 
-__all__ = ["Effect", "EffectParameter", "EffectValues", "State", "UserEffect", "catalogue", "find"]
+# Each name is loaded when it is first used. The names are listed once, in the stub.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray
 from imucal.document.name import require_name
-from imucal.effects.disturbance import disturbances
 from imucal.effects.effect import Effect, EffectParameter, EffectValues
-from imucal.effects.state import State
 from imucal.effects.table import catalogue_by_name
 from imucal.errors import InputError
+
+if TYPE_CHECKING:
+    from imucal.effects.state import State
 
 __all__ = ["UserEffect", "by_name", "check_values", "definitions", "named_numbers"]
 
@@ -51,6 +52,8 @@ class UserEffect:
     field: Callable[[State], ArrayLike] | None
 
     def __post_init__(self) -> None:
+        from imucal.effects.disturbance import disturbances
+
         object.__setattr__(self, "parameters", tuple(self.parameters))
         if not self.name.isidentifier():
             raise InputError(f"{self.name!r} is not a valid name of an effect: use letters, digits and _")

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 
 import imucal._core as _core
-from imucal.effects.disturbance import disturbances
 from imucal.effects.effect import Alias, Effect, EffectParameter
 from imucal.errors import InputError
 
@@ -41,6 +40,8 @@ def find(name: str) -> Effect:
     """The effect with this name; InputError with similar names if there is none."""
     if name in catalogue_by_name():
         return catalogue_by_name()[name]
+    from imucal.effects.disturbance import disturbances
+
     for row in disturbances():
         if name == row.name:
             what = "noise" if row.kind == "noise" else "a fault"

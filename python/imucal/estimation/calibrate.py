@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -17,26 +17,25 @@ from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.references import References, references_of
 from imucal.calibration.triad import Frame, Triad, as_estimated_frame
 from imucal.calibration.verdict import ResidualFit, verdict_of, worst
-from imucal.document.json_document import now
+from imucal.document.date import now
 from imucal.document.plain import plain
 from imucal.document.source import Source
 from imucal.document.whole import is_whole
-from imucal.effects.definition import UserEffect
-from imucal.effects.effect import EffectValues
 from imucal.errors import InputError
-from imucal.estimation.evaluate import evaluated, evaluation_of
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
-from imucal.estimation.known import known_accelerometer
-from imucal.estimation.means import FromMeans, calibrated_means, rows_of_means
+from imucal.estimation.holds import Hold, holds_of, profile_of
 from imucal.estimation.options import Options, asked_for, wander_of
-from imucal.estimation.priors import Hold, Priors, holds_of, profile_of
 from imucal.estimation.rests import FittedMove, FittedRest, of_library
 from imucal.estimation.result import CalibrationResult
-from imucal.estimation.user_effects import UserEffectSource
 from imucal.recording.means import Means
 from imucal.recording.one_unit import of_one_unit, require_other_data
 from imucal.recording.recording import Recording, as_recordings
-from imucal.rig.unit import Unit
+
+if TYPE_CHECKING:
+    from imucal.effects.definition import UserEffect
+    from imucal.effects.effect import EffectValues
+    from imucal.estimation.means import FromMeans
+    from imucal.rig.unit import Unit
 
 __all__ = ["calibrate", "result_of"]
 
@@ -142,6 +141,8 @@ def calibrate(
             )
         unit_data = of_one_unit(recordings)
     else:
+        from imucal.estimation.means import rows_of_means
+
         unit_data = [rows_of_means(recordings)]
     if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
         raise InputError(
@@ -160,6 +161,11 @@ def calibrate(
         )
     require_serial_number(serial_number)
     gravity, references = references_of(gravity_mps2, gravity_sigma_mps2, clock_ppm, latitude_deg, height_m)
+    known = None
+    if calibration is not None:
+        from imucal.estimation.known import known_accelerometer
+
+        known = known_accelerometer(calibration, unit_data)
     options = Options(
         gravity_mps2=gravity,
         gravity_sigma_mps2=references.gravity_sigma_mps2,
@@ -177,14 +183,20 @@ def calibrate(
         wander=None if means is not None else wander_of(unit),
         folds=folds,
         partly=partly,
-        accelerometer=None if calibration is None else known_accelerometer(calibration, unit_data),
+        accelerometer=known,
         max_iterations=max_iterations,
     )
     judges = as_recordings(control)
     require_other_data(unit_data, judges)
-    source = UserEffectSource(own, unit_data, judges) if own else None
+    source = None
+    if own:
+        from imucal.estimation.user_effects import UserEffectSource
+
+        source = UserEffectSource(own, unit_data, judges)
     of_means: FromMeans | None = None
     if means is not None:
+        from imucal.estimation.means import calibrated_means
+
         of_means, outcome = calibrated_means(means, noise_mps2, unit, options)
     elif all(recording.angular_rate is None for recording in unit_data):
         outcome = _core.calibrate_accelerometer(unit_data, options)
@@ -200,6 +212,8 @@ def calibrate(
     result = finished()
     if not judges:
         return result
+    from imucal.estimation.evaluate import evaluated
+
     found = evaluated(result.calibration, judges, options.min_rest_s)
     if of_means is None:
         _core.require_independent(unit_data, outcome.rest_ranges, judges, found.rest_ranges)
@@ -223,7 +237,11 @@ def result_of(
     """
     names = _names(outcome, own)
     raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
-    priors = Priors.of_outcome(outcome, options.model, names, raw_units)
+    priors = None
+    if outcome.prior_cost is not None:
+        from imucal.estimation.priors import Priors
+
+        priors = Priors.of_outcome(outcome, options.model, names, raw_units)
     fit, figures = Fit.of_outcome(outcome, priors), Figures(**outcome.figures)
     rests = tuple(of_library(FittedRest, fields) for fields in outcome.rests)
     moves = tuple(of_library(FittedMove, fields) for fields in outcome.moves)
@@ -240,7 +258,7 @@ def result_of(
         axes=unit_data[0].axes,
         gravity_mps2=options.gravity_mps2,
         references=references or References(),
-        effects=tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects),
+        effects=_effects(outcome),
         user_effects=own,
         covariance=outcome.covariance,
         covariance_names=names,
@@ -259,7 +277,11 @@ def result_of(
         ),
         serial_number=serial_number,
     )
-    judged = None if found is None else evaluation_of(calibration, judges, found)
+    judged = None
+    if found is not None:
+        from imucal.estimation.evaluate import evaluation_of
+
+        judged = evaluation_of(calibration, judges, found)
     return CalibrationResult(
         calibration=calibration,
         fit=fit,
@@ -277,6 +299,15 @@ def result_of(
         residuals=tuple(of_library(ResidualFit, fields) for fields in outcome.residuals),
         diagnosis=tuple(map(Diagnosis.of_library, outcome.diagnosis)),
     )
+
+
+def _effects(outcome: _core.Outcome) -> tuple[EffectValues, ...]:
+    """The estimated effects."""
+    if not outcome.effects:
+        return ()
+    from imucal.effects.effect import EffectValues
+
+    return tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects)
 
 
 def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ...]:

@@ -17,18 +17,18 @@ from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance
 from imucal.calibration.triad import base_count
 from imucal.calibration.verdict import ResidualFit, Verdict, verdict_of, worst
-from imucal.document.json_document import now
+from imucal.document.date import now
 from imucal.document.plain import plain, without_nan
 from imucal.document.source import Source
 from imucal.errors import InputError
 from imucal.estimation.rests import Move, Rest, of_library, used_of
 from imucal.finding import Finding
-from imucal.limits.judgement import Judgement
 from imucal.notebook import html_of
 from imucal.recording.one_unit import require_different
 from imucal.recording.recording import Recording, as_recordings, require_sensors
 
 if TYPE_CHECKING:
+    from imucal.limits.judgement import Judgement
     from imucal.limits.limits import Limits
 
 # Parts of the model that a calibration of another program may lack. If such a part is missing, the corrected

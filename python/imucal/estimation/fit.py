@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucal.document.plain import plain, without_nan
-from imucal.estimation.priors import Priors
 from imucal.estimation.rests import of_library
 
 if TYPE_CHECKING:
     import imucal._core as _core
+    from imucal.estimation.priors import Priors
 
 __all__ = [
     "Diagnosis",

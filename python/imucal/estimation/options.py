@@ -5,23 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.triad import Frame
-from imucal.effects.definition import UserEffect
-from imucal.effects.formula import is_formula
-from imucal.effects.formula_effect import formula_effects
-from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.recording.recording import Recording
-from imucal.rig.unit import Unit, unit_of
+
+if TYPE_CHECKING:
+    from imucal.effects.definition import UserEffect
+    from imucal.rig.unit import Unit
 
 __all__ = ["Options", "UserField", "Wander", "asked_for", "wander_of"]
 
 
-@dataclass(frozen=True, eq=False)
-class UserField:
+class UserField(NamedTuple):
     """A user-defined effect for the library: its field, (N, 3, p), at each sample of each recording."""
 
     name: str
@@ -64,8 +63,7 @@ class Options:
     max_iterations: int = _core.MAX_ITERATIONS
 
 
-@dataclass(frozen=True)
-class Wander:
+class Wander(NamedTuple):
     """Bias instability and random walk of a sensor for the library, x, y and z, SI units."""
 
     bias_instability: tuple[float, ...]
@@ -76,6 +74,8 @@ def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wande
     """Bias instability and random walk of accelerometer and gyroscope; None if the unit has neither."""
     if unit is None:
         return None
+    from imucal.rig.unit import unit_of
+
     profile = unit_of(unit)
     of = [
         Wander((sensor.bias_instability,) * 3, tuple(map(float, sensor.random_walk)))
@@ -94,6 +94,13 @@ def asked_for(
     """
     if isinstance(effects, str):
         raise InputError(f"effects is the string {effects!r}: give a list of names")
+    if not effects:
+        return (), (), ()
+    from imucal.effects.definition import UserEffect
+    from imucal.effects.formula import is_formula
+    from imucal.effects.formula_effect import formula_effects
+    from imucal.effects.table import find
+
     wanted, partly = [], []
     formulas = [effect for effect in effects if isinstance(effect, str) and is_formula(effect)]
     for effect in effects:

@@ -1,36 +1,19 @@
-"""Parameters held by a prior, for recordings that do not determine all parameters (model.md (40))."""
+"""Estimates of parameters held by a prior (model.md (40)), and the share of the priors in the uncertainty."""
 
 from __future__ import annotations
 
-import math
-import os
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
-from imucal.errors import InputError
 from imucal.estimation.rests import of_library
-from imucal.rig.unit import Unit, unit_of
 
 if TYPE_CHECKING:
     import imucal._core as _core
 
-__all__ = ["HeldParameter", "Hold", "HoldTuple", "PriorShare", "Priors", "holds_of", "profile_of"]
+__all__ = ["HeldParameter", "PriorShare", "Priors"]
 
-# Type of the argument `hold`. It is one text or several texts of the form NAME, NAME=VALUE, NAME+-SIGMA or
-# NAME=VALUE+-SIGMA. It may also be a mapping from each name to None, to a value, or to a pair of value and
-# standard deviation. Each number of the pair may be None.
-Hold: TypeAlias = "str | Sequence[str] | Mapping[str, float | tuple[float | None, float | None] | None]"
-# Name, mean and standard deviation of a prior, as the compiled library expects them.
-HoldTuple: TypeAlias = "tuple[str, float | None, float | None]"
-
-NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-TEXT: Final = re.compile(rf"\s*(\w+)\s*(?:=\s*({NUMBER}))?\s*(?:(?:\+-|±|\+/-)\s*({NUMBER}))?\s*")
-FORM: Final = "give NAME, NAME=VALUE, or NAME=VALUE+-SIGMA, such as accel_misalignment=0+-0.005"
 # If the priors of held parameters cause more than this share of the variance of a parameter that is not held,
 # a note reports this parameter.
 NOTED_SHARE: Final = 0.1
@@ -164,52 +147,6 @@ class Priors:
             scale = group.replace("sensitivity", "scale")
             return scale in groups if len(set(axes)) == 1 else group in groups
         return group in groups
-
-
-def holds_of(hold: Hold) -> tuple[HoldTuple, ...]:
-    """The parameters to hold, as the compiled library expects them. Raises InputError for an invalid form."""
-    if isinstance(hold, str):
-        hold = [hold]
-    if isinstance(hold, Mapping):
-        return tuple(_of_mapping(name, given) for name, given in hold.items())
-    found = []
-    for text in hold:
-        match = TEXT.fullmatch(text) if isinstance(text, str) else None
-        if match is None:
-            raise InputError(f"hold has {text!r}: {FORM}")
-        name, value, sigma = match.groups()
-        found.append((name, None if value is None else float(value), None if sigma is None else float(sigma)))
-    return tuple(found)
-
-
-def _of_mapping(name: str, given: Any) -> HoldTuple:
-    value, sigma = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
-    for number in (value, sigma):
-        if number is not None and (
-            isinstance(number, bool) or not isinstance(number, (int, float, np.number))
-        ):
-            raise InputError(
-                f"hold of {name!r} is {given!r}: give None, a value, or a pair of value and standard "
-                "deviation"
-            )
-    return name, None if value is None else float(value), None if sigma is None else float(sigma)
-
-
-def profile_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[tuple[str, list[float]], ...]:
-    """Standard deviations of the unit's profile in the symmetric body frame, by group of parameters.
-
-    The spread of a profile describes the off-diagonal entries of the sensitivity in the frame of the package.
-    In the symmetric frame, an entry of the accelerometer is the mean of two of these entries, and half of
-    their difference is added to the entry of the gyroscope.
-    """
-    spread = {} if unit is None else unit_of(unit).spread
-    found = {name: np.atleast_1d(spread[name]).tolist() for name in spread if "misalignment" not in name}
-    accel, gyro = (float(np.max(spread.get(f"{sensor}_misalignment", 0.0))) for sensor in ("accel", "gyro"))
-    if accel:
-        found["accel_misalignment"] = [accel / math.sqrt(2.0)]
-    if gyro:
-        found["gyro_misalignment"] = [math.hypot(gyro, accel / math.sqrt(2.0))]
-    return tuple(found.items())
 
 
 def _unit(name: str, raw_units: tuple[str, str]) -> str:

@@ -13,15 +13,15 @@ from imucal.calibration.provenance import Provenance
 from imucal.calibration.triad import Parameter
 from imucal.calibration.verdict import RESIDUALS, ResidualFit, Verdict
 from imucal.document.plain import plain, without_nan
-from imucal.estimation.evaluate import Evaluation
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
-from imucal.estimation.means import FromMeans
 from imucal.estimation.rests import FittedMove, FittedRest, used_of
 from imucal.finding import Finding
-from imucal.limits.judgement import Judgement
 from imucal.notebook import html_of
 
 if TYPE_CHECKING:
+    from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.means import FromMeans
+    from imucal.limits.judgement import Judgement
     from imucal.limits.limits import Limits
 
 __all__ = ["CalibrationResult"]

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 import imucal._core as _core
-from imucal.document.json_document import now
+from imucal.document.date import now
 from imucal.fleet.job import UNREAD, KeyedJob
 from imucal.fleet.outcome import TRANSIENT, Outcome
 from imucal.fleet.schema import (

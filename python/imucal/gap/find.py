@@ -27,8 +27,8 @@ from imucal.effects.formula_effect import FormulaEffect, formula_effects
 from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.estimation.evaluate import require_judges
+from imucal.estimation.holds import Hold, holds_of
 from imucal.estimation.options import Options
-from imucal.estimation.priors import Hold, holds_of
 from imucal.gap.columns import column_effects
 from imucal.gap.laws.search import with_laws
 from imucal.gap.question import Question

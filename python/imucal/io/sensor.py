@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -36,19 +34,22 @@ ACCEL_FILE: Final = r"(?i)acc|g-?force|specific"
 OTHER_FILE: Final = r"(?i)linear|gravity(?!.*acc)|user|mag|orient|baro|without"
 
 
-@dataclass(frozen=True)
 class Sensor:
-    """A text file with the samples of one sensor: "accel", "gyro", or "" if the sensor is not identified."""
+    """A text file with the samples of one sensor: "accel", "gyro", or "" if the sensor is not identified.
 
-    text: Text
-    header: Header
-    triad: Triad
-    what: str
+    head  the first cells of the file, if they are known
+    """
 
-    @cached_property
+    def __init__(self, text: Text, header: Header, triad: Triad, what: str, head: Head | None = None) -> None:
+        self.text, self.header, self.triad, self.what = text, header, triad, what
+        self._head = head
+
+    @property
     def head(self) -> Head:
         """The first cells of the file."""
-        return Head(self.text)
+        if self._head is None:
+            self._head = Head(self.text)
+        return self._head
 
 
 class Units(NamedTuple):
@@ -79,8 +80,10 @@ def sensor_of(text: Text) -> Sensor:
             raise FormatError(
                 f"{text.name}: {len(layout.first)} columns without a header, four are needed: time, x, y, z"
             )
-        time, *axes = _time_first_or_last(text)
-        return Sensor(text, Header(times=[(time, None)]), Triad((axes[0], axes[1], axes[2]), None), "")
+        head = Head(text)
+        time, *axes = _time_first_or_last(head)
+        triad = Triad((axes[0], axes[1], axes[2]), None)
+        return Sensor(text, Header(times=[(time, None)]), triad, "", head)
     for what, triads in (("accel", header.accel), ("gyro", header.gyro)):
         if triads and not (header.accel and header.gyro):
             return Sensor(text, header, triads[0], what)
@@ -99,9 +102,8 @@ def sensor_of(text: Text) -> Sensor:
     )
 
 
-def _time_first_or_last(text: Text) -> tuple[str, str, str, str]:
+def _time_first_or_last(head: Head) -> tuple[str, str, str, str]:
     """The columns time, x, y, z of a file without a header. The time may be the first or the last column."""
-    head = Head(text)
 
     def increases(column: str) -> bool:
         steps = np.diff(head.numbers(column))

@@ -42,7 +42,8 @@ _BRACKETS: Final = r"[\[({]([^\[\](){}]*(?:\([^()]*\)[^\[\](){}]*)*)[\])}]"
 # Matches a unit in the last words of a name, such as time_us, gyro_x_rad_per_s, "Gyr X deg/s".
 _ENDING: Final = (
     r"(?i)[_ .]?(rad[_ ]?per[_ ]?s|rad/s(?:ec)?|radps|rad_s|mdps|mdeg/s|dps|deg/s(?:ec)?|deg[_ ]per[_ ]s|"
-    r"deg_s|°/s|m/s[²2^]+|m/s/s|mps2|m_s2|(?<=[_ .xyz])(?:mps|mss)|(?<=[_ .])(?:mg|g|lsb|raw|counts?|ms|us|µs|ns|s|"
+    r"deg_s|°/s|m/s[²2^]+|m/s/s|mps2|m_s2|(?<=[_ .xyz])(?:mps|mss)|"
+    r"(?<=[_ .])(?:mg|g|lsb|raw|counts?|ms|us|µs|ns|s|"
     r"sec|secs|seconds|millis|micros|nanos|milliseconds|microseconds|nanoseconds))$"
 )
 _ENDING_UNIT: Final = {

@@ -24,8 +24,8 @@ from imucal.calibration.triad import Triad
 from imucal.document.whole import check_count, check_seed
 from imucal.effects.table import catalogue, find
 from imucal.errors import ImucalError, InputError
+from imucal.estimation.holds import Hold, HoldTuple, holds_of, profile_of
 from imucal.estimation.options import Options
-from imucal.estimation.priors import Hold, HoldTuple, holds_of, profile_of
 from imucal.planning.groups import PlannedParameter, Size, worst_of
 from imucal.planning.result import ComparedProgram, NotObservable, Plan
 from imucal.planning.targets import sigma_of, targets_of

@@ -15,7 +15,8 @@ from typing import Any, Final
 import imucal._core as _core
 from imucal.calibration.provenance import require_serial_number
 from imucal.calibration.verdict import Verdict
-from imucal.document.json_document import now, write_json
+from imucal.document.date import now
+from imucal.document.json_document import write_json
 from imucal.document.source import open_large
 from imucal.errors import ImucalError, InputError
 from imucal.exporting import FORMATS, Export, export, find_format

@@ -187,5 +187,5 @@ def calibrate(
 
         write_calibration_page(report, result)
     out = Output(json, units)
-    out.document(result.to_dict())
+    out.document(result.to_dict)
     show_calibration(out, result, output, require, verbose=verbose)

@@ -64,7 +64,7 @@ def evaluate(
 
         write_evaluation_page(report, judged, title=f"Evaluation of {calibration.name}")
     out = Output(json, units)
-    out.document(judged.to_dict())
+    out.document(judged.to_dict)
     if verbose:
         show_rests_and_moves(out, judged.rests, judged.moves)
     out.line(f"{_evaluated(judged.rests, 'rests')}, {_evaluated(judged.moves, 'moves')}")

@@ -148,7 +148,7 @@ def run(
     Example: imucal fleet run units.sqlite --watch incoming --report fleet.html
     """
     import imucal
-    from imucal.document.json_document import now
+    from imucal.document.date import now
     from imucal.fleet.manifest import shard_of
 
     if not recordings and watch is None:

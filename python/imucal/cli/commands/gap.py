@@ -121,7 +121,7 @@ def gap(
 
         write_gap_page(report, found, recordings=unit_data, control=judges)
     out = Output(json)
-    out.document(found.to_dict())
+    out.document(found.to_dict)
     if verbose:
         show_ranking(out, found.ranking)
     for line in found.summary().splitlines():

@@ -79,7 +79,7 @@ def check(
     """
     import imucal
     from imucal.document.atomic import write_text
-    from imucal.document.json_document import now
+    from imucal.document.date import now
     from imucal.document.plain import plain
 
     require_apart([limits, *calibrations], {"--csv": csv, "--json": json})
