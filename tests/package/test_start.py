@@ -70,8 +70,8 @@ PARTS_UNUSED = {
     *("estimation.evaluate", "estimation.means", "estimation.priors", "limits.judgement", "rig.unit"),
 }
 LIBRARIES_UNUSED = {"csv", "difflib", "gzip", "json", "subprocess", "tempfile", "traceback", "zipfile"}
-# Creating a dataclass takes about half a millisecond, and compiling a pattern about a quarter. The numbers are
-# those of this calibration; a larger number needs a reason.
+# Creating a dataclass takes about half a millisecond, and compiling a pattern about a quarter. The numbers
+# are those of this calibration; a larger number needs a reason.
 MOST_DATACLASSES, MOST_PATTERNS = 36, 4
 COUNTED = """
 import dataclasses, json, re
