@@ -15,6 +15,9 @@ from imucal.cli.exports_page import EXPORTS
 
 ROWS, RATE_HZ = 300, 100.0
 G, DEG = 9.80665, np.pi / 180
+# Columns of sensor_msgs/Imu as text.
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+OF_RATE, OF_FORCE = "angular_velocity", "linear_acceleration"
 START_NS = 1_767_268_800_000_000_000  # 2026-01-01 12:00:00 UTC
 
 
@@ -943,16 +946,77 @@ def test_topic_sensor_combined_of_px4_is_read_by_its_names(tmp_path):
     np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
 
 
-def test_seconds_and_nanoseconds_of_a_stamp_are_no_time_columns(tmp_path):
-    names = [
-        *("header.stamp.sec", "header.stamp.nanosec"),
-        *(f"angular_velocity.{a}" for a in "xyz"),
-        *(f"linear_acceleration.{a}" for a in "xyz"),
-    ]
-    path = write(tmp_path, "a.csv", ",".join(names), lines(NS // 10**9, NS % 10**9, RATE, FORCE))
-    with pytest.raises(imucal.FormatError, match="--rate-hz HZ"):
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        ("header.stamp.secs", "header.stamp.nsecs"),
+        ("header.stamp.sec", "header.stamp.nanosec"),
+        ("/imu/header/stamp/sec", "/imu/header/stamp/nanosec"),
+        ("header_stamp_sec", "header_stamp_nanosec"),
+        ("sec", "nanosec"),
+    ],
+)
+def test_seconds_and_nanoseconds_of_a_stamp_are_one_time(tmp_path, stamp):
+    # The rows have the time of receipt as well, which is later and has jitter.
+    names = ["Time", *stamp, *(f"{what}.{a}" for what in (OF_RATE, OF_FORCE) for a in "xyz")]
+    jitter_s = np.random.default_rng(1).uniform(0.0, 5e-3, ROWS)
+    rows = lines(NS / 1e9 + 0.02 + jitter_s, NS // 10**9, NS % 10**9, RATE, FORCE)
+    recording = imucal.read(write(tmp_path, "a.csv", ",".join(names), rows))
+    np.testing.assert_array_equal(recording.time_s, (NS - NS[0]) / 1e9)
+    np.testing.assert_array_equal(recording.specific_force, FORCE)
+    assert f"time_ns={stamp[0]} and {stamp[1]}" in recording.findings[0].message
+    assert not recording.auxiliary
+
+
+def test_stamps_that_the_driver_does_not_set_are_not_read(tmp_path):
+    names = ["Time", *STAMP, *(f"{what}.{a}" for what in (OF_RATE, OF_FORCE) for a in "xyz")]
+    none = np.zeros(ROWS, int)
+    recording = imucal.read(
+        write(tmp_path, "a.csv", ",".join(names), lines(NS / 1e9 + 0.001, none, none, RATE, FORCE))
+    )
+    assert recording.rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    assert "time_s=Time" in recording.findings[0].message
+
+
+def test_a_stamp_that_is_not_a_whole_number_is_refused_with_its_line(tmp_path):
+    names = [*STAMP, *(f"{what}.{a}" for what in (OF_RATE, OF_FORCE) for a in "xyz")]
+    nanoseconds = (NS % 10**9).astype(float)
+    nanoseconds[7] += 0.5
+    path = write(tmp_path, "a.csv", ",".join(names), lines(NS // 10**9, nanoseconds, RATE, FORCE))
+    with pytest.raises(imucal.FormatError, match="line 9: the seconds and nanoseconds"):
         imucal.read(path)
-    assert imucal.read(path, rate_hz=RATE_HZ).rate_hz == pytest.approx(RATE_HZ)
+
+
+def test_stamp_in_two_columns_of_a_data_frame(tmp_path):
+    columns = {STAMP[0]: NS // 10**9, STAMP[1]: NS % 10**9}
+    for what, values in ((OF_RATE, RATE), (OF_FORCE, FORCE)):
+        columns |= {f"{what}.{axis}": values[:, i] for i, axis in enumerate("xyz")}
+    np.testing.assert_array_equal(imucal.read(pa.table(columns)).time_s, (NS - NS[0]) / 1e9)
+    # A Parquet file is read in parts.
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
+    with pytest.raises(imucal.FormatError, match="--rate-hz"):
+        imucal.read(tmp_path / "a.parquet")
+
+
+def test_sensor_combined_of_px4_as_text_is_already_corrected(tmp_path):
+    names = [
+        "timestamp",
+        *(f"gyro_rad[{i}]" for i in range(3)),
+        *(f"accelerometer_m_s2[{i}]" for i in range(3)),
+    ]
+    us = 50_000_000 + np.round(TIME_S * 1e6).astype(int)
+    path = write(tmp_path, "flight_sensor_combined_0.csv", ",".join(names), lines(us, RATE, FORCE))
+    canonical = [*(f"gyro_{a}_radps" for a in "xyz"), *(f"accel_{a}_mps2" for a in "xyz")]
+    given = ",".join(f"{ours}={theirs}" for ours, theirs in zip(["time_us", *canonical], names, strict=True))
+    frame = pa.table(dict(zip(names, [us, *RATE.T, *FORCE.T], strict=True)))
+    for recording in (imucal.read(path), imucal.read(path, columns=given), imucal.read(frame)):
+        found = [finding for finding in recording.findings if finding.code == "already_corrected"]
+        assert [finding.message for finding in found] == [
+            "PX4 has applied its calibration parameters (CAL_*, TC_*) to sensor_combined"
+        ]
+    # sensor_accel and sensor_gyro are not corrected.
+    files = SAMPLES["PX4, ulog2csv"](tmp_path).paths
+    assert "already_corrected" not in {finding.code for finding in imucal.read(*files).findings}
 
 
 def test_degrees_per_sec_are_a_unit(tmp_path):

@@ -277,13 +277,14 @@ EXPORTS: Final = (
         "PX4, ulog2csv",
         "ulog2csv -m sensor_accel,sensor_gyro flight.ulg; give the log itself if possible",
         "imucal convert flight_sensor_accel_0.csv flight_sensor_gyro_0.csv -o rec.csv",
-        "temperature; PX4 has applied its calibration to `sensor_combined`, which is read as well",
+        "temperature; PX4 has applied its calibration to `sensor_combined`, which is read with a warning",
     ),
     Export(
         "ROS 1, rosbag_to_csv",
         "the topic of sensor_msgs/Imu; give the bag itself if possible",
         "imucal convert imu.csv -o rec.csv",
-        "time stamps of the message, which the file splits into secs and nsecs: the time of receipt is read",
+        "the time of receipt, because the time stamps of the messages are read, whose seconds and "
+        "nanoseconds are two columns (`secs` and `nsecs`, in ROS 2 `sec` and `nanosec`)",
     ),
     Export(
         "WitMotion, CSV of the phone app",

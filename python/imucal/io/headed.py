@@ -16,8 +16,10 @@ from imucal.io.header import Header, Triad, header_of, unknown_units
 from imucal.io.layout import Layout, is_number, split_line
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES, SKIP, is_canonical, time_unit, triad_part
-from imucal.io.remarks import remark
+from imucal.io.programs import Program, program_of
+from imucal.io.remarks import corrected_by_px4, remark
 from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g
+from imucal.io.stamps import NANOSECONDS, joined_stamps
 from imucal.io.suggestion import suggestion
 from imucal.io.table import Table
 from imucal.io.text import Text, read_rows
@@ -37,6 +39,7 @@ __all__ = [
     "recording_of_text",
     "require_agreement",
     "time_of",
+    "with_corrections",
 ]
 
 # Ticks per second of SampleTimeFine of an MTi, from the MT low-level communication protocol.
@@ -122,8 +125,17 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
         any(map(is_canonical, layout.names)) and not layout_header(layout).accel
     )
     if columns is not None or by_names:
-        return read_rows(text, names_given(text.name, layout, columns))
-    return _by_header(text, rate_hz)
+        table = read_rows(text, names_given(text.name, layout, columns))
+    else:
+        table = _by_header(text, rate_hz)
+    return with_corrections(table, program_of(layout.names, layout.preamble))
+
+
+def with_corrections(table: Table, program: Program | None) -> Table:
+    """The table with a warning if the program that wrote it has corrected the samples."""
+    if program is None or not program.is_corrected:
+        return table
+    return replace(table, findings=(*table.findings, corrected_by_px4(table.file)))
 
 
 def names_given(name: str, layout: Layout, columns: str | Sequence[str] | None) -> list[str]:
@@ -201,7 +213,7 @@ def _by_header(text: Text, rate_hz: float | None) -> Table:
         raise FormatError(_unsure(text, header, head))
     time, ticks = certain
     names = canonical_names(layout.names or [], header, time)
-    table = replace(read_rows(text, names), ticks_per_s=ticks)
+    table = joined_stamps(replace(read_rows(text, names), ticks_per_s=ticks))
     return replace(table, findings=(*table.findings, as_read(text.name, header, time)))
 
 
@@ -214,6 +226,8 @@ def canonical_names(names: Sequence[str], header: Header, time: tuple[str, str] 
             canonical[known[name]] = f"{what}_{axis}_{triad.unit}"
     if time is not None:
         canonical[known[time[0]]] = time[1]
+        if header.stamp is not None and time[0] == header.stamp[0]:
+            canonical[known[header.stamp[1]]] = NANOSECONDS
     if header.temperature is not None:
         canonical[known[header.temperature[0]]] = header.temperature[1]
     return canonical
@@ -234,6 +248,9 @@ def certain_time(
         return None
     if has_rate:
         return None, None
+    if header.stamp is not None and np.any(head.numbers(header.stamp[0]) > 0):
+        # The joined stamp is in ns. It takes precedence over the time at which a message was received.
+        return (header.stamp[0], "time_ns"), None
     time = time_of(header, head)
     return None if time is None else time
 
@@ -261,7 +278,8 @@ def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | 
 
 def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
     """A finding that lists the columns and units as read, and explains how to correct them."""
-    shown = [] if time is None else [f"{time[1]}={time[0]}"]
+    is_stamp = time is not None and header.stamp is not None and time[0] == header.stamp[0]
+    shown = [] if time is None else [f"{time[1]}={' and '.join(header.stamp or ()) if is_stamp else time[0]}"]
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
         shown += [f"{what}_{a}_{triad.unit}={n}" for a, n in zip("xyz", triad.columns, strict=True)]
     by = (

@@ -116,7 +116,8 @@ class Header:
     accel, gyro  the triads, the more likely one first
     linear       triads of acceleration without gravity
     plain        triads whose names are only x, y, z, with the sensor according to their unit, or ""
-    times        name, unit or None, and unit source of the time columns
+    times        name and unit, or None, of the time columns
+    stamp        names of two columns with the seconds and the nanoseconds of a time stamp of ROS, or None
     temperature  name of a column of temperature and its canonical name, or None
     program      the program or app that writes such files, with the units of its manual, or None
     """
@@ -126,6 +127,7 @@ class Header:
     linear: list[Triad] = field(default_factory=list)
     plain: list[tuple[Triad, str]] = field(default_factory=list)
     times: list[tuple[str, str | None]] = field(default_factory=list)
+    stamp: tuple[str, str] | None = None
     temperature: tuple[str, str] | None = None
     program: Program | None = None
 
@@ -147,6 +149,7 @@ def header_of(
     groups: _Groups = {}
     times: list[tuple[str, str | None]] = []
     temperature: tuple[str, str] | None = None
+    stamp = _stamp(names)
     # A common prefix of all names, such as the name of the device, is ignored.
     prefix = _shared_start([name for name in names if name])
     for name, text in zip(names, described, strict=True):
@@ -154,7 +157,7 @@ def header_of(
         bare = re.sub(r"_CAL$|_cal$", "", re.sub(DESCRIPTOR, "", bare.removeprefix(prefix)))
         words = _words(bare)
         if _is_time(words, unit):
-            if _is_part_of_stamp(name, names):
+            if stamp is not None and name in stamp:
                 continue
             known = unit[1] if unit and unit[0] == "time" else _time_in_words(words)
             if known is None and program is not None:
@@ -169,7 +172,7 @@ def header_of(
             what, axis, key = role
             groups.setdefault((what, key), {}).setdefault(axis, (name, unit[1] if unit else None))
     _sensors_by_unit(names, described, groups)
-    header = Header(times=times, temperature=temperature, program=program)
+    header = Header(times=times, stamp=stamp, temperature=temperature, program=program)
     if not _has(groups, "gyro"):
         _index_axes(names, described, groups)
     for (what, _), found in groups.items():
@@ -332,16 +335,14 @@ def _is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
     )
 
 
-def _is_part_of_stamp(name: str, names: Sequence[str]) -> bool:
-    """Whether a column contains only the seconds or only the nanoseconds of a ROS time stamp."""
-    parts = (("nsecs", "secs"), ("nanosec", "sec"))
-    return any(
-        name.endswith((f".{nanoseconds}", f".{seconds}"))
-        and f"{stem}.{seconds}" in names
-        and f"{stem}.{nanoseconds}" in names
-        for stem in (name.rpartition(".")[0],)
-        for nanoseconds, seconds in parts
-    )
+def _stamp(names: Sequence[str]) -> tuple[str, str] | None:
+    """The columns with the seconds and the nanoseconds of one time stamp, as in header.stamp of ROS."""
+    for seconds, nanoseconds in (("secs", "nsecs"), ("sec", "nanosec")):
+        for name in names:
+            stem = name.removesuffix(nanoseconds)
+            if stem != name and stem[-1:] in ("", ".", "_", "/") and f"{stem}{seconds}" in names:
+                return f"{stem}{seconds}", name
+    return None
 
 
 def _time_in_words(words: list[str]) -> str | None:

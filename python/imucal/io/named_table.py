@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from imucal.io.first_cells import TableCells
-from imucal.io.headed import as_read, canonical_names, certain_time
+from imucal.io.headed import as_read, canonical_names, certain_time, with_corrections
 from imucal.io.header import header_of
 from imucal.io.names import SKIP, triad_part
-from imucal.io.table import Table
+from imucal.io.stamps import joined_stamps
+from imucal.io.table import Stored, Table
 
 __all__ = ["by_header"]
 
@@ -21,16 +22,20 @@ def by_header(table: Table, *, has_rate: bool) -> Table:
     if any(map(triad_part, table.names)):
         return table
     header, cells = header_of(table.names), TableCells(table)
+    if any(isinstance(column, Stored) for column in table.columns):
+        # Columns of a file are read in parts, and a time stamp in two columns is not.
+        header = replace(header, stamp=None)
     certain = certain_time(header, cells, has_rate)
     if certain is None:
         return table
     time, ticks = certain
     names = canonical_names(table.names, header, time)
     used = [index for index, name in enumerate(names) if name not in SKIP]
-    return replace(
+    named = replace(
         table,
         names=[names[index] for index in used],
         columns=[table.columns[index] for index in used],
         ticks_per_s=ticks,
         findings=(*table.findings, as_read(table.file, header, time)),
     )
+    return with_corrections(joined_stamps(named), header.program)

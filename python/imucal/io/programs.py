@@ -14,12 +14,14 @@ class Program(NamedTuple):
     name         name of the program in messages
     accel, gyro  suffixes of the canonical names; "" if the program has no such sensor or no fixed unit
     times        units of time columns whose names do not state them, by name in lower case
+    is_corrected whether the program has applied its own calibration to the samples
     """
 
     name: str
     accel: str
     gyro: str
     times: dict[str, str]
+    is_corrected: bool = False
 
 
 def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
@@ -37,10 +39,11 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
         return None
     if "seconds_elapsed" in low and {"x", "y", "z"} <= low:
         return Program("Sensor Logger", "", "radps", {"time": "ns"})
-    if {"gyro_rad[0]", "accelerometer_m_s2[0]"} <= low or {"device_id", "error_count", "x", "y", "z"} <= low:
+    is_combined = {"gyro_rad[0]", "accelerometer_m_s2[0]"} <= low
+    if is_combined or {"device_id", "error_count", "x", "y", "z"} <= low:
         # ulog2csv writes the PX4 topics sensor_combined, sensor_accel and sensor_gyro with these column
         # names.
-        return Program("PX4", "mps2", "radps", {"timestamp": "us", "timestamp_sample": "us"})
+        return Program("PX4", "mps2", "radps", {"timestamp": "us", "timestamp_sample": "us"}, is_combined)
     if {"ax", "gx", "imu_degc"} <= low:
         return Program("OpenLog Artemis", "mg", "dps", {"micros": "us"})
     if any("[x8004]" in name for name in low) and any("[x8005]" in name for name in low):

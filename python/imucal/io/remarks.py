@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from imucal.finding import Finding
 
-__all__ = ["damaged", "lines_left_out", "one_sensor", "remark"]
+__all__ = ["corrected_by_px4", "damaged", "lines_left_out", "one_sensor", "remark"]
 
 
 def remark(file: str, code: str, message: str, way_out: str) -> Finding:
@@ -52,4 +52,15 @@ def damaged(file: str) -> Finding:
         "file_damaged",
         "the log is damaged; unreadable parts were skipped",
         "check the recording for gaps in time, or download the log again",
+    )
+
+
+def corrected_by_px4(file: str) -> Finding:
+    """The warning for sensor_combined of PX4, in a log or as text."""
+    return remark(
+        file,
+        "already_corrected",
+        "PX4 has applied its calibration parameters (CAL_*, TC_*) to sensor_combined",
+        "a calibration of this recording adds to these parameters and does not replace them; for a "
+        "calibration that replaces them, log sensor_accel and sensor_gyro",
     )

@@ -19,9 +19,8 @@ import numpy as np
 
 from imucal.document.source import open_large, parsing
 from imucal.errors import FormatError, InputError
-from imucal.finding import Finding
 from imucal.io.extra import library
-from imucal.io.remarks import damaged, remark
+from imucal.io.remarks import corrected_by_px4, damaged
 from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
 from imucal.recording.recording import Recording
 
@@ -68,7 +67,7 @@ def read_ulog(
     findings = [damaged(name)] if log.file_corruption else []
     if choice.topic == "sensor_combined":
         accel, gyro = _combined(name, choice.datasets[0].data)
-        findings.append(_corrected(name))
+        findings.append(corrected_by_px4(name))
     else:
         accel, gyro = (_stream(name, each) for each in choice.datasets)
     return recording_from_streams(name, accel, gyro, [source], findings)
@@ -143,13 +142,3 @@ def _field(name: str, message: str, data: Any, field: str) -> Any:
             "is not supported, convert it with another program"
         )
     return data[field]
-
-
-def _corrected(name: str) -> Finding:
-    return remark(
-        name,
-        "already_corrected",
-        "PX4 has applied its calibration parameters (CAL_*, TC_*) to sensor_combined",
-        "a calibration of this recording adds to these parameters and does not replace them; for a "
-        "calibration that replaces them, log sensor_accel and sensor_gyro",
-    )
