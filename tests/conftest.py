@@ -16,8 +16,11 @@ from children import HANGS_S
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
-def place_of_shared_fixtures(item):
-    """The file or folder with a fixture that this test shares with others, or None."""
+def group_of(item):
+    """The group that a test is marked with, or the file or folder of the fixtures that it shares, or None."""
+    marked = item.get_closest_marker("xdist_group")
+    if marked is not None:
+        return marked.args[0]
     fixtures = [fixture for (*_, fixture) in item._fixtureinfo.name2fixturedefs.values()]
     places = {fixture.baseid for fixture in fixtures if fixture.scope in ("module", "package", "session")}
     # The fixtures of this file and of pytest cost little, so each process makes its own.
@@ -26,13 +29,13 @@ def place_of_shared_fixtures(item):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Tests with a common costly fixture run in one process (`--dist loadgroup`); slow tests begin."""
-    places = {item: place_of_shared_fixtures(item) or item.nodeid for item in items}
-    slow = {place for item, place in places.items() if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: places[item] not in slow)
-    for item, place in places.items():
-        if place != item.nodeid:
-            item.add_marker(pytest.mark.xdist_group(place))
+    """Tests of a group run in one process, all others in any (`--dist loadgroup`); slow tests begin."""
+    groups = {item: group_of(item) for item in items}
+    slow = {group or item for item, group in groups.items() if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: (groups[item] or item) not in slow)
+    for item, group in groups.items():
+        if group is not None and not item.get_closest_marker("xdist_group"):
+            item.add_marker(pytest.mark.xdist_group(group))
 
 
 @pytest.fixture(scope="session")

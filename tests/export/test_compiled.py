@@ -450,6 +450,8 @@ def with_catalogue():
     return with_effects(*(typical(effects[name], effects[name].plain) for name in names))
 
 
+# Each build overwrites the program of the one before.
+@pytest.mark.xdist_group("tests/export_rust")
 @pytest.mark.parametrize("features", ["", "formulas"])
 def test_the_rust_module_runs_on_the_core(tmp_path, features):
     unit = with_effects_and_formulas() if features else with_catalogue()

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.slow
+# Each build overwrites the library of the one before.
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("tests/no_std")]
 
 ROOT = Path(__file__).resolve().parents[2]
 PROOF = ROOT / "tests/no_std"

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
+# Each build overwrites the library of the one before.
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("tests/no_std")]
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = ROOT / "tests/no_std/target"
