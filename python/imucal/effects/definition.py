@@ -82,7 +82,11 @@ class UserEffect:
 
     @property
     def shape(self) -> None:
-        """None, because a user-defined field is linear in all parameters."""
+        """None: a user-defined effect has no shape, because its field is linear in all parameters.
+
+        The shape of an effect of the catalogue is the parameter on which its field depends nonlinearly, such
+        as a time constant.
+        """
         return
 
     def required_field(self) -> Callable[[State], ArrayLike]:
@@ -151,7 +155,10 @@ def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | Use
 
 
 def check_values(effect: Effect | UserEffect, values: EffectValues) -> None:
-    """Raise InputError if the number of values, or the shape, does not match the effect."""
+    """Raise InputError if the number of values, or the presence of a shape, does not match the effect.
+
+    The shape is the parameter on which the field depends nonlinearly, such as a time constant.
+    """
     count, plain, full = len(values.values), effect.plain, len(effect.parameters)
     if count not in (plain, full):
         forms = f"{full} parameters" if plain == full else f"{plain} parameters, or {full} in its full form"

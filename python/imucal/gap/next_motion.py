@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 __all__ = ["next_motion"]
 
-# A motion distinguishes between two effects if the expected chi2 between them is at least this number. The
-# log likelihood ratio of the true effect to its rival has the mean chi2 / 2 and the standard deviation
-# sqrt(chi2). For chi2 = 30 it is 15 +- 5.5 nats.
+# A motion distinguishes between an effect and its rival if the expected chi2 T(effect, rival) exceeds this
+# number. The log likelihood ratio of the true effect to its rival has the mean chi2 / 2 and the standard
+# deviation sqrt(chi2). For chi2 = 30 it is 15 +- 5.5 nats.
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated recordings.
 SEED: Final = 3
@@ -66,7 +66,9 @@ class _Pair:
 
 
 def next_motion(question: Question, analysis: _core.GapAnalysis, after: CalibrationResult) -> dict[str, Any]:
-    """The next motion to record: description, stand program, and chi2 between rivals before and after.
+    """The next motion to record: description, stand program, and expected chi2 that distinguishes the rivals.
+
+    `chi2_now` is the expected chi2 with the present recordings, and `chi2_predicted` with the motion.
 
     after   calibration with the accepted effects
     """
@@ -96,7 +98,11 @@ def next_motion(question: Question, analysis: _core.GapAnalysis, after: Calibrat
     chi2, suggestion = best
     words = [*hints, suggestion.words]
     if pairs:
-        words.append(f"expected chi2 between these effects {chi2:.0f}, with the present recordings {now:.1f}")
+        used = "this motion alone" if suggestion.on_its_own else "the present recordings and this motion"
+        words.append(
+            f"the expected chi2 that distinguishes these effects is {chi2:.0f} with {used}, and {now:.1f} "
+            "with the present recordings alone"
+        )
         if chi2 <= SEPARATES:
             words.append(
                 "no known motion distinguishes these effects with certainty; this motion is the best"
@@ -142,7 +148,11 @@ def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: Calibratio
 def _separation(
     question: Question, suggestion: Suggestion | None, pairs: Sequence[_Pair], after: CalibrationResult
 ) -> float:
-    """Smallest expected chi2 over all pairs with this motion; zero if parameters are not determined."""
+    """Smallest expected chi2 T(a, b) over all pairs; zero if parameters are not determined.
+
+    It is computed for the present recordings together with the suggested motion, or for this motion alone if
+    the suggestion says so. Without a suggestion, it is computed for the present recordings.
+    """
     if not pairs:
         return 0.0
     recordings = list(question.recordings)

@@ -36,7 +36,8 @@ class Gap(GapFields):
                        effect of this size is named
     next_motion        motion that distinguishes between rivals, or None: description, program, `simulate`
                        (options for `imucal simulate`), `on_its_own` (whether effects must be searched in the
-                       new recording alone), and expected chi2 between the rivals without and with it
+                       new recording alone), and the expected chi2 that distinguishes the rivals with the
+                       present recordings (`chi2_now`) and with the motion (`chi2_predicted`)
     gap                figure of merit on unseen data: metric, before, after, floor (the value from noise
                        alone) and closed, (before - after) / (before - floor). If a given calibration was
                        evaluated on control recordings, `before` is its figure and `refitted` the figure of

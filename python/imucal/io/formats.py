@@ -128,7 +128,7 @@ FORMATS: Final[dict[str, Format]] = {
         None,
         "--columns",
         "columns of numbers, separated by tab, semicolon, comma or spaces, with the names that --columns "
-        "gives; if the file has a header, the names must agree with it",
+        "gives in order; the name - skips a column; if the file has a header, the names must agree with it",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "rate_hz", "skip_rows"),

@@ -90,9 +90,10 @@ impl<F: RealField + Copy> Calibration<F> {
     ///
     /// // A gyroscope whose x bias changes by 0.02 rad/s per volt of its supply.
     /// let supply_v = 3.5;
+    /// let (raw_rate, raw_force) = (Vector3::new(0.104, 0.0, 0.0), Vector3::new(0.0, 0.0, 9.8));
     /// let (rate, _) = Calibration::<f32>::identity().correct_with(
-    ///     Vector3::new(0.104, 0.0, 0.0),
-    ///     Vector3::new(0.0, 0.0, 9.8),
+    ///     raw_rate,
+    ///     raw_force,
     ///     &Surroundings::unknown(),
     ///     |_state| (Vector3::new(0.02 * (supply_v - 3.3), 0.0, 0.0), Vector3::zeros()),
     /// );

@@ -32,18 +32,19 @@
 //! use imucal_core::{calibration::Calibration, integrate::Integrator, sensor::Triad};
 //! use nalgebra::{Matrix3, Vector3};
 //!
-//! // These numbers are read from a calibration file in practice.
+//! // In practice, the sensitivities and the biases (m/s^2 and rad/s) are read from a calibration file.
 //! let accelerometer = Triad::try_new(Matrix3::identity(), Vector3::new(0.3, -0.1, 0.0))?;
 //! let gyroscope = Triad::try_new(Matrix3::from_diagonal_element(0.98), Vector3::new(0.01, 0.0, 0.0))?;
 //! let calibration = Calibration::new(accelerometer, gyroscope);
 //!
-//! // A turn about z at 1 rad/s for one second, sampled at 100 Hz.
+//! // A turn about z at 1 rad/s for one second, sampled at 100 Hz. A raw sample is sensitivity * true value + bias.
+//! let step_s = 0.01;
 //! let raw_rate = Vector3::new(0.01, 0.0, 0.98);
 //! let raw_force = Vector3::new(0.3, -0.1, 9.80665);
 //! let mut turn = Integrator::new();
 //! for _ in 0..=100 {
 //!     let (rate, _force) = calibration.correct(raw_rate, raw_force);
-//!     turn.push(0.01, rate);
+//!     turn.push(step_s, rate);
 //! }
 //! assert!((turn.rotation().angle() - 1.0_f64).abs() < 1e-12);
 //! # Ok::<(), imucal_core::sensor::SensorError>(())

@@ -12,8 +12,9 @@ use imucal_core::sensor::Triad;
 
 fn main() -> Result<(), Error> {
     let unit = Unit::paper();
-    let program = Program::random(&RandomMoves::default(), 7)?;
-    let run = simulate(&program, &unit, 200.0, 9.80665, 7)?;
+    let (rate_hz, gravity_mps2, seed) = (200.0, 9.80665, 7);
+    let program = Program::random(&RandomMoves::default(), seed)?;
+    let run = simulate(&program, &unit, rate_hz, gravity_mps2, seed)?;
 
     // For measured data, use Recording::try_new("run", &time_s, &specific_force, &angular_rate)?
     let outcome = calibrate(&[run.recording("run")], &Options::default())?;

@@ -12,10 +12,11 @@
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
 //!
 //! # fn main() -> Result<(), Error> {
-//! let program = Program::random(&RandomMoves::default(), 1)?;
+//! let (rate_hz, gravity_mps2, seed) = (100.0, 9.80665, 1);
+//! let program = Program::random(&RandomMoves::default(), seed)?;
 //! let cancellation = Cancellation::new();
 //! cancellation.cancel(); // usually from another thread
-//! let run = cancellation.run(|| simulate(&program, &Unit::paper(), 100.0, 9.80665, 1));
+//! let run = cancellation.run(|| simulate(&program, &Unit::paper(), rate_hz, gravity_mps2, seed));
 //! assert!(matches!(run, Err(Error::Cancelled)));
 //! # Ok(())
 //! # }

@@ -75,7 +75,8 @@ pub(crate) fn convert_change(
             to.accelerometer * half
         }
         Frame::Symmetric => {
-            // In the basis of the eigenvectors of T, the equation dT T + T dT = dS is diagonal.
+            // The change dT of the symmetric sensitivity T solves dT T + T dT = d(T T^T), where d(T T^T) = `product` is
+            // the same in both frames. In the basis of the eigenvectors of T, this equation is diagonal.
             let eigen = SymmetricEigen::new(to.accelerometer);
             let inner = eigen.eigenvectors.transpose() * product * eigen.eigenvectors;
             let solved = Matrix3::from_fn(|i, j| inner[(i, j)] / (eigen.eigenvalues[i] + eigen.eigenvalues[j]));

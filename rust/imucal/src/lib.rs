@@ -16,8 +16,9 @@
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
 //!
 //! # fn main() -> Result<(), imucal::error::Error> {
-//! let program = Program::random(&RandomMoves::default(), 1)?;
-//! let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, 1)?;
+//! let (rate_hz, gravity_mps2, seed) = (100.0, 9.80665, 1);
+//! let program = Program::random(&RandomMoves::default(), seed)?;
+//! let run = simulate(&program, &Unit::paper(), rate_hz, gravity_mps2, seed)?;
 //! let result = calibrate(&[run.recording("run")], &Options::default())?;
 //!
 //! for (i, name) in result.names.iter().enumerate() {

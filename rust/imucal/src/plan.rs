@@ -18,7 +18,8 @@
 //! use imucal::plan::{Goal, Limits, Search, Sensors, optimal};
 //! use imucal::simulate::Unit;
 //!
-//! let sensors = Sensors::of(&Unit::paper(), 200.0, 9.80665);
+//! let (rate_hz, gravity_mps2) = (200.0, 9.80665);
+//! let sensors = Sensors::of(&Unit::paper(), rate_hz, gravity_mps2);
 //! let limits = Limits::paper();
 //! let search = Search { goal: Goal::MostIn { duration_s: 60.0 }, seed: 1, proposals: 500 };
 //! let found = optimal(&sensors, &limits, &search)?;

@@ -1,8 +1,8 @@
 //! Error of the mean of rounded samples (model.md (37)).
 //!
-//! A converter rounds every reading to a multiple of its step q (LSB). If the noise of a sample is far above q,
-//! rounding adds white noise of variance q^2 / 12. If the noise is below q, the mean over a rest has a rounding error.
-//! This error depends only on the true mean m and does not decrease with averaging:
+//! A converter rounds every reading to a multiple of its quantisation step q (LSB). If the noise of a sample is far
+//! above q, rounding adds white noise of variance q^2 / 12. If the noise is below q, the mean over a rest has a
+//! rounding error. This error depends only on the true mean m and does not decrease with averaging:
 //!
 //! ```text
 //! d(m) = q sum_h (-1)^h / (pi h) exp(-2 pi^2 h^2 s^2) sin(2 pi h m / q),      s = sigma / q
@@ -43,11 +43,12 @@ const NEGLIGIBLE: f64 = 12.0;
 const SIMILAR: f64 = 0.3;
 /// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;
-/// Rounding of one axis in one recording, raw units. All numbers are zero if the values have no step, or if the noise
-/// is so far above the step that rounding causes no error of means.
+
+/// Rounding of one axis in one recording, raw units. All numbers are zero if the readings are not quantised, or if the
+/// noise is so far above the quantisation step that rounding causes no error of means.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rounding {
-    /// Step of the converter (LSB).
+    /// Quantisation step of the converter (LSB).
     pub step: f64,
     /// Standard deviation of the noise of one sample before rounding.
     pub noise: f64,

@@ -18,8 +18,9 @@
 //! ```
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
 //!
-//! let program = Program::random(&RandomMoves::default(), 7)?;
-//! let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, 7)?;
+//! let (rate_hz, gravity_mps2, seed) = (100.0, 9.80665, 7);
+//! let program = Program::random(&RandomMoves::default(), seed)?;
+//! let run = simulate(&program, &Unit::paper(), rate_hz, gravity_mps2, seed)?;
 //! assert_eq!(run.time_s.len(), 32_000);
 //! assert_eq!(run.rests.len(), 46);
 //! # Ok::<(), imucal::error::Error>(())
@@ -97,8 +98,8 @@ pub struct Setup<'a> {
     pub threads: Option<NonZeroUsize>,
 }
 
-/// Errors that are added to the true force and rate at the input of the sensors. There is one row per sample of the
-/// run, counted before samples are lost.
+/// Errors that are added to the true force and rate at the input of the sensors. Each array has one row per simulated
+/// sample, including the samples that [`Setup::faults`] then removes from the recording.
 #[derive(Clone, Copy, Debug)]
 pub struct Added<'a> {
     /// Specific force, m/s^2.

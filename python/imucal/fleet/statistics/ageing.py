@@ -18,7 +18,7 @@ __all__ = ["Ageing", "ageing_of"]
 
 # False discovery rate: expected share of false alarms among the reported groups.
 FALSE_DISCOVERIES: Final = 0.01
-# Quantity by which the units are divided into thirds, in addition to the groups by batch and station.
+# Quantity whose terciles divide the units into three groups, in addition to the groups by batch and station.
 TEMPERATURE: Final = "temperature_degc"
 
 
@@ -27,8 +27,8 @@ class Ageing:
     """The mean slope of a parameter over a group of units.
 
     name, unit      name and unit of the parameter
-    by, group       "all", or "batch", "station" or "temperature" with its value; the temperature of a third
-                    of the units is a range in degC
+    by, group       "all", or "batch", "station" or "temperature" with its value; the value of a temperature
+                    tercile (a third of the units) is a range in degC
     units           number of units
     slope, std      mean slope over the units, per month, and its standard deviation
     spread          standard deviation of the slope over the units, without measurement noise
@@ -83,7 +83,11 @@ def ageing_of(dated: Measurements, columns: Columns, slopes: Slopes) -> tuple[Ag
 
 
 def _groups(dated: Measurements, slopes: Slopes) -> list[tuple[str, str, np.ndarray]]:
-    """The groups of units to compare: by batch, by station, and by thirds of the temperature."""
+    """The groups of units to compare: units of one batch, units at one station, and temperature terciles.
+
+    The terciles divide the units into three groups of about equal size by the mean temperature of their
+    calibrations.
+    """
     groups = []
     for by, labels in (("batch", dated.batches), ("station", dated.stations)):
         own = labels[slopes.first]

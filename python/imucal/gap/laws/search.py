@@ -156,7 +156,7 @@ def columns_of(
             if field.name in columns:
                 candidates.append((form, columns[field.name]))
     if residual is None or model is None or groups is None or items is None:
-        raise InputError("no form of a law varies in the recordings")
+        raise InputError("the search has no candidate formulas of a law")
     return Columns(residual, model, groups, items, candidates)
 
 

@@ -28,7 +28,8 @@ pub struct EffectValues<F: RealField + Copy> {
 
 impl<F: RealField + Copy> EffectValues<F> {
     /// Creates an effect from the parameter values of its plain or its full form, in the units of the catalogue.
-    /// `shape` must be given if and only if the effect has a shape.
+    /// `shape` is the parameter on which the effect depends nonlinearly, for example a time constant. It must be given
+    /// if and only if the effect has such a parameter.
     ///
     /// # Errors
     /// [`EffectError`] states which argument does not match the effect.
@@ -62,7 +63,7 @@ impl<F: RealField + Copy> EffectValues<F> {
         self.values.get(..self.count).unwrap_or_default()
     }
 
-    /// Value of the shape; `None` if the effect has no shape.
+    /// Value of the shape (the nonlinear parameter); `None` if the effect has no shape.
     pub fn shape(&self) -> Option<F> {
         self.effect.is_shaped.then_some(self.shape)
     }
@@ -245,7 +246,8 @@ pub enum EffectError {
         /// Name of the effect.
         name: &'static str,
     },
-    /// The shape is missing, or is given for an effect without a shape, or is not a positive number.
+    /// The shape (the nonlinear parameter) is missing, or is given for an effect without a shape, or is not a positive
+    /// number.
     Shape {
         /// Name of the effect.
         name: &'static str,

@@ -11,6 +11,7 @@ use nalgebra::{RealField, Vector3, Vector6, convert};
 /// use imucal_core::rest::BlockSums;
 /// use nalgebra::Vector3;
 ///
+/// // Unsigned 16-bit counts of the rate about x. All other channels are zero.
 /// let mut first = BlockSums::new();
 /// first.push(Vector3::new(32768.0_f32, 0.0, 0.0), Vector3::zeros());
 /// first.push(Vector3::new(32770.0, 0.0, 0.0), Vector3::zeros());

@@ -191,7 +191,9 @@ fn mirrored_accelerometer(p: &SignedPermutation) -> Cause {
             option: None,
         };
     }
-    // If only the accelerometer is wrong, G = I and det(A) = -1, and therefore P = -A.
+    // P (`p`), A (accelerometer) and G (gyroscope) are the signed permutations of the module documentation. If only the
+    // accelerometer is wrong, G = I and det(A) = -1, and therefore P = -A. The accelerometer columns need A^T, which is
+    // -P, because P is symmetric in both cases below.
     let alone = p.negated();
     if let Some(axis) = p.half_turn() {
         return Cause {

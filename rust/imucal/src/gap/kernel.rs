@@ -12,7 +12,7 @@ pub enum Kernel {
     Attitude,
     /// Deviations are a smooth function of temperature.
     Temperature,
-    /// Deviations depend on the signs of the last rotation about each axis.
+    /// Deviations depend on the sign of the last rotation about each axis.
     LastMotion,
     /// Deviations are linear in the body-frame components of two fixed horizontal world directions, which depend on
     /// heading.

@@ -189,7 +189,8 @@ fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)>
     if independent == 0 || independent + 2 >= n {
         return None;
     }
-    // U^T z = S^-1 V^T A^T z
+    // A is the matrix of `columns`, and A = U S V^T is its singular value decomposition, with S = `sizes` and
+    // V = `right`. `products` is A^T z. The components of z along the columns of U are U^T z = S^-1 V^T A^T z.
     let products: Vec<f64> = columns.iter().map(|column| column.iter().zip(&z).map(|(a, z)| a * z).sum()).collect();
     let explained: f64 = (0..independent)
         .map(|k| ((0..width).map(|j| right[(j, k)] * products[j]).sum::<f64>() / sizes[k]).powi(2))

@@ -217,7 +217,9 @@ impl Observed {
         let mut normal = self.information.clone();
         (0..n).for_each(|i| normal[(i, i)] += scatter.powi(-2));
         let factor = normal.llt(faer::Side::Lower).ok()?;
-        // (Lambda^-1 + w^2)^-1 = Lambda - Lambda (Lambda + w^-2)^-1 Lambda
+        // White scatter adds w^2 I to the covariance Lambda^-1 of the deviations. Lambda is `self.information`, w is
+        // `scatter`, and `normal` is Lambda + w^-2 I. The information that remains about the time course is
+        // (Lambda^-1 + w^2 I)^-1 = Lambda - Lambda (Lambda + w^-2 I)^-1 Lambda.
         let information = &self.information - &self.information * factor.solve(&self.information);
         let right = Mat::from_fn(n, 1, |i, _| self.slope[i]);
         let solved = factor.solve(&right);

@@ -188,7 +188,8 @@ pub(crate) fn rest_rows(
     let body_from_world = stand.attitude(&angles.angle_rad[0]).inverse();
     let across = rows_across(&measured.up);
     let residual = across * (body_from_world * Vector3::z() - measured.up);
-    // An attitude error `turn`, with R <- exp(turn) R, changes the gravity direction R^T e_z by R^T (e_z x turn).
+    // R is the attitude of the body (world from body), and e_z is the unit vector up in the world frame. An attitude
+    // error `turn` replaces R by exp(turn) R. It changes the gravity direction R^T e_z by R^T (e_z x turn).
     let columns: Vec<_> = angles
         .attitude_jacobian(0..1, terms, stand)
         .iter()

@@ -64,8 +64,9 @@ struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
-    /// Whether the item is the second or a later epoch of a long rest, or the step to such an epoch. Such items have a
-    /// separate scale, because the epochs of a rest have the errors of its pose in common.
+    /// Whether the item is the second or a later epoch of a long rest, or the step to such an epoch. An epoch is a part
+    /// of a long rest with its own mean. Such items have a separate scale, because the epochs of a rest have the errors
+    /// of its pose in common.
     is_of_later_epoch: bool,
 }
 

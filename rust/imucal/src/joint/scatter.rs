@@ -85,7 +85,7 @@ impl Scatter {
             }
         }
         let mut low = 0.0;
-        // chi2 decreases monotonically with s. 60 bisections give machine precision.
+        // chi2 decreases monotonically with the excess variance. 60 bisections give machine precision.
         for _ in 0..60 {
             let middle = (low + high) / 2.0;
             if self.chi2(middle) > free { low = middle } else { high = middle }

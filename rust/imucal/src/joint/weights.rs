@@ -92,9 +92,9 @@ impl Weights {
                     (Source::Norm(_), false) => scales.norms,
                     (Source::Move(_), _) => 1.0,
                 };
-                // All epochs of a rest have the model error of their pose in common. The first epoch determines |f| at
-                // the pose, as any other rest does. The later epochs determine only changes of |f|, so they are not
-                // additional poses.
+                // An epoch is a part of a long rest with its own mean. All epochs of a rest have the model error of
+                // their pose in common. The first epoch determines |f| at the pose, as any other rest does. The later
+                // epochs determine only changes of |f|, so they are not additional poses.
                 let pose = match line.source {
                     Source::Norm(k) if line.is_of_later_epoch => {
                         Some((poses + prepared.rests[k].whole, REST_ERROR_MPS2 * scales.epochs))

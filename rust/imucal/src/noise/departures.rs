@@ -138,8 +138,8 @@ impl Blocks {
         let scale = (2.0 / width as f64).sqrt();
         (1..width)
             .map(|j| {
-                // The table contains sines in steps of pi / (2 W). The cosine of an angle is the sine W steps further
-                // in the table.
+                // The table contains sines in steps of pi / (2 W), with W = `width`. The cosine of an angle is the sine
+                // W steps further in the table.
                 let mut at = (j + width) % (4 * width);
                 let mut sum = 0.0;
                 for value in window {

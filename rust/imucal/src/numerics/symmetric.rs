@@ -96,9 +96,12 @@ impl SymmetricMatrix {
     ///    C  ->           C - B^T A^-1 B
     /// ```
     ///
-    /// Several blocks may be swept one after the other. Returns the logarithm of the determinant of A. If other blocks
-    /// were swept before, it is the determinant of the Schur complement of A. Returns `None` if the block is not
-    /// positive definite.
+    /// A, B and C are the blocks of the matrix at the time of the call. Returns the logarithm of the determinant of A,
+    /// or `None` if A is not positive definite.
+    ///
+    /// Several blocks may be swept one after the other. A is then the Schur complement that the earlier sweeps have
+    /// left in this block. The returned logarithms add up to that of the determinant of all swept rows and columns of
+    /// the original matrix.
     #[inline(always)]
     pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;

@@ -26,7 +26,9 @@ pub(super) struct RestInformation {
     /// Variances of the rounding errors of the mean force and of the mean rate. Each is divided by the white-noise
     /// variance of the mean over one second.
     rounding: [f64; 2],
-    /// Propagation of the gravity direction over half an interval of a hand-held rest; `None` for a rest on a stand.
+    /// Propagation of the gravity direction over half of [`HELD_S`]; `None` for a rest on a stand. The mean force of an
+    /// interval of a hand-held rest observes the gravity direction at the middle of the interval. The filter therefore
+    /// propagates the direction to the middle, adds the force, and propagates the direction to the end.
     half_interval: Option<Propagation>,
 }
 

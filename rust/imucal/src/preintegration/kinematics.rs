@@ -107,8 +107,9 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
 
 /// Solves the weighted normal equations for the entries of P, row by row.
 fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
-    // The design matrix of a pair of blocks is the Kronecker product of [ubar]x and s^T. The normal matrix of the pair
-    // is therefore the Kronecker product of [ubar]x^T [ubar]x and s s^T.
+    // The equation of a pair of blocks is change = [ubar]x P s, with ubar = `pair.up` and s = `pair.turn`. Its design
+    // matrix is the Kronecker product of [ubar]x and s^T. The normal matrix of the pair is therefore the Kronecker
+    // product of [ubar]x^T [ubar]x and s s^T.
     let mut blocks = [[Matrix3::<f64>::zeros(); 3]; 3];
     let mut right = [Vector3::zeros(); 3];
     for (pair, weight) in pairs.iter().zip(weights) {

@@ -101,6 +101,7 @@ pub(crate) fn rows_across(up: &Vector3<f64>) -> Matrix2x3<f64> {
 
 impl Move {
     /// Whether this is the step from one epoch of a long rest to the next epoch, during which the unit does not move.
+    /// An epoch is a part of a long rest with its own mean.
     pub(crate) fn is_within_rest(&self, rests: &[UnitRest]) -> bool {
         rests[self.from].whole == rests[self.to].whole
     }

@@ -59,8 +59,8 @@ pub struct Threshold {
 pub struct Segments {
     /// Rests in chronological order.
     pub rests: Vec<Rest>,
-    /// The epochs of each rest. The list is empty for a rest that is so short that one mean describes it (model.md
-    /// (41)).
+    /// The epochs of each rest (model.md (41)). A long rest is divided into epochs, each with its own mean. The list is
+    /// empty for a rest that is so short that one mean describes it.
     pub epochs: Vec<Vec<Rest>>,
     /// Intervals at rest that are shorter than the required duration, as index ranges of samples.
     pub too_short: Vec<Range<usize>>,

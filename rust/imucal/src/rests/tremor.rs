@@ -286,7 +286,8 @@ fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors
     // Covariance of force and rotation. The mean force of the rest has been subtracted before.
     let both = sensors.accelerometer.inverse() * (products / samples) * sensors.gyroscope.inverse().transpose();
     let force = sensors.accelerometer.correct(rest.specific_force.mean);
-    // f^T (u x phi) = u^T (phi x f)
+    // `cross` is the mean of phi x f. With force f, rotation phi and direction of gravity u, the product in
+    // model.md (27) is f^T (u x phi) = u^T (phi x f).
     let cross = Vector3::new(both[(2, 1)] - both[(1, 2)], both[(0, 2)] - both[(2, 0)], both[(1, 0)] - both[(0, 1)]);
     cross.dot(&force) / (2.0 * force.norm_squared())
 }

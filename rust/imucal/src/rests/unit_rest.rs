@@ -1,4 +1,5 @@
-//! Rests of all recordings of one unit.
+//! Rests of all recordings of one unit, and the epochs of long rests. An epoch is a part of a long rest with its own
+//! mean.
 
 use std::ops::Range;
 

@@ -1,8 +1,9 @@
-//! Quantisation step (LSB) of one axis. It is determined from the values of the axis only.
+//! Quantisation step (LSB) of the readings of one axis: the distance between two adjacent levels of the converter, in
+//! the unit of the readings. It is determined from the readings of this axis only.
 //!
 //! Values may be counts, counts times a scale, or such products rounded to float32 or to the decimals of a text file.
-//! If a recording was corrected for misalignment, each axis is a combination of the counts of three axes. Such an axis
-//! has no step, or its step is far below the noise.
+//! If a recording was corrected for misalignment, each axis is a combination of the counts of three axes. The readings
+//! of such an axis are not quantised, or their quantisation step is far below the noise.
 
 use crate::recording::Samples;
 
@@ -10,7 +11,7 @@ use crate::recording::Samples;
 const MOST_SAMPLES: usize = 200_000;
 /// Relative accuracy of float32. Differences below this fraction of the largest value are due to the number format.
 const FLOAT32: f64 = 3e-7;
-/// Maximum distance between two neighbouring levels that is compared with multiples of the step, in steps.
+/// Maximum distance between two neighbouring levels that is compared with multiples of the quantisation step, in steps.
 const FAR: f64 = 20.5;
 /// Maximum deviation of a distance from a multiple of the step, in steps. In a text file with few decimals, the
 /// distances are uneven.
@@ -21,7 +22,7 @@ const REGULAR: f64 = 0.9;
 /// distances are much larger than the smallest distance.
 const NEAR: f64 = 0.5;
 
-/// The step of an axis; `None` if the values have no step.
+/// Quantisation step (LSB) of the readings of an axis; `None` if the readings are not quantised.
 pub(crate) fn step_of(rows: Samples<'_>, axis: usize) -> Option<f64> {
     let every = rows.len().div_ceil(MOST_SAMPLES).max(1);
     let mut levels: Vec<f64> = rows.axis(axis).step_by(every).filter(|value| value.is_finite()).collect();

@@ -71,8 +71,9 @@ mod tests {
     /// On the polar axis, gravity has a closed form: `GM / (z^2 + E^2)` plus the quadrupole term of the ellipsoid.
     #[test]
     fn gravity_falls_with_height_as_on_the_axis_of_the_ellipsoid() {
-        // TR8350.2, chapter 4: the exact component along u for u = z and beta = 90 deg. On the axis, there is no
-        // centrifugal acceleration.
+        // TR8350.2, chapter 4, gives the exact gravity in ellipsoidal coordinates u and beta. On the polar axis, u is
+        // the distance z from the centre of the Earth and beta is 90 deg. On the axis, there is no centrifugal
+        // acceleration.
         const GM: f64 = 3.986_004_418e14;
         let semi_minor_m = SEMI_MAJOR_AXIS_M * (1.0 - FLATTENING);
         let eccentric_m = SEMI_MAJOR_AXIS_M * ECCENTRICITY_SQUARED.sqrt();

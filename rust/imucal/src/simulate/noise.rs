@@ -281,8 +281,9 @@ mod tests {
             }
             squares += value.component_mul(&value) / runs as f64;
         }
-        // The expected variance is K^2 t with t = 50 / 25 s. A variance from n numbers has a relative standard
-        // deviation of sqrt(2 / n).
+        // The expected variance of a random walk with coefficient K (`random_walk`) after the time t is K^2 t. Here t
+        // is 50 steps at 25 Hz, which is 2 s. The relative standard deviation of a variance from `runs` values is
+        // sqrt(2 / runs).
         let band = 4.0 * (2.0 / runs as f64).sqrt();
         assert!((squares.x / 2.0 - 1.0).abs() < band && (squares.z / 18.0 - 1.0).abs() < band, "{squares}");
         assert_eq!(squares.y, 0.0);

@@ -294,7 +294,7 @@ mod tests {
                 direction: phase.direction,
             };
             let read = Stand::perfect().read_encoders(&state, &early, Vector3::zeros());
-            // The difference that remains is half the acceleration (at most 8.4 rad/s^2 per motor) times tau squared.
+            // The difference that remains is half the acceleration (at most 8.4 rad/s^2 per motor) times tau_s squared.
             assert!((read - program.motors(time_s + tau_s).angle_rad).amax() < 8.4 * tau_s * tau_s, "{time_s} s");
         }
     }

@@ -110,7 +110,7 @@ impl<'a> PreintegratedMoves<'a> {
                 break;
             }
         }
-        let best = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
+        let best = best.ok_or_else(|| Error::Fit("the fit of the gyroscope has no start value".into()))?;
         // Observability is not tested here, because the scale may be wrong by a large factor. After the final fit, it
         // is tested whether the moves determine all entries.
         triad_of(&best.parameters, self.bias)

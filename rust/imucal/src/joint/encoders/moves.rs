@@ -97,8 +97,9 @@ impl EncoderMove<'_> {
                 for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
                     *value = d.dot(column);
                 }
-                // The mean of a random walk over n steps has a smaller variance than the value of the random walk at
-                // the centre. With the variance q per step, the difference is q (n - 1/n) / 6.
+                // The mean of a random walk over n = `count` steps has a smaller variance than the value of the random
+                // walk at the centre. The difference is n q (1 - 1/n^2) / 6, where q is the variance per step. n q is
+                // the variance over the block, `noise.walk * block.duration_s`.
                 let count = block.samples.len() as f64;
                 let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
                 filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);

@@ -135,8 +135,8 @@ impl Route<'_> {
         let (first, last) = (span.first - reach.start, span.last - reach.start);
         let time_s = &self.recording.time_s[reach];
         let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
-        // The derivative with respect to T needs the rate that still contains the effects. The contribution of the
-        // effects is therefore added to the corrected rate.
+        // The derivative with respect to the sensitivity needs the rate that still contains the effects. The
+        // contribution of the effects is therefore added to the corrected rate.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);

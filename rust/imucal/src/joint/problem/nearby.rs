@@ -15,8 +15,9 @@ use crate::numerics::lsq::Solution;
 
 /// The first-order update is used up to this distance from the last linearisation. The distance is the norm of the
 /// change of the whitened residuals. The neglected second-order terms are then at most a thousandth of a standard
-/// deviation. A search uses the update without further computation. If a final fit ends at an update, the samples are
-/// linearised again and the fit is continued.
+/// deviation. A search uses the update without further computation. If a final fit converges to parameters for which
+/// only a first-order update is known, the linearisation is computed from the samples, and the fit is continued from
+/// there.
 const NEAR: f64 = 3.0;
 
 /// Cached linearisations, shared by all threads.

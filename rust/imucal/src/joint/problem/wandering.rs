@@ -1,5 +1,5 @@
 //! Whitens errors that are correlated between rests. These are biases that vary between rests, rounding errors, and the
-//! pose error that all epochs of a long rest have in common.
+//! pose error that all epochs of a long rest have in common. An epoch is a part of a long rest with its own mean.
 
 use faer::Mat;
 use imucal_core::effects::Sensor;

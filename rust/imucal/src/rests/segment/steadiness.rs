@@ -91,9 +91,9 @@ impl Steadiness {
         rest.scatter.max(rest.drift(self.colour(rest)))
     }
 
-    /// Unsteadiness of a rest that is divided into epochs. It is the median of the unsteadiness of the epochs. The
-    /// unsteadiness of the whole rest is not used, because drifting biases change the mean force during a long rest. If
-    /// `epochs` is empty, the result is [`unsteadiness`](Self::unsteadiness).
+    /// Unsteadiness of a rest that is divided into `epochs`, each with its own mean. It is the median of the
+    /// unsteadiness of the epochs. The unsteadiness of the whole rest is not used, because drifting biases change the
+    /// mean force during a long rest. If `epochs` is empty, the result is [`unsteadiness`](Self::unsteadiness).
     pub(super) fn unsteadiness_of(&self, rest: &Stretch, epochs: &[Stretch]) -> f64 {
         if epochs.is_empty() {
             return self.unsteadiness(rest);
