@@ -8,9 +8,10 @@
 //! h = T_ij / T_ii     misalignment: angle by which sensitive axis i is tilted towards body axis j, rad
 //! ```
 //!
-//! Each held parameter adds one residual r to the joint fit. A held parameter is not fixed, because the recordings can
-//! change it. The covariance of the result includes the uncertainty of the prior. Held parameters refer to the
-//! symmetric body frame.
+//! h(p) is a function of the fitted parameters p: the bias b_i of axis i, or a ratio of entries of the sensitivity T.
+//! `value` and `sigma` are the mean and the standard deviation of the prior. Each held parameter adds one residual r to
+//! the joint fit. A held parameter is not fixed, because the recordings can change it. The covariance of the result
+//! includes the uncertainty of the prior. Held parameters refer to the symmetric body frame.
 
 mod known;
 mod priors;

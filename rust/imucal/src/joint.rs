@@ -2,12 +2,18 @@
 //!
 //! ```text
 //! rest norms   |f_k| - g
-//! rest rates   mean(w_k) - b - T mean(Phi)_k theta
+//! rest rates   mean(m_k) - b - T mean(Phi)_k theta
 //! moves        E_k (R_k^T u_k - u_(k+1))
 //! in the move  R(t) f(t) - g u_k,   used for effects that are observable only while the unit rotates
 //! ```
 //!
-//! The quantities f, u and w are corrected for the effects. The mean-force error of a rest correlates the residuals of
+//! k is the index of a rest, or of the move after this rest. f_k is the mean force at rest k, u_k its direction, and g
+//! local gravity. m_k are the rates measured at rest k, b is the bias of the gyroscope, and T its sensitivity. Phi is
+//! the field of an effect and theta its parameters. R_k is the rotation over move k, and R(t) is the rotation from time
+//! t to the start of the move; both are integrated from the gyroscope rates. The two rows of E_k span the plane
+//! perpendicular to u_(k+1).
+//!
+//! The quantities f, u and R are corrected for the effects. The mean-force error of a rest correlates the residuals of
 //! its two adjacent moves; `whiten` accounts for this covariance. The attitude error inside a move is a random walk;
 //! the innovations of a Kalman filter whiten it (`inside`). The weights are estimated from the residuals of a fit, and
 //! the next fit uses the new weights. Fits are repeated until the parameters converge.

@@ -8,6 +8,8 @@
 //! quantisation         Q^2 (2 pi f)^2 / rate          sqrt(3) Q / tau              quantisation, v s
 //! ```
 //!
+//! N, B, K and Q are the coefficients of the kinds of noise. f is the frequency, Hz, and tau is the averaging time, s.
+//!
 //! v is the unit of the sensor. The definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope,
 //! N is the angle random walk. Quantisation means here that the output of the sensor is an increment of angle or
 //! velocity. Rounding a rate to counts is a different process. Its error is white noise with a variance determined by

@@ -2,11 +2,12 @@
 //!
 //! ```text
 //! *_bias_drift        k_i t
-//! *_bias_warmup       k_i exp(-t / tau)      tau is the shape
+//! *_bias_warmup       k_i exp(-t / tau)      tau is the time constant (the shape)
 //! gyro_scale_drift    k_i t w_i
 //! ```
 //!
-//! t is the time since the reference instant of the calibration, s. For a warm-up, the reference instant is power-on.
+//! k_i is the parameter of axis i, and w_i the angular rate about it. t is the time since the reference instant of the
+//! calibration, s. For a warm-up, the reference instant is power-on.
 
 use super::{AXES, Alias, DEGREE, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters, same};
 use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};

@@ -6,9 +6,10 @@
 //! encoder_backlash       b_m d_m,                             d_m the sign of the last motion
 //! ```
 //!
-//! If an encoder disk is off centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a
-//! period of one revolution. If the disk is oval, the error has a period of half a revolution. Component m is the error
-//! of motor m. Motor 1 is the outermost motor.
+//! q_m is the true angle of motor m. The parameters are s_mk and c_mk, the delay tau, and the backlash b_m. If an
+//! encoder disk is off centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a period
+//! of one revolution. If the disk is oval, the error has a period of half a revolution. Component m is the error of
+//! motor m. Motor 1 is the outermost motor.
 
 use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};

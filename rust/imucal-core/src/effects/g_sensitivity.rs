@@ -5,6 +5,9 @@
 //! gyro_g2_sensitivity        G2 (fx^2, fy^2, fz^2)     full form: + H (fy fz, fx fz, fx fy)
 //! gyro_scale_g_sensitivity   k_i w_i f_i
 //! ```
+//!
+//! f is the specific force and w the angular rate. The parameters are the 3x3 matrices G, G2 and H, and k_i for each
+//! axis i.
 
 use super::{AXES, Alias, DEGREE, ENTRIES, Effect, Sensor, Terms, cross_products, effect, parameters, squares};
 use crate::{STANDARD_GRAVITY_MPS2, vector::each};

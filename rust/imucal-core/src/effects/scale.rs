@@ -7,9 +7,11 @@
 //! *_cross_axis_quadratic   sum of k_i,jl v_j v_l
 //! ```
 //!
-//! The cross-axis effect of the gyroscope has nine parameters: each axis depends on the three products of two different
-//! components. The cross-axis effect of the accelerometer has fifteen parameters: each axis i depends on all products
-//! of two components except f_i^2, which belongs to the quadratic scale effect.
+//! k_i is the parameter of axis i, v_i the component of the measured quantity along it, and k_i,jl the parameter of
+//! axis i for the product of the components j and l. The cross-axis effect of the gyroscope has nine parameters: each
+//! axis depends on the three products of two different components. The cross-axis effect of the accelerometer has
+//! fifteen parameters: each axis i depends on all products of two components except f_i^2, which belongs to the
+//! quadratic scale effect.
 
 use super::{AXES, Alias, DEGREE, Effect, Sensor, State, Terms, cross_products, effect, parameters, squares};
 use crate::{

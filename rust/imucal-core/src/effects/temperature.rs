@@ -5,8 +5,9 @@
 //! *_scale_temperature   k_i dT v_i
 //! ```
 //!
-//! dT is the temperature minus the reference temperature, at which sensitivity and bias apply, K. v is the angular rate
-//! w for the gyroscope and the specific force f for the accelerometer.
+//! k_i and q_i are the parameters of axis i. dT is the temperature minus the reference temperature, at which
+//! sensitivity and bias apply, K. v is the angular rate w for the gyroscope and the specific force f for the
+//! accelerometer.
 
 use super::{AXES, Alias, DEGREE, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters, same};
 use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};

@@ -6,7 +6,8 @@
 //! at_bound     a time constant longer than the recordings, or shorter than a hundredth of them
 //! ```
 //!
-//! Such a result is not an error. The diagnosis describes in words what the covariance contains as numbers.
+//! C is the covariance of the estimated parameters. Such a result is not an error. The diagnosis describes in words
+//! what the covariance contains as numbers.
 
 use imucal_core::effects::Effect;
 

@@ -4,6 +4,8 @@
 //! r ~ N(0, N + D C D^T),     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^-1/2 r,  d = N^-1/2 D L,  v = d^T z
 //! ```
 //!
+//! r are the residuals on the control recordings.
+//!
 //! N is the covariance of the noise. C = L L^T is the covariance of the parameters of the calibration. D is the
 //! derivative of the residuals with respect to these parameters. A column of D L is the change of the residuals due to
 //! one column of L. If the calibration is from a short recording, the residuals on a long control recording exceed

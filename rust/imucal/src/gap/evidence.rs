@@ -6,6 +6,11 @@
 //! N = sum_g J_g^T J_g / s_g^2,   s_g^2 = max(1, chi2_g / free_g)
 //! ```
 //!
+//! r(theta) are the whitened residuals, linearised at the parameters theta_0 with the Jacobian J. E is the evidence.
+//! n_g is the number of residuals of group g, free_g their number of degrees of freedom, and J_g contains the rows of J
+//! for these residuals. P is the diagonal matrix of the prior precisions, 1 / (s typical_p)^2 for parameter p with the
+//! prior width s, and zero for the base parameters.
+//!
 //! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
 //! of real recordings exceed sensor noise, by a different factor in each group. The scale s_g^2 of a group is chi2 per
 //! degree of freedom of its residuals under the evaluated model, and at least one. In a simulation with only sensor

@@ -7,7 +7,9 @@
 //! loose_mount    r_k scatters from rest to rest by more than on any rigid mount
 //! ```
 //!
-//! Stand errors are the seven parameters of the stand model (docs/model.md (21)) and two harmonics of each encoder.
+//! k is the index of the rest, q_k are the motor angles at this rest, and e_z is the unit vector up in the world frame.
+//! R(q) is the attitude of the body (world from body). Stand errors are the seven parameters of the stand model
+//! (docs/model.md (21)) and two harmonics of each encoder.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;

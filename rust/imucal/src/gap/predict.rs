@@ -6,6 +6,10 @@
 //! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = l_i with the effect - l_i without
 //! ```
 //!
+//! r are the residuals and J is their Jacobian at the parameters theta_0. delta_f is the change of the parameters that
+//! is estimated without fold f. s_g^2 is the noise scale of the group g of a row, and P contains the precisions of the
+//! priors. l_i is the log predictive density of item i, and n is the number of items.
+//!
 //! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation remains valid
 //! in this case, because an effect that only fits excess scatter does not improve the prediction. Each superfluous
 //! parameter decreases the log predictive density by about half a nat. The standard deviation of the gain is estimated

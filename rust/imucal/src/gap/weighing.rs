@@ -9,6 +9,10 @@
 //! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
 //! ```
 //!
+//! N, C and D are blocks of the Gram matrix: products of the model's columns (N, including the prior precisions), of
+//! the model's columns with the additional columns (C), and of the additional columns (D). r and r_own are the products
+//! of the model's columns and of the additional columns with the residuals. In all these sums, the contribution of a
+//! group is divided by its noise scale. The additional columns are multiplied by the typical sizes of their parameters.
 //! If the noise scales maximise the evidence, this expression is the increase of the maximum evidence. At other noise
 //! scales it is an approximation, which is used to select the prior widths that are evaluated exactly.
 

@@ -6,6 +6,8 @@
 //! ```text
 //! h = L^-1/2 V^T S^-1 (p - value)
 //! ```
+//!
+//! `value` are the calibrated parameters. Each component of h becomes one prior.
 
 use nalgebra::SMatrix;
 

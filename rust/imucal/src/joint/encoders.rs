@@ -6,9 +6,13 @@
 //! q = e - sum Phi(q, dq/dt, direction) theta,   e the encoder readings, rad
 //! ```
 //!
-//! The geometry of the stand is not known exactly, so seven parameters of the stand are also estimated: the mount
-//! rotation (3 parameters), the base tilt (2) and the non-orthogonality of the axes (2). They are the last entries of
-//! the parameter vector.
+//! q are the motor angles, Phi are the fields of the encoder effects, and theta are their parameters. R_wb(q) is the
+//! attitude of the stand (world from body), C(t) is its value at time t, and C_0 is its value at the start of the move.
+//! u_k is the measured direction up at rest k in the body frame, and e_z is the same direction in the world frame. R(t)
+//! is the rotation from the body frame at time t to the body frame at the start of the move, integrated from the
+//! gyroscope rates. The geometry of the stand is not known exactly, so seven parameters of the stand are also
+//! estimated: the mount rotation (3 parameters), the base tilt (2) and the non-orthogonality of the axes (2). They are
+//! the last entries of the parameter vector.
 
 mod directions;
 pub(super) mod moves;

@@ -2,10 +2,16 @@
 //! (model.md (24)). Each column of a field has one value at each rest and in each segment of a move.
 //!
 //! ```text
-//! rest rates   -T Phi_k                      moves   E (R^T u) x turn(end)
-//! rest norms   -u^T Phi_k                    inside  turn x f,  or -R Phi
-//! turn(t) = -sum A Phi dt from the start of the move to t
+//! rest rates   -T Phi_k                      moves   E R(end)^T (u x turn(end))
+//! rest norms   -u^T Phi_k                    inside  turn x R f,  or -R Phi
+//! turn(t) = -sum R Phi dt from the start of the move to t
 //! ```
+//!
+//! Phi is the error field, and Phi_k is its value at rest k. T is the sensitivity of the gyroscope, f is the specific
+//! force, and u is the unit vector up at the rest or at the start of the move. R(t) is the rotation from the body frame
+//! at time t to the body frame at the start of the move, and turn(t) is its error. The two rows of E span the plane
+//! perpendicular to u at the end of the move. Inside a move, the first expression is for the gyroscope and the second
+//! for the accelerometer.
 
 use std::ops::Range;
 

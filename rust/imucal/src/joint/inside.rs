@@ -5,6 +5,10 @@
 //! z_j = d . (mean_j(R f) - g u),   z_j = x_j + white,   x_(j+1) = x_j + random walk
 //! ```
 //!
+//! f is the specific force, and R is the rotation from the body frame at a sample to the body frame at the start of the
+//! move. mean_j is the mean over block j of 40 ms. g is local gravity, u is the unit vector up at the start of the
+//! move, and x_j is the state of the Kalman filter.
+//!
 //! The direction d is along gravity or along one of two directions perpendicular to it. The component along gravity
 //! contains no random walk, because an attitude error does not change it to first order. The perpendicular components
 //! contain the integrated white noise of the gyroscope, which is a random walk. For each direction, a scalar Kalman

@@ -4,6 +4,8 @@
 //! d = (A^T P r)^T (A^T P A)^-1 (A^T P r),   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
 //! ```
 //!
+//! r are the residuals, C is their covariance, and J is their Jacobian with respect to the parameters.
+//!
 //! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again.
 //! There are two kinds of columns of A. The first kind selects the residuals of a move, the norm of a rest, or the mean
 //! rates of a rest. The second kind describes an error of the mean force of a rest, which changes the norm of this rest

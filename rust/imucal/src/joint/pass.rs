@@ -11,9 +11,12 @@
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
 //!
-//! R is computed at every sample. The derivative d is evaluated at the midpoints of segments, which consist of several
-//! samples. If only the rotation over the whole move is needed, preintegration gives the integrals for the base
-//! parameters, model.md (6).
+//! m is the measured rate, T the sensitivity, and b the bias of the gyroscope. Phi is the field of an effect and theta
+//! its parameters. w is the corrected rate. w_0 and w_1 are its values at the start and at the end of a step of length
+//! h, w_(-1) and w_2 those at the samples before and after the step. e_i is the unit vector along axis i, and p is any
+//! parameter. R is computed at every sample. The derivative d is evaluated at the midpoints of segments, which consist
+//! of several samples. If only the rotation over the whole move is needed, preintegration gives the integrals for the
+//! base parameters, model.md (6).
 //!
 //! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
 //! interpolation between samples would give only the second power, because the error due to the curvature of the rate

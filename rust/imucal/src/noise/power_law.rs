@@ -12,8 +12,8 @@
 //! quantisation  x = (1 - z^-1) n            s(k) = 1 for k = 0, else 0
 //! ```
 //!
-//! The covariances of differences are exact, also for processes such as flicker noise that have no covariance
-//! themselves.
+//! n is white noise of variance one, and z^-1 is the delay by one sample. The covariances of differences are exact,
+//! also for processes such as flicker noise that have no covariance themselves.
 
 use std::f64::consts::{LN_2, PI};
 

@@ -4,8 +4,9 @@
 //! e_k = t_k - t_0 - k T,    E_k = min over the next second of e_m, m >= k
 //! ```
 //!
-//! T is the mean time step of regular samples. A late time stamp increases one e_k, but not the lower envelope E. Lost
-//! samples increase E permanently, by T for each sample. Late samples are therefore not counted as missing.
+//! t_k is the time stamp of sample k. T is the mean time step of regular samples. A late time stamp increases one e_k,
+//! but not the lower envelope E. Lost samples increase E permanently, by T for each sample. Late samples are therefore
+//! not counted as missing.
 
 use std::collections::VecDeque;
 use std::ops::Range;

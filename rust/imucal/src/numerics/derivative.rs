@@ -7,6 +7,8 @@
 //! sum_j weight_j mean over box j of (t - t_k)^m = 1 for m = 1, 0 for m = 0, 2, 3, 4
 //! ```
 //!
+//! t_k is the time of the sample, and weight_j is the weight of the mean of the data over box j.
+//!
 //! The noise of the derivative decreases with the power 3/2 of the box width, and the truncation error of motion
 //! increases with the fourth power. Boxes are therefore widened as long as noise explains the change of the derivative
 //! (after Lepski, Theory of Probability and its Applications 35, 1991, 454-466). The chosen width is one step below the

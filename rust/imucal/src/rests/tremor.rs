@@ -5,6 +5,9 @@
 //! density^2 = dt / 70 mean (4th difference)^2
 //! ```
 //!
+//! f_i is the force at sample i, f and phi are the means of f_i and phi_i over the rest, u is the direction of gravity,
+//! and dt is the sampling interval.
+//!
 //! Both sensors measure the same tremor, and their noise is independent. The mean product of their fluctuations is
 //! therefore the variance of the tremor. The unit is hand-held if this variance exceeds the variance of a gravity
 //! direction that is averaged along the gyroscope attitude. In a hand-held rest, the mean force is not the gravity

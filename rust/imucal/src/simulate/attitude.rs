@@ -7,7 +7,8 @@
 //! w_ac' = R_bc^T w_ab' + w_bc' + (R_bc^T w_ab) x w_bc        because d/dt R_bc^T v = R_bc^T v' - w_bc x R_bc^T v
 //! ```
 //!
-//! The derivatives are exact for any chain of rotations.
+//! R_ab rotates vectors from frame b to frame a, and w_ab is the angular rate of frame b relative to frame a. A prime
+//! is a derivative with respect to time, and v is any vector. The derivatives are exact for any chain of rotations.
 
 use imucal_core::so3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

@@ -5,7 +5,10 @@
 //! g(latitude, h) = g(latitude, 0) (1 - 2/a (1 + f + m - 2 f sin^2) h + 3/a^2 h^2)  free-air correction to second order
 //! ```
 //!
-//! Normal gravity is the gravity of the reference ellipsoid. Actual gravity differs from it by up to about 1e-3 m/s^2.
+//! g_e is the gravity on the equator, k the constant of Somigliana's formula, and sin the sine of the geodetic
+//! latitude. e, a and f are the eccentricity, the semi-major axis and the flattening of the ellipsoid. m is the ratio
+//! of centrifugal acceleration to gravity on the equator, and h is the height. Normal gravity is the gravity of the
+//! reference ellipsoid. Actual gravity differs from it by up to about 1e-3 m/s^2.
 
 use imucal_core::EARTH_RATE_RADPS;
 use nalgebra::Vector3;

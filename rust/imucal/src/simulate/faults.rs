@@ -5,8 +5,8 @@
 //! t_i     = stamp_i / (1 + clock_rate_error) + clock_jitter n_i      the true time of sample i
 //! ```
 //!
-//! The time stamps stay nominal, so the time column does not show a clock error. The clock of the unit gains
-//! `clock_rate_error` seconds per second relative to true time.
+//! n_i are independent standard normal numbers. The time stamps stay nominal, so the time column does not show a clock
+//! error. The clock of the unit gains `clock_rate_error` seconds per second relative to true time.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -5,8 +5,10 @@
 //! w    = R_z^T R_y^T e_x q1' + R_z^T e_y q2' + e_z q3'    body rate, in the body frame
 //! ```
 //!
-//! If all motors are at zero, the body frame equals the world frame, z up. Motors 2 and 3 can produce any direction of
-//! gravity in the body frame, so the accelerometer program does not use motor 1.
+//! R_wb is the attitude (world from body). R_x(q1) is the rotation about the x axis by the angle q1 of motor 1, and e_x
+//! is the unit vector along this axis; y and z likewise. If all motors are at zero, the body frame equals the world
+//! frame, z up. Motors 2 and 3 can produce any direction of gravity in the body frame, so the accelerometer program
+//! does not use motor 1.
 //!
 //! On a stand with non-orthogonal axes, the directions of the axes are as follows if all motors are at zero:
 //!

@@ -4,6 +4,7 @@
 //! R_wb(t),   w = vee(R_wb^T dR_wb/dt),   dw/dt,   x''(t)
 //! ```
 //!
+//! R_wb is the attitude (world from body), w the angular rate in the body frame, and x the position in the world frame.
 //! Attitude and derivatives have closed forms. The rate is therefore the derivative of the attitude up to rounding
 //! errors, and the motion does not depend on the sampling rate.
 

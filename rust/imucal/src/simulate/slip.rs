@@ -5,7 +5,8 @@
 //! R_wb(t) = R_wb without the slip * exp(turn s((t - time) / 50 ms))
 //! ```
 //!
-//! s is the smooth step from 0 to 1. The gyroscope measures the slip as an ordinary rotation.
+//! R_wb is the attitude (world from body), `turn` the rotation vector of the slip, and `time` its start. s is the
+//! smooth step from 0 to 1. The gyroscope measures the slip as an ordinary rotation.
 
 use nalgebra::Vector3;
 

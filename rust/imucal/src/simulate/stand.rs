@@ -4,6 +4,8 @@
 //! R_wb = R_tilt  R_gimbal(q)  R_flexure(q)  R_vibration(t)  R_mount
 //! ```
 //!
+//! R_wb is the attitude of the unit (world from body) for the motor angles q at time t. The other rotations are:
+//!
 //! * The base is tilted by `base_tilt_rad` from level. The unit is rotated by `mount_rotation_rad` relative to the
 //!   innermost ring.
 //! * The axes are not orthogonal (see [`gimbal`]).

@@ -3,6 +3,8 @@
 //! ```text
 //! R_wb(t) = R_wb without the tremor * R(sum of sines about each axis)
 //! ```
+//!
+//! R_wb is the attitude (world from body), and R(v) is the rotation with the Rodrigues vector v.
 
 use std::f64::consts::TAU;
 

@@ -5,7 +5,9 @@
 //! seen = sensitivity * (true + sum_c Phi_c(state) theta_c + added) + bias      model.md (15), (22)
 //! ```
 //!
-//! The state is that at the true instant of a sample, even if the time stamps are wrong.
+//! R_wb is the attitude (world from body), x the position in the world frame, g local gravity, and e_z the unit vector
+//! up. Phi_c is the field of effect c and theta_c its parameters. `added` are the errors of `Setup::added`. The state
+//! is that at the true instant of a sample, even if the time stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use nalgebra::Vector3;

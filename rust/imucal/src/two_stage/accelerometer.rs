@@ -5,6 +5,9 @@
 //! with f = T^-1 (a - b), u = f / |f|, v = T^-T u:   d|f|/db = -v,   d|f|/dT = -v f^T
 //! ```
 //!
+//! r_k is the residual of rest k, a_k its mean reading, and sigma_k the standard deviation of the residual. T is the
+//! sensitivity, b the bias, and g local gravity.
+//!
 //! The fit uses the symmetric frame, with nine parameters: `[b_x, b_y, b_z, T_xx, T_yy, T_zz, T_xy, T_xz, T_yz]`.
 
 use faer::Mat;

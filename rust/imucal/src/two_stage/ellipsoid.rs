@@ -7,6 +7,8 @@
 //! [ax^2, ay^2, az^2, 2 ax ay, 2 ax az, 2 ay az, ax, ay, az, 1] . alpha = 0
 //! alpha = [W11, W22, W33, W12, W13, W23, -2 W b, b^T W b - g^2],   W = (T T^T)^-1
 //! ```
+//!
+//! T is the sensitivity, b the bias, and g local gravity. ax, ay and az are the components of a.
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};

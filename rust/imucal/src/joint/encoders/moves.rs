@@ -6,9 +6,12 @@
 //! force   as inside a move without encoders          = random walk + direction error at the start + force noise
 //! ```
 //!
-//! The residual relative to the stand is a random walk (integrated gyroscope noise) measured with encoder noise. The
-//! force residuals contain the same random walk, so one filter whitens both. The gravity direction at the end of the
-//! move is not used here, because the residuals of the rests relative to the stand contain it.
+//! q are the encoder readings after removal of the encoder effects. C(t) is the attitude R_wb(q) of the stand (world
+//! from body), and C_0 is its value at the start of the move. R(t) is the rotation from the body frame at time t to the
+//! body frame at the start of the move, integrated from the gyroscope rates. The residual relative to the stand is a
+//! random walk (integrated gyroscope noise) measured with encoder noise. The force residuals contain the same random
+//! walk, so one filter whitens both. The gravity direction at the end of the move is not used here, because the
+//! residuals of the rests relative to the stand contain it.
 
 use imucal_core::so3;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};

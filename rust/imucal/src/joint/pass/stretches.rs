@@ -4,6 +4,9 @@
 //! midpoint value from means m over n samples     m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
 //! derivative of the rate                         (8 (w_(k+1) - w_(k-1)) - (w_(k+2) - w_(k-2))) / (12 step)
 //! ```
+//!
+//! m_k is the mean of a signal over the n samples of segment k. w_k is the rate at the midpoint of segment k, and
+//! `step` is the time between two midpoints, s.
 
 use std::ops::Range;
 

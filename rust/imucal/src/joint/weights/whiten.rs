@@ -4,8 +4,10 @@
 //! C = diag(own) + sum_e sigma_e^2 j_e j_e^T,   C = L L^T,   r <- L^-1 r,   J <- L^-1 J           model.md (19)
 //! ```
 //!
-//! C is the covariance of the residuals, and L is its Cholesky factor. Each error e of a rest affects only the
-//! residuals of this rest and of its adjacent moves, so C and L are banded.
+//! r are the residuals and J is their Jacobian. `own` are the variances of independent errors. An error e that several
+//! residuals have in common has the standard deviation sigma_e, and j_e are the derivatives of the residuals with
+//! respect to it. C is the covariance of the residuals, and L is its Cholesky factor. Each error e of a rest affects
+//! only the residuals of this rest and of its adjacent moves, so C and L are banded.
 
 use faer::Mat;
 use pulp::{Simd, WithSimd};
