@@ -3,6 +3,8 @@
     seen = T^-1 (measured - bias)
     true <- seen - effects(true),  starting at seen          docs/model.md (16)
 
+T is the sensitivity of the sensor.
+
 The compiled library iterates this sample by sample for the effects of the catalogue. The field of a
 user-defined effect is a Python function of whole arrays. This file therefore iterates user-defined effects;
 each iteration calls the library for the effects of the catalogue.

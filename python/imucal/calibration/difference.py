@@ -2,10 +2,11 @@
 
     difference = b - a,    covariance = covariance of a + covariance of b
 
-For an unchanged unit the difference has this covariance, because the errors of the two recordings are
-independent. There are two tests, each with half of the false alarm rate that `sigmas` sets. The first test is
-applied to every single parameter, with Bonferroni's correction. The second test is a chi2 test of all
-parameters together, which detects small changes of many parameters.
+a and b are the parameters of the two calibrations. For an unchanged unit the difference has this covariance,
+because the errors of the two recordings are independent. There are two tests, each with half of the false
+alarm rate that `sigmas` sets. The first test is applied to every single parameter, with Bonferroni's
+correction. The second test is a chi2 test of all parameters together, which detects small changes of many
+parameters.
 
 Calibrations in different body frames or with different axes are compared in the symmetric frame and before
 axis remapping. A parameter without a standard deviation, as in a calibration of another program, is listed

@@ -2,8 +2,9 @@
 
     measured = T (true + sum of Phi(state) theta) + bias          docs/model.md (15)
 
-An effect has a name, a sensor, parameters theta with units and typical sizes, and a field Phi: for each
-sample the (3, p) derivative of the sensor's input with respect to the parameters, in the body frame.
+T is the sensitivity of the sensor. An effect has a name, a sensor, parameters theta with units and typical
+sizes, and a field Phi: for each sample the (3, p) derivative of the sensor's input with respect to the
+parameters, in the body frame.
 """
 
 from __future__ import annotations

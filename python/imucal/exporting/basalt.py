@@ -2,8 +2,9 @@
 
     corrected = raw + S raw - b
 
-S of the accelerometer is lower triangular. Each array holds the three biases, then S column by column
-(calib_bias.hpp of basalt-headers, CalibAccelBias::getCalibrated and CalibGyroBias::getCalibrated).
+b is the bias of a sensor, and S (3x3) corrects its scale and misalignment. S of the accelerometer is lower
+triangular. Each array holds the three biases, then S column by column (calib_bias.hpp of basalt-headers,
+CalibAccelBias::getCalibrated and CalibGyroBias::getCalibrated).
 """
 
 from __future__ import annotations

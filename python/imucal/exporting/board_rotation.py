@@ -2,6 +2,8 @@
 
     v_body = R v_sensor,  R = Rz(yaw) Ry(pitch) Rx(roll)
 
+v is any vector, and Rx, Ry and Rz are the rotations about the axes.
+
 Source: enum Rotation in AP_Math/rotations.h and Vector3::rotate in AP_Math/vector3.cpp. MAVLink uses the same
 numbers (MAV_SENSOR_ORIENTATION).
 """

@@ -3,8 +3,9 @@
     raw_accel = M_a f_i + b_a
     raw_gyro  = M_g C_gyro_i w_i + A C_gyro_i f_i + b_g
 
-M_a and M_g are lower triangular. f_i and w_i are in the IMU frame i, whose x axis is the accelerometer's x
-axis (the `triangular` frame here). A is in the gyroscope frame. Source: IccSensors.py of ethz-asl/kalibr,
+M_a and M_g are lower triangular, C_gyro_i is a rotation, A is the g-sensitivity, and b_a and b_g are the
+biases. f_i and w_i are in the IMU frame i, whose x axis is the accelerometer's x axis (the `triangular` frame
+here). A is in the gyroscope frame. Source: IccSensors.py of ethz-asl/kalibr,
 IccScaledMisalignedImu.addAccelerometerErrorTerms and addGyroscopeErrorTerms.
 """
 
@@ -74,6 +75,8 @@ class TriangularModel:
 
         raw_accel = M_a f + b_a
         raw_gyro  = gyro to_gyro w + from_force f + b_g
+
+    f is the true force and w the true rate.
 
     same_as       the calibration in that frame, with the g-sensitivity as its only effect; M_a, b_a and b_g
                   are its sensitivity and biases

@@ -3,10 +3,11 @@
     raw_accel = Ta f + b_a
     raw_gyro  = Tw R_IMUtoGYRO w + Tg f + b_g
 
-Ta and Tw are lower triangular; OpenVINS takes the lower triangle of their inverses. Source: rpng/open_vins,
-Simulator.cpp (get_next_imu), Propagator.cpp and VioManagerOptions.h (print_and_load_state). Tg acts on the
-force in the IMU frame, so it is A C_gyro_i of Kalibr. The comment in OpenVINS' files, "Tg is
-imu0:gyroscopes:A", is correct only if C_gyro_i = 1.
+f is the true force and w the true rate in the IMU frame. R_IMUtoGYRO is a rotation, Tg is the g-sensitivity,
+and b_a and b_g are the biases. Ta and Tw are lower triangular; OpenVINS takes the lower triangle of their
+inverses. Source: rpng/open_vins, Simulator.cpp (get_next_imu), Propagator.cpp and VioManagerOptions.h
+(print_and_load_state). Tg acts on the force in the IMU frame, so it is A C_gyro_i of Kalibr. The comment in
+OpenVINS' files, "Tg is imu0:gyroscopes:A", is correct only if C_gyro_i = 1.
 """
 
 from __future__ import annotations

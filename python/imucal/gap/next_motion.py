@@ -3,9 +3,10 @@
     T(a, b) = min over delta, theta_b of |J_a theta_a - J_base delta - J_b theta_b|^2
 
 T(a, b) is the chi2 of the residuals that effect a, with its estimated parameters theta_a, causes after a fit
-of the rival b and of the 21 base parameters. Residuals are divided by their standard deviation. A motion
-distinguishes between effects if T(a, b) and T(b, a) are large for all rivals (Atkinson and Fedorov,
-Biometrika 62, 1975, 57-70). The Jacobians J are those of the search, evaluated on simulated recordings.
+of the rival b (parameters theta_b) and of the 21 base parameters (changes delta). Residuals are divided by
+their standard deviation. A motion distinguishes between effects if T(a, b) and T(b, a) are large for all
+rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). The Jacobians J are those of the search, evaluated
+on simulated recordings.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     corrected = raw + S raw - b
 
-Each array has the three biases, then S column by column; S of the accelerometer is lower triangular
-(calib_bias.hpp of basalt-headers, getBiasAndScale and getCalibrated). `imucal.exporting.basalt` defines the
-order of the entries.
+b is the bias of a sensor, and S (3x3) corrects its scale and misalignment. Each array has the three biases,
+then S column by column; S of the accelerometer is lower triangular (calib_bias.hpp of basalt-headers,
+getBiasAndScale and getCalibrated). `imucal.exporting.basalt` defines the order of the entries.
 """
 
 from __future__ import annotations

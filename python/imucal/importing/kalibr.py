@@ -3,7 +3,9 @@
     raw_accel = M_a (f + (0, (L r_y)_y, (L r_z)_z)) + b_a,      L r = dw/dt x r + w x (w x r)
     raw_gyro  = M_g C_gyro_i w + A C_gyro_i f + b_g
 
-f and w are in the IMU frame i. So T of the accelerometer is M_a, T of the gyroscope is M_g C_gyro_i, and the
+f and w are the true force and rate in the IMU frame i. r_y and r_z are the positions of the accelerometer's y
+and z axes relative to its x axis. C_gyro_i is a rotation, A is the g-sensitivity, and b_a and b_g are the
+biases. So the sensitivity T of the accelerometer is M_a, T of the gyroscope is M_g C_gyro_i, and the
 g-sensitivity in the body frame is T^-1 A C_gyro_i. Source: IccSensors.py of ethz-asl/kalibr,
 addAccelerometerErrorTerms and addGyroscopeErrorTerms of IccScaledMisalignedImu and
 IccScaledMisalignedSizeEffectImu. `imucal.exporting.kalibr` writes these files.

@@ -3,10 +3,11 @@
     force = R_IMUtoACC^T D_a (raw_accel - b_a)
     rate  = R_IMUtoGYRO^T D_w (raw_gyro - Tg force - b_g)
 
-D_a and D_w are triangles of Ta^-1 and Tw^-1: the lower ones in the models `kalibr` and `calibrated`, the
-upper ones in the model `rpng`. So the g-sensitivity in the body frame is T^-1 Tg, with the T of the
-gyroscope. Sources: print_and_load_state in VioManagerOptions.h, print in StateOptions.h, and Propagator.cpp
-of rpng/open_vins. `imucal.exporting.openvins` writes these files.
+R_IMUtoACC and R_IMUtoGYRO are rotations, Tg is the g-sensitivity, and b_a and b_g are the biases. D_a and D_w
+are triangles of Ta^-1 and Tw^-1: the lower ones in the models `kalibr` and `calibrated`, the upper ones in
+the model `rpng`. So the g-sensitivity in the body frame is T^-1 Tg, with the T of the gyroscope. Sources:
+print_and_load_state in VioManagerOptions.h, print in StateOptions.h, and Propagator.cpp of rpng/open_vins.
+`imucal.exporting.openvins` writes these files.
 """
 
 from __future__ import annotations

@@ -2,9 +2,10 @@
 
     theta_i = mean + deviation_i + e_i      e_i ~ N(0, C_i), the covariance of the fit of unit i
 
-The statistic is twice the log likelihood ratio between a model with a mean and a spread of the effect and a
-model without the effect. In a large fleet, standard deviations that are slightly too small would make every
-effect significant. The median statistic of all effects is therefore the reference for the noise.
+theta_i are the parameters of the effect that were estimated for unit i. The statistic is twice the log
+likelihood ratio between a model with a mean and a spread of the effect and a model without the effect. In a
+large fleet, standard deviations that are slightly too small would make every effect significant. The median
+statistic of all effects is therefore the reference for the noise.
 """
 
 from __future__ import annotations

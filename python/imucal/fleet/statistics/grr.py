@@ -2,9 +2,9 @@
 
     y_ijk = mean + unit_i + operator_j + (unit x operator)_ij + repeat_ijk       all random
 
-The estimates are those of the ANOVA method of the AIAG manual Measurement Systems Analysis, 4th edition,
-chapter III B. Each calibration states its standard deviations, so the repeatability also tests these standard
-deviations.
+y_ijk is repeat k of the measurement of unit i by operator j. The estimates are those of the ANOVA method of
+the AIAG manual Measurement Systems Analysis, 4th edition, chapter III B. Each calibration states its standard
+deviations, so the repeatability also tests these standard deviations.
 """
 
 from __future__ import annotations

@@ -2,9 +2,10 @@
 
     d_i^2 = (y_i - mean)^T (S + C_i)^-1 (y_i - mean)
 
-S is the covariance of the true values of the units, C_i that of the measurement of unit i. Mean and S come
-from the minimum covariance determinant (MCD) with a deterministic start (Hubert, Rousseeuw and Verdonck,
-Journal of Computational and Graphical Statistics 21, 2012), with the measurement noise subtracted.
+d_i is the distance of unit i, and y_i are its parameters and figures. S is the covariance of the true values
+of the units, C_i that of the measurement of unit i. Mean and S come from the minimum covariance determinant
+(MCD) with a deterministic start (Hubert, Rousseeuw and Verdonck, Journal of Computational and Graphical
+Statistics 21, 2012), with the measurement noise subtracted.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
     z_i = (y_i - centre) / sqrt(spread^2 + sigma_i^2)      spread^2 = (moving range estimate)^2 - noise^2
 
+y_i is measurement i, sigma_i its standard deviation, and z_i the normalised deviation from the centre line of
+the chart. spread is the standard deviation of the true values, and noise that of the measurements.
+
 A chart shows single values and moving ranges, an exponentially weighted moving average (EWMA), and the four
 rules of the Western Electric handbook (1956). The rules give false alarms at a known rate per chart, so many
 charts give many false alarms. The alarms of the result are therefore only shifts of a station that are

@@ -2,6 +2,8 @@
 
     y_i = theta_i + e_i      theta_i ~ N(mean, spread^2),  e_i ~ N(0, sigma_i^2) with known sigma_i
 
+y_i is the measured value of unit i, theta_i its true value, and e_i the measurement noise.
+
 A share of the units may be outliers, which belong to a second, ten times wider distribution with the same
 mean. The share is estimated together with mean and spread, so that a few outliers do not widen the spread.
 """
