@@ -1,6 +1,8 @@
 """Linear propagation of the covariance to a calibration that is a function of another calibration.
 
-p' = F(p),    covariance' = J covariance J^T,    J = dF/dp
+    p' = F(p),    covariance' = J covariance J^T,    J = dF/dp
+
+p are the parameters of the given calibration, and p' those of the calibration that the function F returns.
 """
 
 from __future__ import annotations

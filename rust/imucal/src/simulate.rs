@@ -243,7 +243,7 @@ pub fn run(setup: &Setup) -> Result<Simulation, Error> {
 /// of [`run`].
 ///
 /// # Errors
-/// As [`run`].
+/// The errors are those of [`run`].
 pub fn simulate(
     program: &Program,
     unit: &Unit,

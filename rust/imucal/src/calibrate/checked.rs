@@ -116,7 +116,7 @@ impl<'a> Checked<'a> {
     /// iterations, but does not change the result.
     ///
     /// # Errors
-    /// As [`calibrate`](super::calibrate()).
+    /// The errors are those of [`calibrate`](super::calibrate()).
     pub fn calibrate(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
         let mut outcome = self.calibrate_one_unit(model, warm_start);
         let is_plain = model.effects.is_empty() && model.user_fields.is_empty();

@@ -62,14 +62,14 @@ pub trait UserEffects {
     /// A set of recordings corrected by `outcome`. The correction includes the user-defined effects.
     ///
     /// # Errors
-    /// As [`UserEffects::fields`].
+    /// The errors are those of [`UserEffects::fields`].
     fn corrected(&self, outcome: &Outcome, set: RecordingSet) -> Result<Vec<CorrectedSamples>, Error>;
 
     /// Means over 0.1 s of a set of recordings, corrected by two calibrations. The first calibration is the caller's
     /// reference calibration, or `before` if there is none. The second is `after`.
     ///
     /// # Errors
-    /// As [`UserEffects::fields`].
+    /// The errors are those of [`UserEffects::fields`].
     fn brief_means(&self, before: &Outcome, after: &Outcome, set: RecordingSet) -> Result<BriefCorrection, Error>;
 }
 

@@ -65,7 +65,7 @@ pub fn search(
 /// linearisations with different candidates have the same rows only if the result is given.
 ///
 /// # Errors
-/// As [`search`].
+/// The errors are those of [`search`].
 pub fn linearise(
     recordings: &[Recording<'_>],
     options: &Options<'_>,
@@ -98,7 +98,7 @@ pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 /// Detection limit of each candidate relative to the model without effects. `is_hand_moved` is as in [`search`].
 ///
 /// # Errors
-/// As [`search`].
+/// The errors are those of [`search`].
 pub fn smallest_visible(
     checked: &Checked<'_>,
     candidates: &[EffectChoice],

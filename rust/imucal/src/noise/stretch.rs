@@ -34,7 +34,7 @@ pub(super) struct Stretch {
     pub(super) lost: usize,
     /// Number of repeated rows in the whole recording.
     pub(super) repeated: usize,
-    /// Number of places of the whole recording in which samples are lost or repeated.
+    /// Number of positions in the whole recording at which samples are lost or repeated.
     pub(super) places: usize,
 }
 
