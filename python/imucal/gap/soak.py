@@ -4,10 +4,10 @@
     found.gyroscope.terms, found.gyroscope.left
 
 A soak or a sweep in one pose determines no scale and no misalignment. It does determine how the mean reading
-depends on the temperature and on the temperature history. The recording is divided into epochs with about equal
-numbers of samples, and averaged over each epoch. Models with polynomials in the temperature, its rate, one or
-two lags and hysteresis are compared by cross-validation, in which each model is fitted by least squares to
-nine tenths of the epochs and predicts the other epochs.
+depends on the temperature and on the temperature history. The recording is divided into epochs with about
+equal numbers of samples, and averaged over each epoch. Models with polynomials in the temperature, its rate,
+one or two lags and hysteresis are compared by cross-validation, in which each model is fitted by least
+squares to nine tenths of the epochs and predicts the other epochs.
 """
 
 from __future__ import annotations
