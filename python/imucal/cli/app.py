@@ -11,6 +11,7 @@ are bugs; their message explains how to show the traceback.
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -29,6 +30,9 @@ __all__ = ["app", "main"]
 
 # Environment variable that the completion script of a shell sets when it calls `imucal`.
 COMPLETE = "_IMUCAL_COMPLETE"
+# Number of new objects after which Python searches for cycles of references. With its default, 700, such
+# searches take 5 % of the processor time of a calibration, because loading the modules creates many objects.
+OBJECTS_BETWEEN_SEARCHES = 10_000
 # Messages longer than this number of characters are split at each "; " into separate lines.
 MOST_ON_A_LINE = 300
 
@@ -158,6 +162,7 @@ app = Commands(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    gc.set_threshold(OBJECTS_BETWEEN_SEARCHES)
     with standing_streams(), as_interrupts() as ended:
         try:
             code = _run(list(sys.argv[1:] if arguments is None else arguments))
