@@ -120,9 +120,11 @@ class StandLimits:
         return StandLimits((first, second, third), **numbers, forbidden_deg=tuple(map(_zone, zones)))
 
     def write(self, path: str | os.PathLike[str], *, description: str = "") -> None:
-        """Write the file, atomically. Raises InputError for a hand, which has no file."""
+        """Write the file, atomically. Raises InputError for the limits of a hand, which have no file form."""
         if self.in_hand:
-            raise InputError("limits of a hand have no file: pass the name, hand")
+            raise InputError(
+                "the limits of a hand are not written to a file: pass the name hand instead of a file"
+            )
         zones = [
             {axis: list(span) for axis, span in zip(AXES, zone, strict=True) if span is not None}
             for zone in self.forbidden_deg

@@ -70,7 +70,9 @@ pub fn sensor_missing(recording: &Recording) -> Option<Finding> {
         columns: names(columns),
         count: recording.len(),
         unit: "samples",
-        message: format!("there is no {absent}: this needs both sensors, and the recording has the {present} alone"),
+        message: format!(
+            "there is no {absent}: this calculation needs both sensors, but the recording has only the {present}"
+        ),
         way_out: format!("add the columns of the {absent}; docs/one-sensor.md lists what one sensor alone allows"),
         ..Finding::error("sensor_missing", recording.name)
     })

@@ -141,7 +141,7 @@ impl Limits {
         let step = self.pose_step_rad;
         match axis.range_rad {
             None => (angle_rad / step).round() * step,
-            // Rounds to multiples of the step that are within the end stops.
+            // Rounds to a multiple of the pose step that is within the end stops.
             Some([low, high]) => ((angle_rad.clamp(low, high) / step).round() * step)
                 .clamp((low / step - 1e-9).ceil() * step, (high / step + 1e-9).floor() * step),
         }

@@ -66,9 +66,9 @@ const MAX_TILT: f64 = 0.05;
 
 /// The factors c of coloured noise (model.md (10)) in a recording. Steady and hand-held rests have different spectra.
 pub(super) struct Steadiness {
-    /// Factor c of each channel, for rests without tremor.
+    /// Factor c of coloured noise (model.md (10)) of each channel, for rests without tremor.
     pub(super) steady_colour: Vector6<f64>,
-    /// Factor c of each channel, for hand-held rests.
+    /// Factor c of coloured noise of each channel, for hand-held rests.
     held_colour: Vector6<f64>,
 }
 
