@@ -58,7 +58,7 @@ class PerAxis:
     lost: tuple[str, ...]
 
     def range_degc(self, default: tuple[float, float]) -> tuple[float, float]:
-        """Temperature range of the recordings, degC, in which the thermal terms vary; otherwise `default`."""
+        """Temperature range of the thermal terms, degC: that of the recordings, or `default` if it is not known."""
         return self.temperature_range_degc or default
 
     @property

@@ -71,7 +71,8 @@ pub(crate) struct SessionStep {
 /// standard deviations from noise; and the share of the effect's chi2 that a refit of the base parameters removes.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
-/// Scores of all candidates, generic hypotheses and detection limits; see `imucal::gap::Search`.
+/// Result of a search for effects: the score of each candidate effect, the result of the hypotheses that are not in the
+/// catalogue (`generic`), and the detection limits. See `imucal::gap::Search`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,

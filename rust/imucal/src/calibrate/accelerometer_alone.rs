@@ -52,8 +52,8 @@ pub struct AccelerometerOutcome {
     pub noise_density: Vector3<f64>,
     /// Report of the fit.
     pub fit: FitReport,
-    /// Standard deviation of the norms of gravity, m/s^2. It is estimated from the residuals if the noise of the means
-    /// is not known; `None` if the noise is known.
+    /// Standard deviation of the measured norm of the mean force at a rest, m/s^2, estimated from the residuals of the
+    /// fit. `None` if the noise of the mean forces is known.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Held parameters with their estimates; empty if none is held.
     pub held: Vec<HeldEstimate>,

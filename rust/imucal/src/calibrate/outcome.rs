@@ -26,7 +26,7 @@ use crate::rests::segment::Threshold;
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// A calibration with its covariance, residuals and figures.
+/// A calibration with its covariance, its residuals and the statistics of the fit.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// Both triads, in the body frame `frame`.

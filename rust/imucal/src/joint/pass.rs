@@ -19,8 +19,8 @@
 //! base parameters, model.md (6).
 //!
 //! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
-//! interpolation between samples would give only the second power, because the error due to the curvature of the rate
-//! does not cancel while the attitude changes.
+//! interpolation between samples would give only the second power: it neglects the curvature of the rate, and these
+//! errors add up to zero over a move only if the axis of the rotation is fixed.
 //!
 //! The derivative of the effects with respect to the rate is neglected in d, which changes d by less than 1 %. The
 //! residuals are exact. The derivative of the force with respect to the accelerometer parameters is evaluated at the

@@ -57,8 +57,8 @@ pub(crate) fn rate_from_gravity(
     p.filter(|p| p.iter().all(|entry| entry.is_finite()))
 }
 
-/// Scale in `true rate = scale (raw - bias)`, with one value for all axes. It is used if the motion does not determine
-/// P. `None` without motion.
+/// Common scale of all axes of the gyroscope in `true rate = scale (raw - bias)`. It is used if the motion does not
+/// determine the matrix P of `true rate = P (raw - bias)`. `None` if there is no motion.
 pub(crate) fn scale_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],
