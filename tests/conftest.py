@@ -17,14 +17,13 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def group_of(item):
-    """The group that a test is marked with, or the file or folder of the fixtures that it shares, or None."""
+    """The group that a test is marked with, or its file if it uses a fixture of its module, or None."""
     marked = item.get_closest_marker("xdist_group")
     if marked is not None:
         return marked.args[0]
     fixtures = [fixture for (*_, fixture) in item._fixtureinfo.name2fixturedefs.values()]
-    places = {fixture.baseid for fixture in fixtures if fixture.scope in ("module", "package", "session")}
-    # The fixtures of this file and of pytest cost little, so each process makes its own.
-    return min(places - {"", "tests"}, key=len, default=None)
+    # Fixtures of the whole session cost little, so each process makes its own.
+    return item.nodeid.partition("::")[0] if any(each.scope == "module" for each in fixtures) else None
 
 
 @pytest.hookimpl(tryfirst=True)

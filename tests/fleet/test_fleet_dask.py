@@ -19,6 +19,10 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="processes are killed and found by /proc"),
 ]
 
+# Longest time of a unit, s. On a computer with much other work, the first unit of a new worker takes more
+# than 5 s.
+LIMIT_S = 30.0
+
 
 @pytest.fixture(scope="module")
 def client():
@@ -95,7 +99,7 @@ def test_a_recording_that_hangs_on_a_cluster_costs_its_own_row_alone(small_fleet
     start_files = small_fleet / "sitecustomize"
     with Cluster(tmp_path, workers=2, start_files=start_files) as cluster:
         tally = imucal.Fleet(tmp_path / "units.sqlite").run(
-            small_fleet / "hanging.csv", scheduler=cluster.address, time_limit_s=5.0
+            small_fleet / "hanging.csv", scheduler=cluster.address, time_limit_s=LIMIT_S
         )
     assert tally.verdicts == {"good": UNITS - 2, "failed": 2}
     assert tally.codes == {"format": 1, "time_limit": 1}
