@@ -80,7 +80,8 @@ for hidden faults on a simulated stand. Each row has {seeds} seeds, with `--spee
 are drawn from the tolerances of the BMI088 datasheet. Each is on a different cheap stand with errors of
 mount, tilt, axis angles, flexure and vibration, and with 12-bit encoders with eccentricity, backlash and
 a time offset. The sampling rate is 200 Hz, and program and control program are random. The faults are
-known to the simulation only.
+known to the simulation only. [Faults of a stand](stand-driver.md) reports faults of the controller and of
+its connection.
 
 | hidden fault | size | units | passed, exported | failed | named first | named besides |
 |---|---|---|---|---|---|---|
