@@ -3,7 +3,7 @@
 from typing import Any
 
 from fleet import storage as store
-from fleet.speed import ROUNDS, WAYS
+from fleet.speed import DASK, LOOP, ONE, PROFILED, ROUNDS, TWO, TWO_LOOPS, WAYS
 
 __all__ = ["page"]
 
@@ -25,10 +25,10 @@ def page(log: dict[str, Any], kill_units: int) -> str:
         for row in kills["rows"]
     )
     (dask_tiny, dask_large), (profiled_tiny, profiled_large) = (
-        [1 - each["ways"][way] / each["ways"][WAYS[3]] for each in (tiny, large)] for way in WAYS[4:]
+        [1 - each["ways"][way] / each["ways"][TWO] for each in (tiny, large)] for way in (DASK, PROFILED)
     )
-    loops_tiny, loops_large = (each["ways"][WAYS[1]] / each["ways"][WAYS[0]] for each in (tiny, large))
-    two_tiny, two_large = (each["ways"][WAYS[3]] / each["ways"][WAYS[2]] for each in (tiny, large))
+    loops_tiny, loops_large = (each["ways"][TWO_LOOPS] / each["ways"][LOOP] for each in (tiny, large))
+    two_tiny, two_large = (each["ways"][TWO] / each["ways"][ONE] for each in (tiny, large))
     early, late = (size / 1e6 for size in storage["memory"])
     return f"""# Many units
 

@@ -15,9 +15,9 @@ from distributed import Client, LocalCluster
 import imucal
 from fleet.simulated import plan, unit_of, write_manifest, write_one
 
-__all__ = ["ROUNDS", "WAYS", "rates"]
+__all__ = ["DASK", "LOOP", "ONE", "PROFILED", "ROUNDS", "TWO", "TWO_LOOPS", "WAYS", "rates"]
 
-WAYS = (
+WAYS = LOOP, TWO_LOOPS, ONE, TWO, DASK, PROFILED = (
     "a plain loop",
     "two plain loops at once",
     "1 process",
@@ -37,12 +37,12 @@ def rates(folder: Path, units: int, *, large: bool) -> tuple[float, dict[str, fl
     size = float(np.mean([path.stat().st_size for path in files]))
     found: dict[str, list[float]] = {way: [] for way in WAYS}
     for _ in range(ROUNDS):
-        found[WAYS[0]].append(_loop(files))
-        found[WAYS[1]].append(_two_loops(files))
-        found[WAYS[2]].append(_timed(folder, manifest, units, workers=1))
-        found[WAYS[3]].append(_timed(folder, manifest, units, workers=2))
+        found[LOOP].append(_loop(files))
+        found[TWO_LOOPS].append(_two_loops(files))
+        found[ONE].append(_timed(folder, manifest, units, workers=1))
+        found[TWO].append(_timed(folder, manifest, units, workers=2))
         # docs/fleet.md starts workers without the profiler, which Dask starts by default.
-        for way, has_profiler in ((WAYS[4], False), (WAYS[5], True)):
+        for way, has_profiler in ((DASK, False), (PROFILED, True)):
             with (
                 dask.config.set({"distributed.worker.profile.enabled": has_profiler}),
                 LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,

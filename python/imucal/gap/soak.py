@@ -284,6 +284,12 @@ def _require_one_pose(name: str, force: FloatArray) -> None:
         )
 
 
+def _scaled(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The columns divided by their largest magnitudes, and these magnitudes."""
+    size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    return columns / size, size
+
+
 class _Search:
     """Models of one sensor, with their predictions of held-out epochs."""
 
@@ -328,16 +334,14 @@ class _Search:
 
     def _fit(self, form: Form) -> FloatArray:
         """The coefficients of all axes, (1 + p, 3)."""
-        columns = self._columns(form)
-        size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-        found = np.linalg.lstsq(columns / size, self.mean, rcond=1e-10)[0]
+        columns, size = _scaled(self._columns(form))
+        found = np.linalg.lstsq(columns, self.mean, rcond=1e-10)[0]
         solved: FloatArray = found / size[:, None]
         return solved
 
     def _held_out(self, form: Form) -> FloatArray:
         """Residuals of each epoch, predicted by a fit to the other folds, (N, 3)."""
-        columns = self._columns(form)
-        basis, sizes, _ = np.linalg.svd(columns / np.maximum(np.abs(columns).max(axis=0), 1e-300), False)
+        basis, sizes, _ = np.linalg.svd(_scaled(self._columns(form))[0], False)
         basis = basis[:, sizes > 1e-10 * sizes[0]]
         # The columns of the basis are orthonormal, so the normal matrix of the other folds is the unit matrix
         # minus the part of the fold. The addend makes it invertible if one fold alone determines a direction.
@@ -425,9 +429,8 @@ class _Search:
         fitted = self._columns(form) @ solved
         cubic = self._columns(self.cubic) @ self._fit(self.cubic)
         held_out = np.sqrt((self._held_out(form) ** 2).mean(axis=0))
-        columns = self._columns(form)
-        size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-        spread = np.sqrt(np.diag(np.linalg.pinv((columns / size).T @ (columns / size)))) / size
+        columns, size = _scaled(self._columns(form))
+        spread = np.sqrt(np.diag(np.linalg.pinv(columns.T @ columns))) / size
         unit = "rad/s" if self.sensor == "gyroscope" else "m/s^2"
         tau_stds = iter(self._tau_stds(form))
         terms, place = [], 1

@@ -84,9 +84,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
     signals = motion.signals
     if signals is None:
         return
-    kind = "control recording" if signals.is_control else "recording"
-    # A recording of arrays has the name "recording" if the caller gave none.
-    name = f" {signals.recording}" if signals.recording != "recording" else ""
+    name = f"{signals.recording} (control)" if signals.is_control else signals.recording
     of_hand = (
         " A hand moved the unit, so within the move the accelerometer also measures the hand."
         if gap.is_hand_moved
@@ -98,7 +96,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
         plot.move_signals(
             signals, has_effects=bool(gap.effects or gap.laws), is_hand_moved=gap.is_hand_moved
         ),
-        f"Move {signals.move} of the {kind}{name}: gravity as the accelerometer measures it, "
+        f"Move {signals.move} of {name}: gravity as the accelerometer measures it, "
         f"and as the gyroscope predicts it from the rest before the move (shaded).{of_hand}",
     )
 

@@ -30,7 +30,7 @@ def show(
     require_apart([calibration], {"--json": json})
     loaded = imucal.Calibration.load(calibration)
     out = Output(json, units)
-    out.document(loaded.to_dict())
+    out.document(loaded.to_dict)
     for line in _origin(loaded):
         out.line(line)
     out.parameters(loaded.parameters)
