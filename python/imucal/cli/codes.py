@@ -299,6 +299,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "the result.",
             "Add poses, give `--noise`, or give a control recording.",
         ),
+        "not_evaluated": Code(
+            "The calibration was imported from another program and was not judged on a recording.",
+            "Run `imucal evaluate CALIBRATION CONTROL`.",
+        ),
     },
     "Diagnosis of a fit": {
         "traded_off": Code(
@@ -435,13 +439,10 @@ ERRORS_OR_WARNINGS: Final = (
 )
 HEAD: Final = """# Why refused? All reason codes
 
-Copy the code in brackets from the message, such as `[gyro_units]`, and find it on this page, or run
-`imucal help gyro_units`. A message without a code contains the remedy: most often it names poses to add
-(code `not_enough_motion` in JSON documents).
-
-The line `verdict: poor; ...` or `verdict: incomplete; ...` gives its reasons in words. Compare them with the
-groups [Verdict poor](#verdict-poor) and [Verdict incomplete](#verdict-incomplete) below. "above its limit"
-refers to a file that was given with `--limits`.
+Copy the code in brackets from the message or from the line of the verdict, such as `[gyro_units]`, and find
+it on this page, or run `imucal help gyro_units`. A message without a code contains the remedy: most often it
+names poses to add (code `not_enough_motion` in JSON documents). "above its limit" in a verdict refers to a
+file that was given with `--limits`.
 
 The column **kind** gives the consequence of a code:
 

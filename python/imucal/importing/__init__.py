@@ -216,7 +216,7 @@ def _calibration(
         verdict="incomplete",
         reasons=(
             f"this is a calibration of {reader.program}, which imucal has not evaluated on any recording: "
-            "use imucal evaluate",
+            "use imucal evaluate [not_evaluated]",
         ),
         provenance=Provenance(
             imucal_version=str(_core.__version__),

@@ -35,9 +35,9 @@ fn matrix(py: Python<'_>, values: &nalgebra::Matrix3<f64>) -> PyResult<Rows> {
     Ok(to_rows(py, values.transpose().data.0.to_vec())?.unbind())
 }
 
-/// The reasons of a verdict as sentences.
+/// The reasons of a verdict as sentences, each with its code in brackets.
 fn words_of(verdict: &verdict::Verdict) -> Vec<String> {
-    verdict.reasons().iter().map(ToString::to_string).collect()
+    verdict.reasons().iter().map(|reason| format!("{reason} [{}]", reason.code())).collect()
 }
 
 fn residuals(py: Python<'_>, groups: &[verdict::GroupMisfit]) -> PyResult<Vec<Fields>> {
