@@ -38,6 +38,8 @@ __all__ = [
 APPLICATION: Final = 0x494D5546
 # Time, s, for which a process waits while another process writes to the store.
 BUSY_S: Final = 60.0
+# Bytes of a store that are read through a memory map, which spares SQLite a copy of each page.
+MAPPED_BYTES: Final = 1 << 31
 
 _PAIRS: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 # The 21 parameters of both triads in the symmetric frame, in the order of a calibration. Each parameter is a
@@ -188,6 +190,7 @@ def connect_reading(path: str | os.PathLike[str]) -> sqlite3.Connection:
         connect_writing(path).close()
         return connect_reading(path)
     connection.execute("PRAGMA query_only = ON")
+    connection.execute(f"PRAGMA mmap_size = {MAPPED_BYTES}")
     connection.set_authorizer(_only_reading)
     return connection
 
