@@ -23,6 +23,7 @@ IN_PYTHON = re.compile(
     r"|\bcode = \"([a-z_]+)\"|Error, \"([a-z_]+)\"\)|, \"(bug)\"\)"
     r"|Outcome\(\w+, \"failed\", \"([a-z_]+)\""
     r"|^(?:FILE_MISSING|TIME_LIMIT): Final = \"([a-z_]+)\"$"
+    r"|: use imucal evaluate \[([a-z_]+)\]"
 )
 UNIT_TESTS = re.compile(r"#\[cfg\(test\)\]\s*mod tests \{")
 # Places where the severity of a finding is in the same expression as its code.

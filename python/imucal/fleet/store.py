@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
@@ -194,9 +195,8 @@ class Store:
         if number is None or outcome.measured is None:
             return number is not None
         given = outcome.measured
-        values = dict(zip((name for name, _ in given.names), np.frombuffer(given.values), strict=True))
-        sigmas = dict(zip(values, np.frombuffer(given.sigmas), strict=True))
-        pairs = {name: (_number(values[name]), _number(sigmas[name])) for name in values}
+        numbers = zip(_numbers(given.values), _numbers(given.sigmas), strict=True)
+        pairs = dict(zip((name for name, _ in given.names), numbers, strict=True))
         low, high = given.temperature_degc or (None, None)
         others = {name: pair for name, pair in pairs.items() if name not in BASE_NAMES}
         other_figures = {name: value for name, value in given.figures.items() if name not in FIGURES}
@@ -310,9 +310,9 @@ class Store:
 COPIED_AT_ONCE: Final = 500
 
 
-def _number(value: float) -> float | None:
-    """A number for SQLite, where NULL replaces NaN and infinity."""
-    return float(value) if np.isfinite(value) else None
+def _numbers(packed: bytes) -> list[float | None]:
+    """The float64 numbers of a blob for SQLite, where NULL replaces NaN and infinity."""
+    return [value if math.isfinite(value) else None for value in np.frombuffer(packed).tolist()]
 
 
 def _valid(text: str) -> str:

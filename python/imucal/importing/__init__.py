@@ -215,8 +215,8 @@ def _calibration(
         # The calibration is usable, but its residuals are not known.
         verdict="incomplete",
         reasons=(
-            f"this is a calibration of {reader.program}, which imucal has not evaluated on any recording: "
-            "use imucal evaluate [not_evaluated]",
+            f"this is a calibration of {reader.program}, which imucal has not evaluated on any recording"
+            ": use imucal evaluate [not_evaluated]",
         ),
         provenance=Provenance(
             imucal_version=str(_core.__version__),
