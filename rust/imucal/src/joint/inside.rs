@@ -31,8 +31,9 @@ use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
 /// Derivatives of a move's residuals with respect to one parameter, m/s^2. They contain only the part that is caused by
-/// the gravity directions of the adjacent rests. `start` is added to all residuals along each of the three directions.
-/// `end` is added to the last residual along each of the two directions perpendicular to gravity.
+/// the gravity directions of the adjacent rests. `start` has one value for each of the three directions and is added to
+/// the derivatives of all residuals along this direction. `end` has one value for each of the two directions
+/// perpendicular to gravity and is also added to the derivative of the last residual.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
