@@ -1,9 +1,10 @@
-//! Nonlinear least squares: minimum of |r(p)|^2 by the Levenberg-Marquardt method with an analytic Jacobian.
+//! Nonlinear least squares: minimum of the sum of squares |r(p)|^2 of the residuals r(p), found by the
+//! Levenberg-Marquardt method with an analytic Jacobian J.
 //!
 //! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
-//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. It is computed by QR of `[R;
-//! sqrt(lambda) D]`, where R is from the QR of J. D contains the largest column norms of J so far, so the result does
-//! not depend on the units of the parameters.
+//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. It is computed by QR of
+//! `[R; sqrt(lambda) D]`, where R is from the QR of J. D contains the largest column norms of J so far, so the result
+//! does not depend on the units of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -312,8 +313,8 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let ratio = (self.chi2 - chi2) / predicted;
         // Comparisons with NaN are false. A step with residuals that are not finite is therefore rejected.
         let accepted = chi2 < self.chi2;
-        // Nielsen's update of lambda (IMM-REP-1999-05). It is a smooth function of the gain ratio and needs no
-        // thresholds.
+        // Nielsen's update of lambda (IMM-REP-1999-05). It is a smooth function of the gain ratio (actual decrease of
+        // chi2 divided by predicted decrease) and needs no thresholds.
         if accepted {
             std::mem::swap(&mut self.residuals, &mut self.trial_residuals);
             std::mem::swap(&mut self.jacobian, &mut self.trial_jacobian);
