@@ -6,9 +6,9 @@
 //! ```
 //!
 //! u_k and u_(k+1) are the gravity directions at the rests before and after move k. R_k is the rotation over the move,
-//! integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). The component
-//! along u_(k+1) is omitted, because a rotation about gravity is not observable. The nine entries of T are ordered by
-//! rows, `T_xx, T_xy, ... T_zz`.
+//! integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). sigma_k is the
+//! standard deviation of one component. The component along u_(k+1) is omitted, because a rotation about gravity is not
+//! observable. The nine entries of T are ordered by rows, `T_xx, T_xy, ... T_zz`.
 
 mod bias;
 
@@ -196,7 +196,8 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
 /// Derivative of a move's residual (rad) with respect to the nine entries of T and the three biases; a 2 x 12 matrix.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
-    // A rotation `delta` of the attitude at the end of the move changes the propagated direction by [R^T u]x delta.
+    // A rotation `delta` of the attitude at the end of the move changes the propagated direction by [R^T u]x delta. R
+    // is the rotation over the move, and u is the gravity direction before it.
     let by_turn = -(ends.across() * hat(&propagated_up) * preintegrated.rotation.transpose());
     std::array::from_fn(|p| match p {
         0..9 => by_turn * (preintegrated.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),

@@ -38,8 +38,8 @@ pub(crate) fn covariance(
     }
     gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
-    // If the residuals of a stage are significantly larger than noise, its standard deviations are multiplied by the
-    // inflation of the fit.
+    // If the residuals of a stage are significantly larger than noise, the standard deviations of its errors are
+    // multiplied by the inflation of the fit.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
         let (item, axis) = (column / 3, column % 3);
