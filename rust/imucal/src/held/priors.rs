@@ -27,7 +27,7 @@ const GYRO_BIAS_SIGMA: f64 = 0.35;
 /// A choice of the parameters that a calibration estimates without a prior.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ParameterModel {
-    /// All 21 parameters.
+    /// All 21 parameters are estimated without a prior.
     #[default]
     Full,
     /// Biases and scales are estimated without a prior. The misalignments of both sensors have a prior.

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! f is the specific force, and R is the rotation from the body frame at a sample to the body frame at the start of the
-//! move. mean_j is the mean over block j of 40 ms. g is local gravity, u is the unit vector up at the start of the
-//! move, and x_j is the state of the Kalman filter.
+//! move. mean_j is the mean over block j of 40 ms, and z_j is the residual of this block along the unit vector d. g is
+//! local gravity, u is the unit vector up at the start of the move, and x_j is the state of the Kalman filter.
 //!
 //! The direction d is along gravity or along one of two directions perpendicular to it. The component along gravity
 //! contains no random walk, because an attitude error does not change it to first order. The perpendicular components

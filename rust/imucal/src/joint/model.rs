@@ -13,7 +13,7 @@ use crate::parameters::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use crate::two_stage::{accelerometer, gyroscope};
 
-/// Both triads, the parameters of the effects, and the parameters of the stand.
+/// Sensitivity and bias of both sensors, the parameters of the effects, and the parameters of the stand.
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
     pub(crate) accelerometer: Triad<f64>,

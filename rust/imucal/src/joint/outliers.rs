@@ -264,8 +264,8 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
 /// Linearised and whitened fit from which residuals can be excluded. To exclude residuals, a column of A is added as a
 /// further parameter.
 pub(super) struct LeaveOut {
-    /// Columns of `L^-1 A`, where L is the Cholesky factor of C. Each is stored as the index of its first nonzero row
-    /// and the values from that row on.
+    /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
+    /// as the index of its first nonzero row and the values from that row on.
     columns: Vec<(usize, Vec<f64>)>,
     /// Orthonormal basis of the columns of the whitened Jacobian, one vector per dimension.
     basis: Vec<Vec<f64>>,

@@ -57,8 +57,8 @@ pub(super) struct Turns<'a> {
     changes: Changes,
 }
 
-/// Derivatives of the reading of one sensor. The base parameters come first, then the parameters of the effects on this
-/// sensor.
+/// Derivatives of the reading of one sensor with respect to the parameters. The base parameters come first, then the
+/// parameters of the effects on this sensor.
 struct Columns<'a> {
     base: usize,
     terms: &'a SideBySide<'a>,
