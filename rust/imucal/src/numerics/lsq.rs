@@ -69,11 +69,11 @@ impl Solution {
     }
 }
 
-/// A final result has converged if the relative length of the step is below this limit. The step and the parameters are
-/// scaled by D. If the model describes the data, the remaining error is smaller than the last step by orders of
-/// magnitude.
+/// A final result has converged if the length of the step divided by the length of the parameter vector is below this
+/// limit. Both are scaled by the column norms of the Jacobian. If the model describes the data, the remaining error is
+/// smaller than the last step by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
-/// A start value has converged if the relative length of the step is below this limit.
+/// A start value has converged if the relative length of the step (see [`EXACT`]) is below this limit.
 pub(crate) const ROUGH: f64 = 1e-3;
 /// Maximum number of iterations of a fit. It is far above the number that a convergent fit needs.
 pub(crate) const ITERATION_LIMIT: u64 = 200;
