@@ -38,7 +38,7 @@ const NOISES: usize = 31;
 const MEANS: usize = 24;
 /// Maximum distance of a trial value of the true mean from the mean of the samples, in steps.
 const REACH: f64 = 0.75;
-/// Decrease of the log-likelihood from its maximum below which the likelihood is negligible.
+/// The likelihood is negligible if its logarithm is more than this amount below the maximum.
 const NEGLIGIBLE: f64 = 12.0;
 /// Standard deviation of the prior of ln(a / b), where a and b are the standard deviations of the noise of two axes.
 /// With a smaller value, the levels of one axis have more influence on the estimated noise of another axis.
@@ -83,13 +83,14 @@ impl Rounding {
         })
     }
 
-    /// Rounding of the axes of a triad with these steps. An axis whose noise is not below its step is `None` in `axes`.
+    /// Rounding of the three axes of a sensor. `axes` contains the quantisation step and the levels at the rests of
+    /// each axis, or `None` if the noise of the axis is not below its step.
     ///
-    /// The noise of each axis is estimated from the levels that occur at rest. It is the average over all trial
-    /// standard deviations, weighted by their likelihood. The true means are unknown and are eliminated. The levels of
-    /// the other axes contribute to the likelihood, because the axes of a triad usually have similar noise. If each
-    /// axis has only one level, all small standard deviations are equally likely, and the error variance is the mean
-    /// over them.
+    /// The noise of each axis is estimated from the levels that occur at rest. Its square is the average of the squares
+    /// of all trial standard deviations, weighted by their likelihood. The true means are unknown and are eliminated.
+    /// The levels of the other axes contribute to the likelihood, because the axes of a triad usually have similar
+    /// noise. If each axis has only one level, all small standard deviations are equally likely, and the error variance
+    /// is the mean over them.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [Self; 3] {
         let noises: [f64; NOISES] = std::array::from_fn(tried_noise);
         let likelihoods = axes.each_ref().map(|axis| {

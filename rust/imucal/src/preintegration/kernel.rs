@@ -36,9 +36,9 @@ pub(super) struct Map {
 /// Result of the integration over several steps, in the frame of [`Map`].
 pub(super) struct Increment {
     pub(super) rotation: UnitQuaternion<f64>,
-    /// Four sums over the samples. R is the rotation from a sample to the first sample. The first sum is that of R with
-    /// the integration weights of the samples. The others are the sums of R times each component of the rate. In the
-    /// sum for rate component j, only the columns c <= j are valid.
+    /// Four sums over the samples. R is the rotation from the frame at a sample to the frame at the first sample. The
+    /// first sum is that of R with the integration weights of the samples. The others are the sums of R times each
+    /// component of the rate. In the sum for rate component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
     /// Number of processed steps. The remaining steps of a block are fewer than the lanes, or fewer than one node (16
     /// steps) per lane.

@@ -17,7 +17,7 @@ use crate::error::Error;
 use crate::frame::square_root;
 use crate::numerics::lsq;
 
-/// Start value of a triad: sensitivity T (symmetric positive definite, raw units per SI unit) and bias b (raw units).
+/// Start value of the accelerometer. The sensitivity T is symmetric and positive definite.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Start {
     /// Sensitivity T, raw units per m/s^2.

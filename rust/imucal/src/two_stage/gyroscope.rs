@@ -44,8 +44,8 @@ pub(crate) struct GyroscopeFit {
     pub(crate) used: Vec<bool>,
     /// Preintegrated rotation and Jacobian integrals of each move at the solution.
     pub(crate) preintegrated: Vec<Preintegrated>,
-    /// Derivative of the entries of T with respect to the error of each residual in rad; 9 x 2 moves. The columns of
-    /// moves that are not used are zero.
+    /// Derivative of the entries of T with respect to the error of each residual in rad; 9 rows, and 2 columns per
+    /// move. The columns of moves that are not used are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
@@ -69,7 +69,7 @@ struct Linearised {
 /// Rms direction error below which a fit is close to the global minimum, rad.
 const CLOSE_RAD: f64 = 0.05;
 /// A preintegration is reused with a slightly different gyroscope if the second-order error is at most this fraction of
-/// the standard deviation of a move. Otherwise, the samples are integrated again.
+/// the standard deviation of the direction residual of a move. Otherwise, the samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {

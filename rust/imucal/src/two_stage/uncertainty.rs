@@ -14,8 +14,8 @@ use crate::rests::rest::{Rest, RestMean, rounding_covariance};
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
 
-/// Covariance of `[accelerometer bias, its six entries, gyroscope bias, its nine entries]` in the symmetric frame, 21 x
-/// 21, raw units.
+/// Covariance of all parameters in the symmetric frame, 21 x 21, raw units. The order is: accelerometer bias, the six
+/// entries of its sensitivity, gyroscope bias, the nine entries of its sensitivity.
 ///
 /// `random_walk_rad` is the standard deviation of the part of each move's error that is not due to its rests, rad.
 pub(crate) fn covariance(
