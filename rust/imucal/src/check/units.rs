@@ -1,4 +1,5 @@
-//! Checks of units with the readings at rest. There |f| equals g, and a gyroscope reads its bias.
+//! Checks of units with the readings at rest. There the norm |f| of the specific force equals local gravity g, and a
+//! gyroscope reads its bias.
 
 use std::ops::Range;
 
@@ -15,7 +16,8 @@ use crate::recording::{RawUnit, Recording, Samples};
 const AT_REST: [f64; 2] = [0.75, 1.25];
 /// Plausible ratio of the median of |f| to g over a whole recording, moves included.
 const WITH_MOVES: [f64; 2] = [0.5, 2.0];
-/// Largest plausible angular rate, rad/s. It is twice the widest range of gyroscopes on the market.
+/// Largest plausible angular rate, rad/s. It is twice the widest usual range of MEMS gyroscopes, 4000 deg/s. Only
+/// special gyroscopes have a wider range (ADXRS649, 20000 deg/s).
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
