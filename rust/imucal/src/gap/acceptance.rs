@@ -15,8 +15,9 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// An increase of chi2 per degree of freedom on unseen data by at most this fraction does not count as a worse
 /// prediction.
 const SAME: f64 = 0.005;
-/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction.
-/// A larger threshold applies if there are so few unseen rests and moves that noise can cause an increase of this size.
+/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction,
+/// or by a smaller amount that is [`SIGNIFICANT`]. A larger threshold applies if there are so few unseen rests and
+/// moves that noise can cause an increase of this size.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
@@ -224,7 +225,8 @@ struct Floor {
 }
 
 impl Fit {
-    /// chi2 per degree of freedom of unseen data. The noise densities are those of `before`, the fit without effects.
+    /// chi2 per degree of freedom of unseen data. Without control recordings, the standard deviations of the held-out
+    /// residuals are those of `before`, the fit without effects.
     pub(super) fn unseen_chi2(&self, before: &Self) -> f64 {
         if let Some(control) = &self.control {
             return control.judged().figures.chi2_per_dof;

@@ -22,7 +22,7 @@ pub(crate) struct Common<'a> {
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// Sums of the Gram matrices, each divided by its noise scale. `whole` is the sum before the elimination, and
-    /// `sums` is the sum after it.
+    /// `sums` is the sum after it. `volume` is the log determinant of the model's part of `whole`.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,

@@ -5,7 +5,7 @@
 //! additional columns then gives the increase of the log evidence for every prior width s:
 //!
 //! ```text
-//! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, all sums over s_g^2
+//! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, sums of each group divided by s_g^2
 //! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
 //! ```
 //!
