@@ -97,7 +97,7 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
     Ok(phase)
 }
 
-/// The sum over i of the squared differences, for each factor.
+/// The sum over i of the squared second differences of the cumulative sums `phase`, for each factor.
 fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<f64> {
     // The factors are processed in ascending order, which makes the best use of the cache.
     let mut order: Vec<usize> = (0..factors.len()).collect();

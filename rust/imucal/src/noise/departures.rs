@@ -5,12 +5,14 @@
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
 //! ```
 //!
-//! z are the cosines of W block means, in which white noise and a random walk are uncorrelated. A component is a step
-//! at a time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power
-//! spectrum of a random walk. However, the time of a step determines the signs of its cosines, whereas the signs of the
-//! cosines of a random walk are random. Components are added one at a time. After a component is added, the amplitudes
-//! and the noise parameters are estimated again. The added component has the largest gain of twice the log-likelihood
-//! minus its penalty. If no gain exceeds its penalty, noise explains the record.
+//! z is the cosine transform of W block means. White noise and a random walk are uncorrelated in z. a_c is the
+//! amplitude of component c, s_cj is the cosine transform of its shape, and mu_j is the expected power for the noise
+//! parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to a final
+//! value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the signs of
+//! its cosines, whereas the signs of the cosines of a random walk are random. Components are added one at a time. After
+//! a component is added, the amplitudes and the noise parameters are estimated again. The added component has the
+//! largest gain of twice the log-likelihood minus its penalty. If no gain exceeds its penalty by at least 16, noise
+//! explains the rest of the record.
 
 mod search;
 
@@ -109,8 +111,8 @@ impl Blocks {
         Some(blocks)
     }
 
-    /// Steps and drifts of a record, in the order of their gain. The number of samples must be that for which the
-    /// blocks were created. Durations are compared with `ABRUPT_S` by means of the sampling rate `rate_hz`.
+    /// Steps and drifts of a record, in the order in which the search adds them. The number of samples must be that for
+    /// which the blocks were created. Durations are compared with `ABRUPT_S` by means of the sampling rate `rate_hz`.
     pub(super) fn components(
         &self,
         values: impl Iterator<Item = f64>,
@@ -181,8 +183,8 @@ impl Blocks {
         }
     }
 
-    /// All shapes that the search tries: a step at every block, and ramps. The positions of ramps are a quarter of
-    /// their length apart.
+    /// All shapes that the search tries: a step at every block, ramps, and warm-ups. The lengths of ramps double from
+    /// one to the next, and the positions of ramps of one length are a quarter of this length apart.
     fn shapes(&self, rate_hz: f64) -> Vec<Shape> {
         let mut shapes: Vec<Shape> = (1..self.count).map(|first| Shape::Step { first, fraction: 0.0 }).collect();
         let mut blocks = self.abrupt_blocks(rate_hz) * 2;

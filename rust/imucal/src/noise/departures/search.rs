@@ -38,7 +38,7 @@ struct Explained {
 }
 
 impl Search<'_> {
-    /// Components in the order of their gain.
+    /// Components in the order in which they are added.
     pub(super) fn run(&self) -> Vec<Component> {
         let kinds = self.noise.kinds;
         let mut best = self.explained(Vec::new(), Vec::new(), (kinds, self.fit(self.z, kinds).0));
