@@ -15,8 +15,8 @@ use crate::recording::{RawUnit, Recording, Samples};
 /// scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
-/// An accelerometer rail is at least this multiple of the median of |f|, which is 1 g. No accelerometer has a smaller
-/// range.
+/// An accelerometer rail is at least this multiple of the median norm of the specific force, which is 1 g. No
+/// accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
 /// Two rails belong to one measurement range if their distances from the zero reading differ by at most this fraction.
 const ONE_RANGE: f64 = 1e-4;

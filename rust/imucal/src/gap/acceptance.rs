@@ -23,7 +23,7 @@ const MAY_BE_CHANCE: f64 = 0.1;
 /// data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
 /// A prediction of unseen data counts as improved if its chi2 decreases by more than this number of standard deviations
-/// of the decrease. It applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
+/// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
 const LEAST_IMPROVEMENT: f64 = 0.5;
 /// Minimum ratio of chi2 of unseen residuals to its expected value. Below this ratio, the excess of chi2 over noise is
 /// too small to divide by, and [`EffectShare::closed`] is not computed.
@@ -55,7 +55,7 @@ pub enum Metric {
     Chi2PerDof,
     /// Rms angle between predicted and measured gravity direction after held-out moves, deg.
     HeldOutDirection,
-    /// Rms of `|f| - g` at held-out rests, m/s^2.
+    /// Rms of `|f| - g` at held-out rests, m/s^2; f: specific force, g: local gravity.
     HeldOutNorm,
 }
 
@@ -243,8 +243,8 @@ impl Fit {
     /// The figure of merit on unseen data whose relative improvement from this fit to the fit `after` is largest.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
-            // Without accepted effects, the figure uses the biases of the calibration. It contains any change of the
-            // biases between the recording sessions.
+            // Without accepted effects, the figure uses the biases of the calibration. It therefore contains any change
+            // of the biases between the recording sessions.
             let is_same = std::ptr::eq(own, other);
             let chi2 = |control: &Control| match is_same {
                 true => control.evaluation.figures.chi2_per_dof,

@@ -58,7 +58,8 @@ impl<'a> Common<'a> {
         Weighing { columns, parts }
     }
 
-    /// Part of the eliminated normal matrix for the candidate columns `own`.
+    /// The normal matrix after the elimination, restricted to the model's columns, the candidate columns `own`, and the
+    /// residual.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);

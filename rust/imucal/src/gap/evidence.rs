@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! r(theta) = r + J delta,   theta = theta_0 + delta,   prior theta_p ~ N(0, (s typical_p)^2), none for the base
-//! -2 log E = sum_g n_g ln s_g^2 + chi2_g(theta) / s_g^2 + theta^T P theta + ln det(N + P) - ln det P   model.md (23)
+//! -2 log E = sum_g [n_g ln s_g^2 + chi2_g(theta) / s_g^2] + theta^T P theta + ln det(N + P) - ln det P   model.md (23)
 //! N = sum_g J_g^T J_g / s_g^2,   s_g^2 = max(1, chi2_g / free_g)
 //! ```
 //!
@@ -128,7 +128,8 @@ impl Gram {
 mod tests {
     use super::*;
 
-    /// The evidence for two columns and one group must equal a numerical integral over the parameter.
+    /// The ratio of the evidences with and without the column of an effect must equal a numerical integral over the
+    /// effect's parameter.
     #[test]
     fn the_evidence_is_the_integral_over_the_prior() {
         let rows = 40;

@@ -116,13 +116,15 @@ enum Shape {
     /// the largest magnitude of the input. The columns of each axis are the input multiplied by smooth functions of
     /// this input, the products of the inputs on two axes and, for the gyroscope, the angular acceleration.
     Follows(Smooth<f64>, f64),
-    /// The deviation is linear in the products of two angular rates and in the angular accelerations.
+    /// The deviation is linear in the products of two components of the angular rate and in the components of the
+    /// angular acceleration.
     Turns,
 }
 
 /// Correlation length of the smooth function of the input on one axis, as a share of the largest input of the sensor.
 const CURVE_LENGTH: f64 = 0.5;
-/// Number of nodes of this smooth function. The nodes are equally spaced from minus to plus the largest input.
+/// Number of nodes of the smooth function of the input on one axis. The nodes are equally spaced from minus to plus the
+/// largest input.
 const CURVE_POINTS: usize = 9;
 /// Factor, s, by which columns of the angular acceleration are multiplied. With this factor, their coefficients have
 /// the same typical size as deviations of the scale.

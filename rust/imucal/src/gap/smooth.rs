@@ -62,8 +62,8 @@ impl<T> Smooth<T> {
 mod tests {
     use super::*;
 
-    /// The conditional mean of a random walk is linear between its points. At the points, its eigenfunctions must
-    /// reproduce the centred kernel.
+    /// The conditional mean of a random walk is linear between its points. At the points, the mean of the sum of
+    /// squares of the eigenfunctions must be one.
     #[test]
     fn functions_of_a_walk_rebuild_it_and_go_straight_between_points() {
         let points: Vec<f64> = (1..=5).map(f64::from).collect();

@@ -2,7 +2,7 @@
 //! (31).
 //!
 //! ```text
-//! z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
+//! z_j = sqrt(2 / W) sum over t = 0 to W - 1 of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
 //! ```
 //!
 //! The windows have W consecutive values y. The z_j of a window are exactly independent for white noise, for a random

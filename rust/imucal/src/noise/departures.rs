@@ -133,7 +133,8 @@ impl Blocks {
         (0..self.count).map(mean).collect()
     }
 
-    /// `z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W)` for j = 1 to W - 1.
+    /// Cosine transform z of a window y of W values:
+    /// `z_j = sqrt(2 / W) sum over t = 0 to W - 1 of y_t cos(pi j (t + 1/2) / W)` for j = 1 to W - 1.
     fn cosines(&self, window: &[f64]) -> Vec<f64> {
         let width = self.count;
         let origin = window.first().copied().unwrap_or(0.0);

@@ -1,12 +1,12 @@
 //! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
 //! Let x be the samples at unit rate, and p their cumulative sums. In general, p has no stationary covariance, but its
-//! second differences have one. The function s(k) is chosen so that `E p_i p_j = s(i - j)` gives the correct covariance
-//! of every second difference of p.
+//! second differences have one. The function s(k) is chosen so that the expectation `E p_i p_j = s(i - j)` gives the
+//! correct covariance of every second difference of p.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2
-//! flicker       x = (1 - z^-1)^(-1/2) n     s(k) = 2/pi (h(j) (j^2/2 + j + 3/8) - 3/8 j^2 - j/2),
+//! flicker       x = (1 - z^-1)^(-1/2) n     s(k) = (2/pi) (h(j) (j^2/2 + j + 3/8) - (3/8) j^2 - j/2),
 //!                                                   j = |k| - 1,  h(j) = 1 + 1/3 + ... + 1/(2j - 1)
 //! random walk   x = (1 - z^-1)^-1 n         s(k) = (|k|^3 - |k|) / 12
 //! quantisation  x = (1 - z^-1) n            s(k) = 1 for k = 0, else 0
@@ -89,8 +89,8 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
-    /// Distance beyond which differences count as independent, in windows. Their covariance decreases with the square
-    /// of the distance.
+    /// Distance beyond which differences count as independent, in averaging times. Their covariance decreases with the
+    /// square of the distance.
     const WINDOWS: usize = 24;
     let stride = (factor / PER_WINDOW).max(1);
     let count = ((samples - 2 * factor) / stride + 1) as f64;
@@ -128,7 +128,7 @@ mod tests {
     }
 
     /// The variogram must equal that of half-order integrated white noise. The latter is computed from the power
-    /// spectrum: `1/pi integral of (1 - cos k w) / (2 sin(w / 2)) dw` from 0 to pi.
+    /// spectrum: `(1 / pi) integral of (1 - cos k w) / (2 sin(w / 2)) dw` from 0 to pi.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {
         let steps = 200_000;

@@ -84,8 +84,8 @@ impl Rest {
     }
 }
 
-/// Lower bound of the standard deviation of |f| at a rest, m/s^2. It prevents a standard deviation of zero in simulated
-/// data without noise.
+/// Lower bound of the standard deviation of the norm of the mean force of a rest, m/s^2. It prevents a standard
+/// deviation of zero in simulated data without noise.
 pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
 /// Standard deviation of the norm of a rest's mean force, m/s^2. It contains the scatter of the samples and their

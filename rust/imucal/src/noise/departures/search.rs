@@ -182,9 +182,9 @@ impl Search<'_> {
         end.max(FEWEST.min(weights.len()))
     }
 
-    /// Estimates the amplitudes of these components and the noise parameters in turn. The iteration starts with noise
-    /// of the kinds in `start`, fitted to the data without components. The final noise parameters contain all kinds of
-    /// the model.
+    /// Estimates the amplitudes of these components and the noise parameters in turn. The iteration starts with the
+    /// noise parameters `theta`, which were fitted to the data without components. The first fit has the kinds of noise
+    /// `kinds`. The final noise parameters contain all kinds of the model.
     fn explained(
         &self,
         shapes: Vec<Shape>,
