@@ -21,16 +21,17 @@ use crate::recording::{Recording, Samples};
 /// Time stamps count as computed from the sample number if they deviate from sample number / rate by at most this
 /// number of time steps. The limit allows stamps that are rounded to a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// `k` is used only if the norm of `m` is at least this multiple of the standard deviation of the noise of `d_i - m`.
-/// At this norm, the noise of `k` has a standard deviation of 1/8.
+/// The ratio `k` of a change `d_i` of the rate to the mean `m` of the adjacent changes is used only if the norm of `m`
+/// is at least this multiple of the standard deviation of the noise of `d_i - m`. At this norm, the noise of `k` has a
+/// standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
 /// A motion counts as smooth if the difference between `d_(i-1)` and `d_(i+1)` is at most this multiple of the norm of
 /// `m`.
 const SMOOTH: f64 = 0.5;
 /// `k` is used only if the component of `d_i` perpendicular to `m` is at most this multiple of the norm of `m`.
 const ACROSS: f64 = 0.35;
-/// Range of `k` for one lost sample: 2 plus or minus twice the standard deviation of the noise of `k` that [`CLEAR`]
-/// permits.
+/// Range of `k`, the ratio of a change of the rate to the mean of the adjacent changes, for one lost sample: 2 plus or
+/// minus twice the standard deviation of the noise of `k` that [`CLEAR`] permits.
 const LOST: [f64; 2] = [1.75, 2.25];
 /// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2.
 /// The number of values in this range is therefore the reference for the peak at 2.
@@ -42,8 +43,9 @@ const FEWEST: usize = 5;
 /// A fault is reported only if the number of values of `k` in [`LOST`] is at least this multiple of their number in
 /// [`BETWEEN`].
 const PEAK: usize = 3;
-/// Limit of the mean of `k` across repeated rows. The mean is 1 for rows that were written additionally, and 2 for
-/// samples that the sensor repeated. Below the limit, the rows are reported as additional rows.
+/// Limit of the mean of `k`, the ratio of a change of the rate to the mean of the adjacent changes, across repeated
+/// rows. The mean is 1 for rows that were written additionally, and 2 for samples that the sensor repeated. Below the
+/// limit, the rows are reported as additional rows.
 const ADDITIONAL: f64 = 1.5;
 
 /// Reports lost samples and additional rows in a recording whose time stamps were computed from the sample number.
@@ -135,8 +137,8 @@ fn fours(rows: &[[f64; 3]]) -> impl Iterator<Item = [Vector3<f64>; 4]> + '_ {
     rows.windows(4).map(|rows| std::array::from_fn(|k| rows[k].into()))
 }
 
-/// `k` for the change between the two middle rows of four; `None` if the motion is too slow or too rough, or if a value
-/// is not finite.
+/// The ratio `k` of the module documentation for the change between the two middle rows of four; `None` if the motion
+/// is too slow or too rough, or if a value is not finite.
 #[inline]
 fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option<f64> {
     let (before, change, after) = (b - a, c - b, d - c);
@@ -151,9 +153,9 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
     ((change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
 }
 
-/// Standard deviation of one axis of `d_i - m`, raw units; the three axes are assumed to have equal noise. It is
-/// computed from the median of the norm of `d_i - m`. Most changes are smooth, and the median ignores the few that are
-/// not.
+/// Standard deviation of one axis of `d_i - m`, a change of the rate minus the mean of the adjacent changes, raw units.
+/// The three axes are assumed to have equal noise. It is computed from the median of the norm of `d_i - m`. Most
+/// changes are smooth, and the median ignores the few that are not.
 fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
     /// Median length of a vector with three independent standard normal components.
     const MEDIAN_LENGTH: f64 = 1.538_172;

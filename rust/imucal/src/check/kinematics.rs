@@ -17,8 +17,8 @@ use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
-/// Limits of the scale of P, |det P|^(1/3), for a gyroscope in the correct unit (ideal: 1). The scale errors of sensors
-/// are far smaller.
+/// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
+/// (ideal: 1). The scale errors of sensors are far smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
 /// The rates are too large by the reciprocal of the scale of P. A unit is recommended if this reciprocal differs by
 /// less than this fraction from the conversion factor of the unit, for example 57.3 for deg/s read as rad/s.

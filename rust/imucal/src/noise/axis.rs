@@ -193,7 +193,7 @@ impl Model {
         Self { best, kinds, rounding, filtered, misfit }
     }
 
-    /// Estimate of one parameter: `unit` times the square root of theta.
+    /// Estimate of one parameter: `unit` times the square root of its maximum-likelihood power theta.
     fn estimate(&self, powers: &[Power], kind: usize, unit: f64) -> Estimate {
         let used = fitted(powers, self.filtered);
         let mut likelihood = Likelihood { powers: &used, rounding: self.rounding, kinds: self.kinds };

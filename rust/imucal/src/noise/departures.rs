@@ -69,7 +69,7 @@ pub(super) struct Blocks {
     pub(super) samples: usize,
     count: usize,
     expected: Vec<PerKind>,
-    /// `sin(pi k / (2 W))` for k from 0 to 4 W.
+    /// `sin(pi k / (2 W))` for k from 0 to 4 W, where W is the number of blocks.
     sines: Vec<f64>,
     warm_ups: Vec<(Shape, Vec<f64>)>,
 }
@@ -169,7 +169,7 @@ impl Blocks {
         -scale * difference / (4.0 * half_sine * half_sine * blocks as f64)
     }
 
-    /// Cosine transform of a shape, for j = 1 to W - 1.
+    /// Cosine transform of a shape: elements j = 1 to W - 1 for W blocks.
     fn column(&self, shape: Shape) -> Vec<f64> {
         match shape {
             Shape::Step { first, fraction } => {

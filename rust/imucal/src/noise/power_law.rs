@@ -31,7 +31,7 @@ pub(super) const QUANTISATION: usize = 3;
 /// One number for each kind of noise.
 pub(super) type PerKind = [f64; KINDS];
 
-/// The function s(k) of each kind, for a unit parameter.
+/// The function s(k) of the module documentation for each kind, for a unit parameter.
 fn sums_covariance(k: f64) -> PerKind {
     let k = k.abs();
     let j = (k - 1.0).max(0.0);
