@@ -257,7 +257,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
         value: rate,
         unit: "rad/s",
         message: format!(
-            "rates reach {rate:.0} rad/s ({:.0} deg/s), above the {FASTEST_RADPS:.0} rad/s of any MEMS gyroscope, first at {:.2} s",
+            "rates reach {rate:.0} rad/s ({:.0} deg/s), above the {FASTEST_RADPS:.0} rad/s of usual MEMS gyroscopes, first at {:.2} s",
             rate.to_degrees(),
             recording.time_s[first]
         ),

@@ -227,7 +227,7 @@ impl Threshold {
     pub fn explain(&self, rests: usize) -> String {
         format!(
             "a {:.2} s window is at rest if its variance is below {:.1} times the noise floor; every threshold from {:.1} \
-             to {:.1} gives {rests} rests, the widest such range (weighted by the number of rests)",
+             to {:.1} gives {rests} rests, the widest such range (weighted by the logarithm of the number)",
             self.window_s, self.factor, self.stable_from, self.stable_to
         )
     }
