@@ -194,7 +194,7 @@ def test_options_that_contradict_the_headers_of_two_files(case_file, given):
 
 
 def test_two_clocks(case_file, tmp_path):
-    paths = [case_file(f"two_clocks/{name}.csv") for name in ("Accelerometer", "Gyroscope")]
+    paths = [case_file(name) for name in ("two_clocks/Accelerometer.csv", "two_clocks/Gyroscope.csv")]
     (accel_s, force), (gyro_s, rate) = map(triad, paths)
     output = tmp_path / "both.csv"
     for order in (paths, paths[::-1]):
