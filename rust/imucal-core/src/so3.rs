@@ -16,8 +16,8 @@
 //! J_r(phi) = I - (1 - cos t)/t^2 [phi]x + (t - sin t)/t^3 [phi]x^2,   t = |phi|
 //! ```
 //!
-//! The errors of all functions are of the order of rounding errors, in f32 and in f64. They are also at zero, at tiny
-//! angles and near pi.
+//! The errors of all functions are of the order of rounding errors, in f32 and in f64. This also holds for the angle
+//! zero, for tiny angles and for angles near pi.
 
 use crate::vector::{dot, scaled};
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert};

@@ -247,12 +247,13 @@ pub enum StoredError {
     },
     /// The check sum is wrong, so the bytes are not the bytes that were written.
     Crc,
-    /// The number of an effect is not in this version of the catalogue.
+    /// No effect in this version of the catalogue has this number.
     Effect {
         /// Number of the effect.
         number: u8,
     },
-    /// A number is not finite, a matrix has no inverse, or the number of values of an effect is wrong.
+    /// The check sum is correct, but the content is not a calibration. For example, a number is not finite, a matrix
+    /// has no inverse, or an effect has a wrong number of values.
     Content,
 }
 
