@@ -27,8 +27,8 @@ impl<F: RealField + Copy> Effect<F> {
     pub(super) const ENCODER: &'static [&'static Self] =
         &[Self::ENCODER_ECCENTRICITY, Self::ENCODER_TIME_OFFSET, Self::ENCODER_BACKLASH];
 
-    /// `encoder_eccentricity`: error `s_m sin q_m + c_m cos q_m` of the angle q_m of motor m. The full form also
-    /// contains these two terms for the angle 2 q_m.
+    /// `encoder_eccentricity`: error `s_m sin q_m + c_m cos q_m` of the angle q_m of motor m, with the parameters s_m
+    /// and c_m. The full form also contains these two terms for the angle 2 q_m.
     pub const ENCODER_ECCENTRICITY: &'static Self = &effect! {
         number: 0,
         name: "encoder_eccentricity",
@@ -66,7 +66,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.column(stand(state).rate_radps),
     };
 
-    /// `encoder_backlash`: error `b_m d_m` of the angle of motor m, with the sign d_m of its last motion.
+    /// `encoder_backlash`: error `b_m d_m` of the angle of motor m, with the parameter b_m and the sign d_m of its last
+    /// motion.
     pub const ENCODER_BACKLASH: &'static Self = &effect! {
         number: 0,
         name: "encoder_backlash",
