@@ -1,7 +1,7 @@
 //! Errors of residuals on control recordings that are due to the uncertainty of the calibration.
 //!
 //! ```text
-//! r ~ N(0, N + D C D^T),     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^-1/2 r,  d = N^-1/2 D L,  v = d^T z
+//! cov(r) = N + D C D^T,     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^(-1/2) r,  d = N^(-1/2) D L,  v = d^T z
 //! ```
 //!
 //! r are the residuals on the control recordings, N is the covariance of their noise, and I is the identity matrix. The

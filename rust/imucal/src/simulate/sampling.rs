@@ -2,13 +2,15 @@
 //!
 //! ```text
 //! point      y_i = x(t_i)
-//! averaging  y_i = 1/T integral of x from t_i - T to t_i,    T = 1 / rate: a delay of T / 2
+//! averaging  y_i = (1 / T) * (integral of x from t_i - T to t_i),    T = 1 / rate
 //! low pass   |H(f)|^2 = 1 / (1 + (f / bandwidth)^4),         a Butterworth filter of second order
 //! ```
 //!
-//! Averaging, filtering, and the noise before them are simulated at an internal rate above the sampling rate. The
-//! integral is computed by the trapezoidal rule. The filter is discretised by the bilinear transform with prewarping,
-//! so that the gain is exact at the bandwidth. Point samples without a filter are simulated at the sampling rate.
+//! x is the signal before sampling, y_i the sample at the time t_i, and H the frequency response of the filter.
+//! Averaging delays the signal by T / 2. Averaging, filtering, and the noise before them are simulated at an internal
+//! rate above the sampling rate. The integral is computed by the trapezoidal rule. The filter is discretised by the
+//! bilinear transform with prewarping, so that the gain is exact at the bandwidth. Point samples without a filter are
+//! simulated at the sampling rate.
 
 use std::f64::consts::{PI, SQRT_2};
 
