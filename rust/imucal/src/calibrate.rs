@@ -61,7 +61,7 @@ pub const MAX_ITERATIONS: u64 = 1000;
 /// Options of a calibration.
 #[derive(Clone, Debug)]
 pub struct Options<'a> {
-    /// Local gravity, m/s^2. The scale of every accelerometer axis is inversely proportional to it.
+    /// Local gravity, m/s^2. The estimated scale of every accelerometer axis is inversely proportional to this value.
     pub gravity_mps2: f64,
     /// Standard deviations of local gravity and of the rate error of the clock.
     pub references: References,

@@ -167,7 +167,7 @@ fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     is_digits.then_some(first_and_third.wrapping_add(second_and_fourth) >> 32)
 }
 
-/// mantissa * 10^exponent, correctly rounded; `None` if the exponent needs a more general algorithm.
+/// mantissa * 10^exponent, correctly rounded; `None` if a more general algorithm is needed.
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation)] // Each cast is exact, see below.
 fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     let index = usize::try_from(exponent.unsigned_abs()).ok()?;

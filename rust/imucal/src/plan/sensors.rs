@@ -36,7 +36,8 @@ pub struct Sensors {
     pub(super) moving_variance: f64,
     /// Variance of the rounding error of the mean force of a rest, (m/s^2)^2.
     pub(super) force_rounding: f64,
-    /// Variance of the rounding error of the mean rate, (rad/s)^2. All rests have the same rounding error.
+    /// Variance of the rounding error of the mean rate of a rest, (rad/s)^2. All rests have the same rounding error of
+    /// the rate.
     pub(super) rate_rounding: f64,
     gyroscope_range: f64,
     gravity_mps2: f64,

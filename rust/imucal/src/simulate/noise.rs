@@ -111,7 +111,7 @@ impl Walk {
 
 /// One of the first-order filters whose sum is the flicker filter.
 struct Pole {
-    /// d in p = exp(-d).
+    /// The decay d in p = exp(-d).
     decay: f64,
     p: f64,
     c: f64,
@@ -258,8 +258,9 @@ mod tests {
     #[test]
     fn allan_deviation_of_the_bias_instability_is_flat() {
         let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
-        // For means over few samples, the Allan variance is larger. The reason is that the spectrum of the samples
-        // follows 1/sin and does not end at the Nyquist frequency.
+        // For means over few samples, the Allan variance is larger. The reason is that the power of the samples is
+        // proportional to `1 / sin(pi f / r)` instead of 1 / f, where f is the frequency and r the sampling rate. This
+        // power continues periodically above the Nyquist frequency.
         check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
     }
 
@@ -302,7 +303,8 @@ mod tests {
         let power = |angle: f64| {
             let (mut re, mut im) = (flicker.through, 0.0);
             for Pole { decay, p, c } in &flicker.poles {
-                // c / (1 - p exp(-i angle)), with 1 - p cos in a form without cancellation.
+                // Adds the response c / (1 - p exp(-i angle)) of the pole. 1 - p cos(angle) is computed without
+                // cancellation.
                 let (a, b) = (-(-decay).exp_m1() + 2.0 * p * (angle / 2.0).sin().powi(2), p * angle.sin());
                 re += c * a / (a * a + b * b);
                 im -= c * b / (a * a + b * b);

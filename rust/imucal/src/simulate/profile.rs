@@ -124,7 +124,8 @@ impl Course {
         }
     }
 
-    /// Profile from 0 to 1 and back to 0 while `share` increases from 0 to 1. It is the smooth step of `4 u (1 - u)`.
+    /// Profile from 0 to 1 and back to 0 while `share` increases from 0 to 1. It is the smooth step of `4 u (1 - u)`
+    /// with u = `share`.
     #[inline]
     pub(super) fn swell(share: f64) -> Self {
         let inner = Self { value: 4.0 * share * (1.0 - share), rate: 4.0 - 8.0 * share, acceleration: -8.0 };

@@ -50,8 +50,8 @@ impl Filter {
     /// A filter in its steady state for a constant `input`.
     pub(super) fn new(low_pass: &LowPass, rate_hz: f64, input: &Vector3<f64>) -> Self {
         // Second-order Butterworth low pass 1 / (1 + sqrt(2) s + s^2), where s is the Laplace variable divided by the
-        // angular bandwidth. The bilinear transform replaces s by (1 - q) / (1 + q) / k, where q is the delay by one
-        // sample.
+        // angular bandwidth. The bilinear transform replaces s by (1 - q) / (k (1 + q)), where q is the delay by one
+        // internal step.
         let k = (PI * low_pass.bandwidth_hz / rate_hz).tan();
         let scale = (1.0 + SQRT_2 * k + k * k).recip();
         let (b, a_1, a_2) = (k * k * scale, 2.0 * (k * k - 1.0) * scale, (1.0 - SQRT_2 * k + k * k) * scale);

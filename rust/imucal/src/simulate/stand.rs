@@ -142,7 +142,7 @@ impl Stand {
     /// Bending of the innermost ring. It is computed from the up vector in the frame of the ring and the first two
     /// derivatives of this vector.
     fn flexure(&self, [up, rate, acceleration]: &[Vector3<f64>; 3]) -> Attitude {
-        // up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
+        // Axis 3 is e_z in the frame of the ring. up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
         let course = |axis: usize| Course { value: up[axis], rate: rate[axis], acceleration: acceleration[axis] };
         let level = Course { value: 0.0, rate: 0.0, acceleration: 0.0 };
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])

@@ -210,7 +210,7 @@ mod tests {
         // Entries of rows 1 and 2 of Table 2: each misalignment is multiplied by the scale of its column.
         assert!((unit.gyroscope.sensitivity[(0, 1)] - 0.0094 * 1.0309).abs() < 1e-15);
         assert!((unit.gyroscope.sensitivity[(1, 0)] + 0.0086 * 0.9771).abs() < 1e-15);
-        // -0.0427 g
+        // The paper states a bias of -0.0427 g.
         assert!((unit.accelerometer.bias.x + 0.41874).abs() < 1e-5);
         for (sensor, name) in [(unit.accelerometer, "accelerometer"), (unit.gyroscope, "gyroscope")] {
             assert!(sensor.check(name, 100.0).is_ok());
