@@ -11,7 +11,7 @@
 //! | 6 | 2 | length of all bytes of the form |
 //! | 8 | 1 | number of effects |
 //! | 9 | 1 | number of effects of the calibration that this form omits |
-//! | 10 | 3 | axes: corrected component i is body axis \|a_i\| (1, 2, 3), with the sign of a_i |
+//! | 10 | 3 | signed bytes a_1, a_2, a_3: corrected component i is body axis \|a_i\| (1, 2 or 3) with the sign of a_i |
 //! | 13 | 3 | 0 |
 //! | 16 | 12 | lowest, highest and reference temperature, degC |
 //! | 28 | 48 | gyroscope: inverse sensitivity by rows, then bias in raw units |
@@ -169,7 +169,7 @@ impl<F: RealField + Copy> StoredCalibration<F> {
     }
 }
 
-/// Decodes the three signed axes. Each body axis must occur exactly once.
+/// Decodes the three signed axes from their signed bytes. Each body axis must occur exactly once.
 fn axes(codes: [u8; 3]) -> Result<[Axis; 3], StoredError> {
     let axis = |code: u8| {
         let number = (code as i8).unsigned_abs();

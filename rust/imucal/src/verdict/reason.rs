@@ -67,13 +67,13 @@ pub enum Reason {
         /// Maximum standard deviation for a verdict on a gyroscope, deg.
         limit_deg: f64,
     },
-    /// Corrected rates are larger than the range of any such sensor.
+    /// Corrected rates are larger than the range of any MEMS gyroscope.
     ImpossibleRates {
         /// Name of the recording.
         recording: String,
         /// Corrected rate that one sample in a thousand exceeds, deg/s.
         rate_degps: f64,
-        /// Range of the fastest sensors, deg/s.
+        /// Range of the fastest MEMS gyroscopes, deg/s.
         limit_degps: f64,
     },
     /// Residuals exceed their noise, and are larger than the residuals of the uncalibrated unit.
