@@ -32,7 +32,8 @@ pub(super) struct Block {
     /// Mean over the block of the rotation from the body frame at each sample to the body frame at the start of the
     /// move.
     rotation: Matrix3<f64>,
-    /// Time of the first sample, s.
+    /// Time from the start of the recording to the first sample of the block, s. Time stamps may be seconds since 1970,
+    /// and a rate error in proportion to these would be nearly constant.
     start_s: f64,
     /// Time from the start of the move to the last sample of the block, s.
     pub(super) since_start_s: f64,
@@ -67,7 +68,7 @@ impl MoveBlocks {
             let rate_at = |sample: usize| Vector3::from(corrected.angular_rate.at(sample));
             blocks.push(Block {
                 rotation: rotation.to_rotation_matrix().matrix() * mean_rotation,
-                start_s: time_s[first],
+                start_s: time_s[first] - time_s[0],
                 since_start_s: time_s[last] - time_s[span.first],
                 length_s,
                 angular_rate: mean(time_s, corrected.angular_rate, first, last),

@@ -159,7 +159,7 @@ impl Residuals {
             if let Some(temperature) = temperatures[rest.recording].as_ref().filter(|_| with_temperature) {
                 regressors.push((Regressor::Temperature, vec![temperature.mean_over(samples)]));
             }
-            regressors.push((Regressor::Time, vec![rest.start_s]));
+            regressors.push((Regressor::Time, vec![rest.start_s - corrected.time_s[0]]));
             for (channel, (value, sigma)) in channels.iter_mut().zip(values.into_iter().zip(sigma)) {
                 channel.push(value, sigma, regressors.clone());
             }

@@ -70,7 +70,7 @@ pub enum Regressor {
     SignOfTheRate,
     /// Temperature: mean over a rest, degC, or inside moves the difference from the mean of the recording, K.
     Temperature,
-    /// Time stamp of the first sample of the rest or block, s.
+    /// Time from the start of the recording to the first sample of the rest or block, s.
     Time,
 }
 

@@ -172,18 +172,19 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
     found
 }
 
-/// Share of the sum of squares about the mean that a linear regression on the columns of `rows` explains, and the
-/// number of linearly independent columns.
+/// Share of the weighted sum of squares about the mean that a linear regression on the columns of `rows` and a constant
+/// explains, and the number of linearly independent columns.
 fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
     let (n, width) = (rows.len(), rows.first()?.len());
-    let centred = |values: Vec<f64>| {
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        values.into_iter().map(|value| value - mean).collect::<Vec<f64>>()
+    let weights: Vec<f64> = channel.sigma.iter().map(|sigma| sigma.powi(-2)).collect();
+    let weight: f64 = weights.iter().sum();
+    // Differences from the weighted mean, in standard deviations. They do not depend on the origin of the values.
+    let centred = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        let mean = weights.iter().enumerate().map(|(i, w)| w * value(i)).sum::<f64>() / weight;
+        channel.sigma.iter().enumerate().map(|(i, sigma)| (value(i) - mean) / sigma).collect()
     };
-    let z = centred(channel.values.iter().zip(&channel.sigma).map(|(value, sigma)| value / sigma).collect());
-    let columns: Vec<Vec<f64>> = (0..width)
-        .map(|j| centred(rows.iter().zip(&channel.sigma).map(|(row, sigma)| row[j] / sigma).collect()))
-        .collect();
+    let z = centred(&|i| channel.values[i]);
+    let columns: Vec<Vec<f64>> = (0..width).map(|j| centred(&|i| rows[i][j])).collect();
     let (sizes, right) = singular(&Mat::from_fn(n, width, |i, j| columns[j][i])).ok()?;
     let independent = sizes.iter().filter(|size| **size > DEPENDENT_COLUMNS * sizes[0].max(1e-300)).count();
     if independent == 0 || independent + 2 >= n {
